@@ -1,1 +1,1 @@
-"""What is on a line: the sniffer, which drives share a line, replays."""
+"""Traffic on a line: the sniffer, the cohabitation check, and replays of captures."""

@@ -1,4 +1,4 @@
-"""Accepting connections without ever being kept busy by one that cannot be accepted."""
+"""Accepting connections without a busy loop when the process has run out of file descriptors."""
 
 from __future__ import annotations
 
@@ -14,31 +14,31 @@ _EXHAUSTED = (errno.EMFILE, errno.ENFILE)
 
 
 class Accepting:
-    """Accepts connections; while no descriptor is left, newcomers are turned away by one that is kept for that.
+    """Accepts connections; without a free descriptor, closes new ones by means of a reserved descriptor.
 
-    Otherwise the listening socket would stay readable, and whoever waits for it would wait no longer.
+    Otherwise the listening socket would stay readable, and a select on it would never block again.
     """
 
     def __init__(self) -> None:
         self._spare: int | None = None
 
     def open(self) -> None:
-        """Keep a descriptor, as far as there is one."""
+        """Reserve a descriptor, if one is free."""
         with suppress(OSError):
             self._spare = os.open(os.devnull, os.O_RDONLY)
 
     def next(self, server: socket.socket) -> socket.socket | None:
-        """Return the next connection; None where there is none, or it was turned away."""
+        """Return the next connection; None if there is none, or if it was closed for lack of descriptors."""
         try:
             return server.accept()[0]
         except OSError as error:
-            # Anybody else has given up already.
+            # Any other error means that the client has already given up.
             if error.errno in _EXHAUSTED:
                 self._turn_away(server)
             return None
 
     def close(self) -> None:
-        """Give back what is kept."""
+        """Release the reserved descriptor."""
         if self._spare is not None:
             os.close(self._spare)
             self._spare = None

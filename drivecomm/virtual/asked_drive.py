@@ -1,4 +1,4 @@
-"""A drive as a rehearsal asks it: parameters by their names, and its status as a server polls it."""
+"""A drive as a rehearsal reads it: parameters by name, and its status as a server polls it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class AskedDrive:
-    """A drive whose status is one of the things that a poll plan reads."""
+    """A drive whose status can be an item of a poll plan."""
 
     def __init__(self, drive: Drive) -> None:
         self._drive = drive
@@ -23,11 +23,11 @@ class AskedDrive:
 
     @property
     def bus(self) -> BlockingLine:
-        """The bus that it is on."""
+        """The bus of the drive."""
         return self._drive.bus
 
     def check_read(self, parameter: str, **options: Any) -> None:
-        """Raise UsageError for what can never be read."""
+        """Raise UsageError if the parameter can never be read."""
         if parameter != STATUS:
             self._drive.check_read(parameter, **options)
 
@@ -39,13 +39,13 @@ class AskedDrive:
         return Reading(parameter=STATUS, value=status.state.value, raw=status.word, time_s=self.bus.wall_time())
 
     def blocks(self, parameters: Sequence[str]) -> list[list[int]]:
-        """Return which of these parameters one telegram each reads, by their places in the list."""
+        """Return the groups of these parameters that one telegram reads, as positions in the list."""
         return self._drive.blocks(parameters)
 
     def polled_many(self, parameters: Sequence[str]) -> Any:
-        """Read what `blocks` has put together."""
+        """Read the parameters of one group from `blocks`."""
         return self._drive.polled_many(parameters)
 
     def read_many(self, parameters: Sequence[str]) -> Any:
-        """Read what `blocks` has put together; in place of what the drive refuses are errors."""
+        """Read the parameters of one group from `blocks`; a refused parameter gives an error in its place."""
         return self._drive.read_many(parameters)

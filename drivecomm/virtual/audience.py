@@ -1,4 +1,4 @@
-"""Which drives of a line are to be told what is on it: most telegrams are for one of many."""
+"""Selection of the drives that must hear a transmission, because most telegrams are for one drive of many."""
 
 from __future__ import annotations
 
@@ -21,10 +21,11 @@ _ears = attrgetter("inner.settings", "inner.address")
 
 
 class Audience:
-    """The stations of a line; a transmission like an earlier one concerns those that the earlier one concerned.
+    """The stations of a line, with a cache of the stations that each transmission concerns.
 
-    That holds as long as no drive that passes telegrams over changes its settings or its address.
-    has_half_heard: whether any of them has heard a part of a telegram; then everything concerns all.
+    A cached entry stays valid until a drive that ignores telegrams to others changes its settings or its address.
+    has_half_heard: whether any station has received an incomplete telegram; then every transmission concerns all
+    stations.
     """
 
     def __init__(self, stations: Sequence[Station]) -> None:
@@ -35,7 +36,7 @@ class Audience:
         self._known: dict[tuple[bytes, LineSettings | None], Sequence[Station]] = {}
 
     def of(self, sound: bytes, sent: Transmission) -> Sequence[Station]:
-        """Return at least those whose drives take notice of the characters of a transmission that can be heard."""
+        """Return at least those stations whose drives use the audible characters of a transmission."""
         if self.has_half_heard:
             return self._stations
         ears = list(map(_ears, self._passers))

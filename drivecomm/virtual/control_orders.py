@@ -1,15 +1,15 @@
-r"""The orders that a running plant takes, as JSON objects: one order in, one answer out.
+r"""Orders for a running plant as JSON objects: one order in, one answer out.
 
-{"order": "trip", "drive": "pump", "code": 5}
-{"order": "power", "drive": "pump", "state": "off"}           on, off, factory: on again with factory settings
-{"order": "set", "drive": "pump", "parameter": "480", "value": 1000}
-{"order": "inject", "line": "hall", "data": "04 41 FF"}
-{"order": "fault", "text": "drive = 'pump'\nkind = 'drop'"}    as after [[fault]] in a plant file
-{"order": "show"}                                             or with drive and parameters: what it holds
-{"order": "telegrams", "since": 0}                            those behind this number; "line" where there are several
-{"order": "violations"}                                       what the master did wrong; "line" where there are several
-{"order": "counters"}                                         telegrams, faults and violations, counted
-{"order": "state"}                                            how each line and drive is at the moment
+    {"order": "trip", "drive": "pump", "code": 5}
+    {"order": "power", "drive": "pump", "state": "off"}           on, off, factory: on again with factory settings
+    {"order": "set", "drive": "pump", "parameter": "480", "value": 1000}
+    {"order": "inject", "line": "hall", "data": "04 41 FF"}
+    {"order": "fault", "text": "drive = 'pump'\nkind = 'drop'"}    as after [[fault]] in a plant file
+    {"order": "show"}                                             with drive and parameters: their values
+    {"order": "telegrams", "since": 0}                            those after this number; "line" if there are several
+    {"order": "violations"}                                       errors of the master; "line" if there are several
+    {"order": "counters"}                                         counts of telegrams, faults and violations
+    {"order": "state"}                                            present state of each line and drive
 
 The answer is {"ok": true, ...}, or {"ok": false, "error": a sentence}.
 """
@@ -34,7 +34,7 @@ _RAW = ((int, str), "a whole number or a text")
 
 
 def answer_order(plant: VirtualPlant, text: bytes) -> bytes:
-    """Carry out an order, a line of JSON, and return the answer, a line of JSON."""
+    """Carry out an order, given as a line of JSON, and return the answer as a line of JSON."""
     try:
         told = {"ok": True, **_carried_out(plant, _order(text))}
     except DriveCommError as error:
@@ -137,7 +137,7 @@ def _state(plant: VirtualPlant, order: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _fields(order: Mapping[str, Any], **known: tuple[tuple[type, ...], str]) -> list[Any]:
-    """Return the values of these fields of an order; it must have all of them and no others."""
+    """Return the values of these fields of an order. Raises UsageError for a missing, unknown or invalid field."""
     name = order["order"]
     for key in sorted(set(order) - set(known) - {"order"}):
         raise UsageError(f"unknown key {key!r} in the order {name}; it has {', '.join(known) or 'no keys'}")

@@ -1,4 +1,4 @@
-"""The control socket of a running plant: a line of JSON in, a line of JSON out, for any number of programs."""
+"""The control socket of a running plant: one line of JSON in, one out, for up to 64 clients."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ if TYPE_CHECKING:
     from drivecomm.virtual.virtual_plant import VirtualPlant
 
 LONGEST_ORDER = 65536
-"""The most bytes that an order may have."""
+"""Largest size of an order, in bytes."""
 
 _MOST_CLIENTS = 64
-# A little at a time, so that a client with many orders cannot keep the server from its lines.
+# Small reads, so that a client with many orders does not delay the lines.
 _CHUNK = 512
 _ANSWERS_S = 0.5
 _FORMS = "HOST:PORT or unix:PATH"
 
 
 class Place(NamedTuple):
-    """Where a control socket is: a host and a port, or the path of a Unix socket."""
+    """Address of a control socket: a host and a port, or the path of a Unix socket."""
 
     host: str
     port: int
@@ -44,7 +44,7 @@ class Place(NamedTuple):
 
 
 def parse_place(text: str) -> Place:
-    """Read `HOST:PORT`, `:PORT` for this machine only, or `unix:PATH`. Raises UsageError."""
+    """Parse `HOST:PORT`, `:PORT` for this machine only, or `unix:PATH`. Raises UsageError."""
     if text.startswith("unix:"):
         if not hasattr(socket, "AF_UNIX"):
             raise UsageError(f"this system has no Unix sockets; write HOST:PORT instead of {text!r}")
@@ -58,9 +58,9 @@ def parse_place(text: str) -> Place:
 
 
 class ControlServer:
-    """Lets other programs control a plant while it is served.
+    """Server through which other programs control a plant that is being served.
 
-    be_now: brings the lines to the present, called before each order so that it happens now and not earlier.
+    be_now: called before each order to bring the lines up to the present time, so that the order takes effect now.
     """
 
     def __init__(self, place: Place, plant: VirtualPlant, be_now: Callable[[], None]) -> None:
@@ -74,11 +74,11 @@ class ControlServer:
 
     @property
     def address(self) -> str:
-        """Where to connect; certain once it is open."""
+        """The address to connect to; final once the server is open."""
         return str(self._place)
 
     def open(self) -> None:
-        """Listen. Raises PortError."""
+        """Listen for clients. Raises PortError."""
         place = self._place
         try:
             if place.path:
@@ -96,7 +96,7 @@ class ControlServer:
         self._accepting.open()
 
     def close(self) -> None:
-        """End all connections; may be called again."""
+        """Close all connections; may be called again."""
         self._accepting.close()
         for descriptor in list(self._clients):
             self._disconnect(descriptor)
@@ -108,11 +108,11 @@ class ControlServer:
 
     @property
     def descriptors(self) -> Sequence[int]:
-        """The listening socket and its clients."""
+        """Descriptors of the listening socket and of its clients."""
         return [] if self._server is None else [self._server.fileno(), *self._clients]
 
     def attend(self, descriptor: int) -> None:
-        """Accept a client, or take what one sent."""
+        """Accept a client, or process the bytes of one."""
         if self._server is not None and descriptor == self._server.fileno():
             self._accept(self._server)
         elif descriptor in self._clients:
@@ -151,7 +151,7 @@ class ControlServer:
                 self._answer(descriptor, answer_order(self._plant, order))
 
     def _answer(self, descriptor: int, answer: bytes) -> None:
-        """Send; a client that does not read its answers is disconnected."""
+        """Send an answer; disconnect a client that does not read its answers."""
         try:
             sent = self._clients[descriptor].send(answer)
         except OSError:
@@ -166,7 +166,7 @@ class ControlServer:
 
 def _unix_server(path: str) -> socket.socket:
     with contextlib.suppress(FileNotFoundError):
-        # A link is not followed: whoever made it could let it lead elsewhere later.
+        # Do not follow a symbolic link: its owner could redirect it later.
         if not stat.S_ISSOCK(os.lstat(path).st_mode):
             raise PortError(f"{path} exists and is not a socket; choose another path, or remove it")
         if _is_served(path):
@@ -189,7 +189,7 @@ def _is_served(path: str) -> bool:
         try:
             client.connect(path)
         except OSError as error:
-            # Somebody who is too busy to let us in is there, too.
+            # A server that is too busy to accept the connection is still running.
             return isinstance(error, TimeoutError | BlockingIOError)
     return True
 
@@ -200,7 +200,7 @@ _PATIENCE_S = 10.0
 class ControlClient:
     """A connection to the control socket at HOST:PORT or unix:PATH.
 
-    Raises UsageError for a text that is neither, PortError where no plant is.
+    Raises UsageError for any other text, PortError if no plant listens there.
     """
 
     def __init__(self, address: str) -> None:
@@ -224,11 +224,10 @@ class ControlClient:
         self._file = self._socket.makefile("rb")
 
     def order(self, order: str, **fields: Any) -> dict[str, Any]:
-        """Give an order and return the answer, without its `ok`.
+        """Send an order and return the answer without its `ok`.
 
-        The orders are trip, power, set, inject, fault, show, telegrams, violations, counters and state, with the
-        fields that `control_orders` tells. Raises
-        UsageError when the plant refuses, LinkDownError when it has gone.
+        The orders are trip, power, set, inject, fault, show, telegrams, violations, counters and state, with the fields
+        that `control_orders` lists. Raises UsageError if the plant refuses, LinkDownError if the connection is lost.
         """
         try:
             self._socket.sendall(json.dumps({"order": order, **fields}).encode() + b"\n")
@@ -243,7 +242,7 @@ class ControlClient:
         return answer
 
     def close(self) -> None:
-        """End the connection; the plant goes on."""
+        """Close the connection; the plant keeps running."""
         self._file.close()
         self._socket.close()
 

@@ -1,4 +1,4 @@
-"""What can be said of a virtual drive in the same words everywhere: a plant file, a command line, a test."""
+"""Keys of a virtual drive that mean the same in a plant file, on a command line and in a test."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ _KEYS = ("needs_pause_s", "reply_delay_s", "values", "motor")
 
 
 def planted(drive: DriveConfig, *, line: str) -> DriveConfig:
-    """Return a drive for a line of a plant, with those of its options that are keys of a virtual drive as such.
+    """Return a drive for a line of a plant, with the general keys of a virtual drive separated from its options.
 
-    An option that its protocol has by the same name stays one. Raises UsageError.
+    A key that the protocol has as an option of the same name remains an option. Raises UsageError for an invalid value.
     """
     own = option_names(installed[drive.protocol])
     keys: dict[str, Any] = {key: drive.options[key] for key in _KEYS if key in drive.options and key not in own}
@@ -39,11 +39,11 @@ def planted(drive: DriveConfig, *, line: str) -> DriveConfig:
 def virtual_drive(
     protocol: str, address: int, *, model: str | Path | Model | None = None, **options: Any
 ) -> VirtualDrive:
-    """Return a virtual drive that behaves as the protocol's manual says a real one does.
+    """Return a virtual drive that behaves as the protocol's manual describes a real one.
 
-    model: its parameters and start values, the protocol's own default if absent. options: its line settings (baudrate,
-    parity, ...), its gap_s, the protocol's drive options, and the keys of a virtual drive in a plant file:
-    needs_pause_s, reply_delay_s, values, motor. Raises UsageError for anything that cannot be.
+    model: source of its parameters and start values; None for the protocol's default model. options: its line settings
+    (baudrate, parity, ...), its gap_s, the protocol's drive options, and the keys of a virtual drive in a plant file:
+    needs_pause_s, reply_delay_s, values, motor. Raises UsageError for invalid arguments.
     """
     named = planted(DriveConfig(protocol=protocol, address=address, options=options), line="")
     kind = drive_type(protocol, address, model=model, options=named.options)

@@ -1,9 +1,9 @@
-"""A stand-in for a virtual drive that passes on to it whatever a subclass does not change.
+"""A proxy for a virtual drive that forwards every call which a subclass does not override.
 
 class Late(DriveProxy):
-def hear(self, find, now):
-reply = super().hear(find, now)
-return reply and replace(reply, delay_s=2.0)
+    def hear(self, find, now):
+        reply = super().hear(find, now)
+        return reply and replace(reply, delay_s=2.0)
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 
 
 def _of_drive(name: str) -> Any:
-    """An attribute of the drive itself, so that what a parameter write has changed is seen from both sides."""
+    """Return a property for an attribute of the drive itself, so that changes by parameter writes show in the proxy."""
     return property(attrgetter(f"inner.{name}"), lambda proxy, value: setattr(proxy.inner, name, value))
 
 
 class DriveProxy:
-    """Stands in for the virtual drive `inner`; times are passed on as `time_of` says.
+    """Proxy for the virtual drive `inner`. Times are converted by `time_of`.
 
-    mishear: there only where the drive takes note of characters that are no telegram.
+    mishear: present only if the drive uses characters that are not a telegram.
     """
 
     mishear: Callable[[float], None]
@@ -47,23 +47,23 @@ class DriveProxy:
 
     @property
     def codec(self) -> Codec:
-        """The telegrams that the drive understands."""
+        """The codec of the drive."""
         return self.inner.codec
 
     def time_of(self, now: float) -> float:
-        """Return the time of the drive at a time of the line."""
+        """Convert a time of the line to the time of the drive."""
         return now
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
-        """Let the drive act on a request."""
+        """Deliver a request to the drive; return its reply, None for silence."""
         return self.inner.hear(find, self.time_of(now))
 
     def peek(self, parameter: str, now: float) -> int | str:
-        """Return what the drive holds. Raises ParameterAddressError."""
+        """Return the value of a parameter. Raises ParameterAddressError."""
         return self.inner.peek(parameter, self.time_of(now))
 
     def poke(self, parameter: str, raw: int | str) -> None:
-        """Set what the drive holds. Raises ParameterAddressError."""
+        """Set the value of a parameter. Raises ParameterAddressError."""
         self.inner.poke(parameter, raw)
 
     def trip(self, code: int, now: float) -> None:
@@ -71,12 +71,12 @@ class DriveProxy:
         self.inner.trip(code, self.time_of(now))
 
     def power_cycle(self, now: float) -> None:
-        """Let the drive forget what a real one forgets without power, if it does."""
+        """Reset the state that a real drive loses without power, if the drive supports this."""
         if isinstance(self.inner, Restarts):
             self.inner.power_cycle(self.time_of(now))
 
     def follow(self, now: float) -> None:
-        """Let the drive do what it does by itself."""
+        """Advance the time of a drive that acts by itself."""
         if isinstance(self.inner, Follows):
             self.inner.follow(self.time_of(now))
 
@@ -85,7 +85,7 @@ class DriveProxy:
         inner.mishear(self.time_of(now))
 
     def overhear(self, now: float) -> None:
-        """Let the drive take note of a valid telegram to another one, if it uses that."""
-        # Asked for each telegram, and a check for `Overhears` takes longer than what follows.
+        """Notify the drive of a valid telegram to another drive, if it uses that."""
+        # This runs for each telegram, and a check for `Overhears` takes longer than the lookup.
         if (overhear := getattr(self.inner, "overhear", None)) is not None:
             overhear(self.time_of(now))

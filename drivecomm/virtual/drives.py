@@ -1,4 +1,4 @@
-"""Making virtual drives of any installed protocol, and speaking to them directly, without a line."""
+"""Virtual drives of any installed protocol, and exchanges with a drive directly, without a line."""
 
 from __future__ import annotations
 
@@ -30,10 +30,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveType:
-    """All that a virtual drive is made from. options: of its protocol. facts: of its line, as the drive keeps to them.
+    """The data from which a virtual drive is made.
 
-    master_facts: the same for its master, who may be more patient. sources: where a number among these stands that is
-    demanded of a master, by the name of the fact; it may be set for this drive.
+    options: those of its protocol. facts: line facts of the drive. master_facts: line facts of its master, which may
+    allow longer pauses. sources: by the name of a fact, the source that demands its value from a master, or a remark
+    that it was set for this drive.
     """
 
     plugin: Protocol
@@ -45,7 +46,7 @@ class DriveType:
     sources: Mapping[str, str]
 
     def rules(self, name: str, *, drive: VirtualDrive | None = None, needs_pause_s: float = 0.0) -> LineRules:
-        """Return what a master has to keep to with such a drive. drive: one whose line settings may change."""
+        """Return the rules that a master must keep with such a drive. drive: one whose line settings may change."""
         return LineRules(
             name=name,
             address=self.address,
@@ -59,15 +60,15 @@ class DriveType:
         )
 
     def new(self, facts: LineFacts | None = None) -> VirtualDrive:
-        """Return a drive in its factory state, set up at its panel for these line facts; None for those of this type.
+        """Return a drive in its factory state, with these line facts set at its panel; None for the facts of this type.
 
-        Raises UsageError for a model of too little.
+        Raises UsageError if the model lacks parameters that the drive needs.
         """
         facts = facts or self.facts
         try:
             drive = self.plugin.virtual(self.address, self.options, self.model)
         except Refusal as refusal:
-            # It was looked for at the start, by the drive itself.
+            # The drive itself looks up these parameters when it is made.
             raise UsageError(
                 f"no virtual drive can be made of model {self.model.name}: it lacks parameters that a drive works "
                 f"with; take over a model that has them, such as extends = {self.plugin.default_model!r}"
@@ -78,21 +79,21 @@ class DriveType:
         return drive
 
     def _set_up(self, drive: VirtualDrive) -> None:
-        """Let the parameters of the line hold what the panel of such a drive would show."""
+        """Set the parameters of the line to the values that the panel of such a drive would show."""
         for row in setup_sheet(self.model, drive.settings, address=self.address):
             if row.setting.made_from is not None and (held := held_codes(row, self.model)):
-                # A drive keeps its start value of what its protocol's store cannot hold.
+                # If the protocol's store cannot hold the value, the parameter keeps its start value.
                 with suppress(DriveCommError, ValueError):
                     drive.poke(row.setting.address, held[0])
 
     @property
     def factory_facts(self) -> LineFacts:
-        """The line facts that its protocol and its model give it."""
+        """The line facts that the protocol and the model define."""
         return resolve_options(_of_drives(self.plugin), self.model, {})[0]
 
 
 def _of_drives(plugin: Protocol) -> Protocol:
-    """Return a protocol with the line facts of its drives: they may begin anew sooner than a master gives up."""
+    """Return a protocol with the line facts of its drives, which end a telegram after a shorter gap than a master."""
     if not plugin.silence_characters:
         return plugin
     timing = replace(plugin.facts.timing, gap_s=0.0, gap_characters=plugin.silence_characters)
@@ -107,9 +108,9 @@ def drive_type(
     options: Mapping[str, Any],
     for_all: Mapping[str, Any] | None = None,
 ) -> DriveType:
-    """Return the type of a drive with the options of `virtual_drive`, which go before those for all drives of its line.
+    """Return the type of a drive with the options of `virtual_drive`; they override those for all drives of its line.
 
-    Raises UsageError for anything that cannot be.
+    Raises UsageError for invalid arguments.
     """
     plugin = installed[protocol]
     known = load_model(plugin.package, protocol, model or plugin.default_model)
@@ -133,9 +134,10 @@ T = TypeVar("T")
 
 
 def carry_out(exchange: Exchange[T], drive: VirtualDrive, codec: Codec, now: float) -> T:
-    """Carry out an exchange with a drive itself, on no line. Raises what the exchange raises; NoReplyError for silence.
+    """Carry out an exchange with a drive itself, without a line.
 
-    codec: the master's, for the drive's options.
+    codec: the master's codec, for the drive's options. Raises the errors of the exchange, and NoReplyError if the drive
+    does not answer.
     """
 
     def answer(command: Ask | Tell) -> Message | None:
@@ -148,7 +150,7 @@ def carry_out(exchange: Exchange[T], drive: VirtualDrive, codec: Codec, now: flo
 
 
 def answer_to(request: Message, drive: VirtualDrive, codec: Codec, now: float) -> Message | None:
-    """Return what a drive answers to a request, None for silence."""
+    """Return the answer of a drive to a request; None for silence."""
     data = codec.encode(request)
     reply = drive.hear(Framed(data, drive.codec.decode(data, "request")), now)
     return None if reply is None else codec.decode(reply.data, "reply")

@@ -1,4 +1,4 @@
-"""The orders of the control socket that only look: telegrams, violations, counters and states of a running plant."""
+"""The read-only orders of the control socket: telegrams, violations, counters and states of a running plant."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ if TYPE_CHECKING:
     from drivecomm.virtual.virtual_plant import VirtualPlant
 
 MOST_AT_ONCE = 500
-"""How many telegrams one answer has at most; the next order goes on behind them."""
+"""Largest number of telegrams in one answer; the next order continues after them."""
 
 
 def telegrams(plant: VirtualPlant, line: str, since: int) -> Mapping[str, Any]:
-    """Return the telegrams of a line behind the one with this number, and the number to go on with.
+    """Return the telegrams of a line after the one with this number, and the number for the next order.
 
-    more: whether there are some beyond these already. missing: how many transmissions are not kept any more.
+    more: whether later ones exist already. missing: number of transmissions that are no longer stored.
     """
     trace = _trace(plant, line)
     found = trace.since(since, ended_by=_line_time(plant, line))
     shown = found[:MOST_AT_ONCE]
     if len(found) > MOST_AT_ONCE:
-        # Lines of one transmission share its number, and stay together.
+        # The lines of one transmission share its number and stay together.
         shown = [each for each in shown if each.number < found[MOST_AT_ONCE].number] or shown
     return {
         "telegrams": [each.as_object() for each in shown],
@@ -38,14 +38,14 @@ def telegrams(plant: VirtualPlant, line: str, since: int) -> Mapping[str, Any]:
 
 
 def violations(plant: VirtualPlant, line: str) -> Mapping[str, Any]:
-    """Return what the master of a line did wrong: the last 1000, and how often it broke each rule."""
+    """Return the violations by the master of a line: the last 1000, and the number of them for each rule."""
     log = _trace(plant, line).violations
     shown = [{**asdict(each), "sentence": str(each)} for each in log.found]
     return {"violations": shown, "failures": log.failures, "notes": log.notes}
 
 
 def counters(plant: VirtualPlant) -> Mapping[str, Any]:
-    """Return how much there was of everything, for each line and each drive."""
+    """Return all counters of each line and each drive."""
     return {
         "lines": [_line_counters(plant, name) for name in plant.lines],
         "drives": [
@@ -75,7 +75,7 @@ def _line_counters(plant: VirtualPlant, name: str) -> dict[str, Any]:
 
 
 def states(plant: VirtualPlant) -> Mapping[str, Any]:
-    """Return how each line and each drive is at the moment."""
+    """Return the present state of each line and each drive."""
     known = [(state, plant.drive(state.name)) for state in plant.states()]
     return {
         "speed": plant.speed,

@@ -1,9 +1,9 @@
-"""How long a poll plan takes, before anything runs: the time of each read, of a round, and whether it all fits.
+"""Forecast of a poll plan before anything runs: the time of each read and of a round, and whether the plan fits.
 
     plan = Plan(reads=(PollItem(drive=DriveConfig(protocol="vabus", address=1), parameter="481"),))
     forecast(plan).cycle_s
 
-The plan is rehearsed by virtual drives in virtual time; see `drivecomm.virtual.rehearsal` for what that is worth.
+Virtual drives rehearse the plan in virtual time; `drivecomm.virtual.rehearsal` describes how accurate this is.
 """
 
 from __future__ import annotations
@@ -20,16 +20,17 @@ if TYPE_CHECKING:
     from drivecomm.virtual.rehearsal import Course, Round
 
 FULL = 0.995
-"""A line that is busy for more of its time never catches up with what delays it."""
+"""Largest share of busy time at which a line still recovers from delays."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ItemForecast:
-    """One read of a plan on a busy line, in seconds.
+    """One read of a plan on a busy line; all times in seconds.
 
-    wire_s: its characters. delay_s: the drive's, until it answers. pause_s: pauses that keep the line quiet for it.
-    rest_s: waiting in vain and the like. every_s: how often it is asked when the plan runs with its periods, late_s:
-    how late at worst, missed: how many periods the rehearsal had no time for. cause: why it cannot be read, else empty.
+    seconds: total time of the read. wire_s: its characters on the line. delay_s: the drive's delay until it answers.
+    pause_s: pauses that keep the line quiet for it. rest_s: all other time, such as waiting in vain. every_s: actual
+    interval when the plan runs with its periods. late_s: largest lateness. missed: number of periods without a read.
+    cause: reason why the read fails, else empty.
     """
 
     drive: str
@@ -48,7 +49,7 @@ class ItemForecast:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveForecast:
-    """What the reads of one drive take together in a round, in seconds, and its part of all the line's time."""
+    """Total times of one drive's reads in a round, in seconds, and their share of the line's time."""
 
     drive: str
     settings: str
@@ -63,12 +64,12 @@ class DriveForecast:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Forecast:
-    """What a plan does to one line.
+    """The forecast of a plan for one line.
 
-    cycle_s: one round in which each item is read once, in the order of the plan. utilisation: how much of the line's
-    time the plan needs, from 0 to 1 and above when it needs more than there is; reads without a period need none.
-    fits: whether all periods are kept. room_to_spare: whether the plan leaves as much of the line's time free as it
-    shall, besides. advice: what to change when it does not, and what cannot be read.
+    cycle_s: seconds of a round that reads each item once, in the order of the plan. utilisation: share of the line's
+    time that the plan needs; above 1 if it needs more than exists. Reads without a period need none. fits: whether all
+    periods are kept. room_to_spare: whether the plan also leaves the requested share of the line's time free. advice:
+    changes for a plan without that room, and reads that fail.
     """
 
     port: str
@@ -84,13 +85,12 @@ class Forecast:
 def forecast(
     plan: Plan, *, guard_s: float = 0.005, reply_delay_s: float | None = None, room: float = 0.05, **facts: Any
 ) -> Forecast:
-    """Return what a plan for one line takes, without opening a port.
+    """Return the forecast of a plan for one line, without opening a port.
 
-    guard_s: quiet time after a change of line settings, as `open_bus` has it. reply_delay_s: how long drives take to
-    answer for which the plan does not say it; the virtual drives' own delay if absent. room: the share of the line's
-    time, from 0 to below 1, that the plan shall leave free for commands and repetitions. facts: line facts for all
-    drives, as `open_bus` takes them. Raises UsageError for drives that cannot be, and for plans with several lines:
-    ask for each, `plan.on_line(port)`.
+    guard_s: quiet time after a change of line settings, as in `open_bus`. reply_delay_s: reply delay of drives for
+    which the plan gives none; None for that of the virtual drives. room: share of the line's time, from 0 to below 1,
+    that the plan must leave free for commands and repetitions. facts: line facts for all drives, as in `open_bus`.
+    Raises UsageError for invalid drives, and for a plan with several lines: forecast each `plan.on_line(port)` instead.
     """
     if len(plan.lines) > 1:
         raise UsageError(f"the plan has {len(plan.lines)} lines; forecast each of them, plan.on_line(port)")
@@ -103,9 +103,9 @@ def forecast(
     need = sum(drive.utilisation for drive in drives)
     fits = course.busy <= FULL and not any(item.missed for item in items)
     if not all(item.period_s for item in items):
-        # Reads without a period fill every line, so that it does not show whether the others do.
+        # Reads without a period fill any line, so the busy time does not show whether the others fit.
         fits = fits and need <= FULL
-    # With mixed periods, fewer neighbours differ in their line settings than in a round: a full line may still fit.
+    # With mixed periods the line settings change less often than in a round, so a full line may still fit.
     utilisation = min(need, 1.0) if fits else need
     room_to_spare = fits and utilisation <= conditions.most
     return Forecast(

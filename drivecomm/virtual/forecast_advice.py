@@ -1,4 +1,4 @@
-"""What to change when a poll plan does not fit its line, as sentences with figures."""
+"""Advice for a poll plan that does not fit its line, as sentences with figures."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _MUCH = 0.25
 
 
 def advise(plan: Plan, conditions: Conditions, round_: Round, course: Course, *, well: bool) -> Iterator[str]:
-    """Yield what to change, the most effective first; where the plan fits, only what cannot be read."""
+    """Yield recommended changes, the most effective first; for a plan that fits, only the reads that fail."""
     for read, cause in zip(plan.reads, round_.causes, strict=True):
         if cause:
             yield f"{read.drive.name} {read.parameter} cannot be read: {cause}"
@@ -40,7 +40,7 @@ def advise(plan: Plan, conditions: Conditions, round_: Round, course: Course, *,
 
 
 def _need(plan: Plan, round_: Round) -> float:
-    """Return how much of the line's time the plan needs."""
+    """Return the share of the line's time that the plan needs."""
     return sum(
         shares.seconds / read.period_s for read, shares in zip(plan.reads, round_.shares, strict=True) if read.period_s
     )
@@ -67,7 +67,7 @@ def _faster_line(plan: Plan, conditions: Conditions, round_: Round) -> str:
                 "line's time"
             )
     if not need:
-        return "a faster line is not to be had: all drives are at the highest usual baud rate"
+        return "a faster line is impossible: all drives are at the highest usual baud rate"
     return f"no baud rate is enough: at {_BAUD_RATES[-1]} baud the plan still needs {need:.0%} of the line's time"
 
 
@@ -76,7 +76,7 @@ def _at_least(baudrate: int, slower: list[DriveConfig], drive: DriveConfig) -> D
 
 
 def _own_line(plan: Plan, round_: Round, most: float) -> Iterator[str]:
-    """Say which drives to take away: as few as possible, those first that need most."""
+    """Yield the drives to move to another line: as few as possible, chosen by the time that they need."""
     needs = dict.fromkeys(plan.drives, 0.0)
     for read, shares in zip(plan.reads, round_.shares, strict=True):
         needs[read.drive] += shares.seconds / read.period_s if read.period_s else 0.0
@@ -93,7 +93,7 @@ def _own_line(plan: Plan, round_: Round, most: float) -> Iterator[str]:
 
 
 def _late_reads(plan: Plan, round_: Round, course: Course) -> Iterator[str]:
-    """Name reads that come late although the line has time enough."""
+    """Yield a sentence for each read that comes late although the line has enough time."""
     longest = max(shares.seconds for shares in round_.shares)
     for read, pace in zip(plan.reads, course.paces, strict=True):
         if pace.missed:
@@ -125,7 +125,7 @@ def _fewer_changes(plan: Plan, conditions: Conditions, round_: Round) -> Iterato
 
 
 def _what_dominates(plan: Plan, round_: Round) -> Iterator[str]:
-    """Name pauses and reply delays where they take much of a round; a faster line does not help against them."""
+    """Yield a sentence on pauses or reply delays that take much of a round, which a faster line does not reduce."""
     cycle_s = sum(shares.seconds for shares in round_.shares)
     for share, what, remedy in (
         ("pause_s", "pauses take {} of a round, most of them for {}", "see whether it can be tuned"),

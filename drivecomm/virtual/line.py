@@ -1,7 +1,7 @@
-"""A virtual line on a virtual clock: several drives of several protocols, character times, echo, faults, power.
+"""A virtual line on a virtual clock: drives of several protocols, character times, echo, faults, power.
 
-Whoever owns the line lets its time pass: a master in the same program by waiting (`VirtualPort`), a server by following
-the clock on the wall (`drivecomm.virtual.serving`).
+The owner of the line advances its time: a master in the same program by waiting (`VirtualPort`), a server by following
+the real clock (`drivecomm.virtual.serving`).
 """
 
 from __future__ import annotations
@@ -28,37 +28,41 @@ if TYPE_CHECKING:
     from drivecomm.virtual.medium import Source
 
 _Event: TypeAlias = "tuple[float, int, Callable[[], None], float | Station]"
-"""When, in which order, what, and for how long nobody hears anything of it: the drive that begins to answer knows."""
+"""Time, order, action, and the seconds for which its effect stays unheard.
 
-# How late drives may hear what is out already. The master notices nothing: one character of an answer lasts longer, or
-# is as late as this.
+A station in place of the seconds is a drive that begins to answer.
+"""
+
+# Limit for late processing of transmissions by the drives. The master does not notice the delay: one character of an
+# answer takes longer, or is as late as this.
 _LATE_S = 0.0005
 
 
 class Disturbance(Interface):
-    """What happens to a transmission on its way, beside the line's `FaultPlan`."""
+    """Changes to a transmission on its way, in addition to the line's `FaultPlan`."""
 
     def request(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
-        """Return what arrives of a master's transmission, as delays and bytes."""
+        """Return the parts of a master's transmission that arrive, as delays and bytes."""
         ...
 
     def reply(self, data: bytes, drive: VirtualDrive, now: float) -> Sequence[tuple[float, bytes]]:
-        """Return what arrives of what this drive sends, as delays and bytes."""
+        """Return the parts of this drive's transmission that arrive, as delays and bytes."""
         ...
 
 
 class VirtualLine:
-    """A line with virtual drives on it. Its time passes only while its master waits, so tests take no time.
+    """A line with virtual drives. Its time passes only while its master waits, so tests take no time.
 
         line = VirtualLine([virtual_drive("vabus", 1), virtual_drive("danfoss-fc", 3)])
         with drivecomm.open_bus(line.port) as bus:
             ...
 
-    Every drive hears everything on the line, with its own line settings, and ignores what is not for it. Nobody waits
-    for anybody: characters that are on the wire at the same time spoil each other for all who hear them. A drive has
-    room for one answer: a request that it answers before it has begun with an earlier answer takes that one's place.
-    echo: the master hears itself, as on some two-wire adapters. faults: what goes wrong on the way. paced: characters
-    take their time; without, a transmission is over when it begins, and nothing ever meets on the wire.
+    Every drive hears everything on the line, with its own line settings, and ignores telegrams to others. Senders do
+    not wait for each other: characters that are on the wire at the same time spoil each other for every receiver. A
+    drive stores one answer: a request that it answers before it has begun an earlier answer replaces that answer.
+
+    echo: the master hears itself, as with some two-wire adapters. faults: random faults on the way. paced: characters
+    take their time; otherwise a transmission ends when it begins, and transmissions never collide.
     """
 
     def __init__(
@@ -74,18 +78,18 @@ class VirtualLine:
         self.faults = faults
         self.paced = paced
         self.disturbances: list[Disturbance] = []
-        """Further faults, each applied to what the one before it leaves."""
+        """Further faults, each applied to the result of the one before."""
         self.time = 0.0
         self.broken = False
-        """Set it to make the port fail as an unplugged adapter does."""
+        """Set to True to make the port fail as an unplugged adapter does."""
         self.monitors: list[Callable[[Transmission], None]] = []
-        """Each is called with everything that was on the wire, echoes left out, when its last character is out."""
+        """Called with each transmission except echoes, when its last character has been sent."""
         self.recorders: list[Callable[[Transmission], None]] = []
-        """The same, for those who do not mind when they are called: a line that is served wakes for nobody of them."""
+        """Called like `monitors`, but perhaps late: a line that is served does not wake for them."""
         self.on_transmit: list[Callable[[Transmission], None]] = []
-        """Each is called with what the master hands over, when it does so: before any fault, however it arrives."""
+        """Called with each transmission when the master hands it over, before any fault applies."""
         self.told_settings: Mapping[str, Any] = {}
-        """What a master whose settings are not known has told of them all the same; it is judged, and not heard."""
+        """Line settings that a master with otherwise unknown settings has shown; checked, but not used for hearing."""
         self._stations = stations_of(self.drives)
         self._audience = Audience(self._stations)
         self._medium = Medium()
@@ -104,17 +108,17 @@ class VirtualLine:
         return VirtualPort(self)
 
     def advance(self, seconds: float) -> None:
-        """Let time pass while the master says nothing."""
+        """Let time pass without a transmission by the master."""
         self.pass_time(self.time + seconds)
 
     def pass_time(self, until: float) -> None:
-        """Let time pass up to then while the master says nothing; a time in the past is ignored."""
+        """Advance the clock to this time without a transmission by the master; ignore a time in the past."""
         while self._events and self._events[0][0] <= until:
             self._next()
         self.time = max(self.time, until)
 
     def call_at(self, time: float, action: Callable[[], None]) -> None:
-        """Do something at a time of the line's clock, in the middle of an exchange perhaps; at once if it is past."""
+        """Call an action at a time of the line's clock, perhaps during an exchange; immediately if the time is past."""
         self._call_at(time, action, 0.0)
 
     def _call_at(self, time: float, action: Callable[[], None], unheard: float | Station) -> None:
@@ -122,10 +126,10 @@ class VirtualLine:
         heapq.heappush(self._events, (time, self._order, action, unheard))
 
     def configure(self, settings: LineSettings | None) -> None:
-        """Set the master's line settings.
+        """Set the master's line settings; None if they are unknown, as over plain TCP.
 
-        None: they are not known, as over plain TCP. Such a master is taken to speak to each drive with the settings
-        that the drive had when the line was made; its characters last as long as those of the first drive.
+        A master with unknown settings counts as using the settings that each drive had when the line was made. Its
+        characters take as long as those of the first drive.
         """
         self._master.listen(self.time)
         self._master.settings = settings
@@ -133,19 +137,19 @@ class VirtualLine:
 
     @property
     def backlog_s(self) -> float:
-        """Seconds until everything that the master has handed over is out."""
+        """Seconds until all the master's data has been sent."""
         return max(0.0, self._port_free_at - self.time)
 
     @property
     def due(self) -> float:
-        """When something next happens on the line, or is heard whole by the master; infinite if nothing will."""
+        """Time of the next event, or of the next complete transmission at the master; infinite if there is none."""
         return min(self._events[0][0] if self._events else inf, self._master.due)
 
     @property
     def silent_until(self) -> float:
-        """Until when nobody outside notices whether what is due on the line has happened: neither master nor monitor.
+        """Time until which neither master nor monitor can notice whether due events have been processed.
 
-        Whenever it is looked after, it happens at its own time of the line's clock.
+        Each event takes effect at its own time of the line's clock, however late it is processed.
         """
         events, heard_at = self._events, self._master.due
         if not events:
@@ -153,20 +157,20 @@ class VirtualLine:
         time, _, _, unheard = events[0]
         if self.paced and not self.monitors:
             time += self._unheard_s(unheard) if isinstance(unheard, Station) else unheard
-            # The second event is one of these.
+            # The second event of a heap is one of these two.
             for later in events[1:3]:
                 time = min(time, later[0])
         return min(time, heard_at)
 
     def _unheard_s(self, station: Station) -> float:
-        """Return how long after the line has come back to a drive its answer is heard, at the earliest."""
+        """Return the shortest time, in seconds, between waking a drive and its complete answer."""
         if station.answer is None or self.faults.rate or self.disturbances:
             return 0.0
         return self._wire_s(station.drive.settings, len(station.answer.data))
 
     def transmit(self, data: bytes) -> None:
-        """Let the master send."""
-        # A port sends one character after the other: what is handed over early waits its turn.
+        """Send bytes as the master."""
+        # A port sends its characters in order, so data that is handed over early waits.
         began = max(self.time, self._port_free_at)
         self._port_free_at = began + self._wire_s(self._wire, len(data))
         if self.on_transmit and data:
@@ -197,7 +201,7 @@ class VirtualLine:
             told(sent)
 
     def receive(self, until: float, at_least: int) -> bytes:
-        """Return what the master has heard, as soon as it is this much, at the latest at `until`."""
+        """Return the bytes that the master has heard, once there are `at_least` of them, at the latest at `until`."""
         self._master.listen(self.time)
         while (missing := at_least - self._master.heard) > 0:
             ready = self._master.ready_at(missing)
@@ -212,26 +216,25 @@ class VirtualLine:
         return self.take()
 
     def take(self) -> bytes:
-        """Return what the master has heard by now."""
+        """Return the bytes that the master has heard by now."""
         self._master.listen(self.time)
         return self._master.take()
 
     def inject(self, data: bytes) -> None:
-        """Inject foreign bytes at once: noise, or the traffic of another master."""
+        """Inject foreign bytes immediately: noise, or the traffic of another master."""
         self._speak("foreign", data)
 
     def power_off(self, drive: VirtualDrive) -> None:
-        """Switch a drive off: it neither hears nor answers, and what it is sending breaks off."""
+        """Switch a drive off: it neither hears nor answers, and its present transmission breaks off."""
         station = self._station(drive)
         self._medium.cut_off(drive, self.time)
         self._free_at.pop(station, None)
         station.power_off(self.time)
 
     def power_on(self, drive: VirtualDrive, settings: LineSettings | None = None) -> None:
-        """Switch a drive on again, with other line settings than it had if some are given.
+        """Switch a drive on again, with these line settings if given.
 
-        It keeps its parameters. Whether it forgets its state is up to the virtual drive: one that has a method
-        `power_cycle(now)` does.
+        It keeps its parameters. A virtual drive with a method `power_cycle(now)` resets its state in that method.
         """
         station = self._station(drive)
         if settings is not None:
@@ -248,7 +251,7 @@ class VirtualLine:
                 return station
         raise UsageError(f"the drive at address {drive.address} is not on this virtual line")
 
-    # Speaking
+    # Transmitting
 
     def _speak_at(self, time: float, who: Station | Source, data: bytes) -> None:
         if time > self.time:
@@ -257,7 +260,7 @@ class VirtualLine:
             self._speak(who, data)
 
     def _speak(self, who: Station | Source, data: bytes) -> None:
-        """Put characters on the wire, after those that the same sender still has on it."""
+        """Put characters on the wire, after any earlier ones of the same sender."""
         if (free_at := self._free_at.get(who, 0.0)) > self.time:
             self.call_at(free_at, partial(self._speak, who, data))
             return
@@ -282,7 +285,7 @@ class VirtualLine:
             self._call_at(ended, partial(self._arrived, sent), min(_LATE_S, character_s))
 
     def _arrived(self, sent: Transmission) -> None:
-        """Let the drives hear a transmission that is out."""
+        """Deliver a complete transmission to the drives."""
         for monitor in (*self.monitors, *self.recorders):
             monitor(sent)
         sound, settings = sent.sound(0, len(sent.data)), one_of(sent.settings)
@@ -315,9 +318,9 @@ class VirtualLine:
             self._answer(station, answer.data, answer.number)
 
     def _answer(self, station: Station, answer: bytes, number: int) -> None:
-        """Let a drive answer, unless it has lost power since.
+        """Send a drive's answer, unless it has lost power since.
 
-        Nor does it answer when the master speaks again already: what it hears now is what it will answer.
+        A drive also stays silent if the master is already sending again: it will answer the new request.
         """
         if station.answering != number or self._free_at.get("master", 0.0) > self.time:
             return
@@ -356,5 +359,5 @@ class VirtualLine:
 def _then(
     arrivals: Sequence[tuple[float, bytes]], disturb: Callable[[bytes], Sequence[tuple[float, bytes]]]
 ) -> list[tuple[float, bytes]]:
-    """Return what arrives after a further disturbance."""
+    """Apply a further disturbance to the arriving parts, and return the result."""
     return [(delay + more, left) for delay, data in arrivals for more, left in disturb(data)]

@@ -1,4 +1,4 @@
-"""What a master may not do on a line: the rules for each drive, and what broke one."""
+"""Rules that a master must keep on a line, for each drive, and violations of them."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ Rule: TypeAlias = Literal[
     "reply not awaited", "turnaround", "gap in a telegram", "pause after a broadcast", "request interval",
     "line settings",
 ]  # fmt: skip
-"""What a master may not do, by name."""
+"""Name of a rule for the master."""
 
 RULES: tuple[Rule, ...] = get_args(Rule)
-"""All rules by name."""
+"""Names of all rules."""
 
 DEFAULT = "a default of drivecomm"
-"""The source of a number that no manual demands."""
+"""Source of a value that no manual demands."""
 
 SET_HERE = "set for this drive"
-"""The source of a number that was given with the drive."""
+"""Source of a value that was given with the drive."""
 
 
 class Limit(NamedTuple):
-    """A time in seconds, and the source that demands it; empty for a default of drivecomm."""
+    """A limit in seconds, and the source that demands it; an empty source for a default of drivecomm."""
 
     seconds: float
     source: str
@@ -36,12 +36,12 @@ class Limit(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Violation:
-    """A rule that a master broke, at a time of the line's clock in seconds.
+    """A violation of a rule by a master, at a time of the line's clock in seconds.
 
-    measured, allowed: seconds, or line settings as a text. source: manual and page of the allowed value. demanded:
-    whether the maker, or whoever set up the drive, demands that value, so that this is a failure; otherwise the value
-    is a default of drivecomm, and this is a note. drive: such as "vabus:1"; `str()` is one sentence. tolerance_s: how
-    much of the measured time was put down to the process that measures.
+    measured, allowed: seconds, or line settings as text. source: manual and page of the allowed value. demanded: True
+    if the manufacturer or the settings of the drive demand that value, which makes this a failure; False for a default
+    of drivecomm, which makes it a note. drive: such as "vabus:1". tolerance_s: part of the measured time that is
+    attributed to the measuring process. `str()` gives one sentence.
     """
 
     rule: Rule
@@ -63,13 +63,13 @@ class Violation:
 
 @dataclass(frozen=True, kw_only=True)
 class LineRules:
-    """What a master has to keep to with one drive.
+    """Rules that a master must keep with one drive.
 
     name: of the drive, for people. codec: its telegrams. facts: its line settings, and the timing of its master.
-    silence_characters: a pause of so many characters inside a telegram ends it; 0 where `gap_s` of the facts counts.
-    sources: where a number stands that is demanded, by the name of the fact; the others are defaults of drivecomm.
-    needs_pause_s: after its reply the drive does not hear what begins sooner. settings_now: the line settings that the
-    drive has at the moment, where a parameter or a reset may have changed them.
+    silence_characters: length of the pause inside a telegram that ends it, in characters; 0 if `gap_s` of the facts
+    counts. sources: for each demanded value, its source, by the name of the fact; the other values are defaults of
+    drivecomm. needs_pause_s: seconds after its reply during which the drive misses a new request. settings_now: returns
+    the present line settings of the drive, if a parameter or a reset may have changed them.
     """
 
     name: str
@@ -89,24 +89,24 @@ class LineRules:
 
     @cached_property
     def reply_timeouts(self) -> tuple[Limit, ...]:
-        """How long a master waits for a reply that does not come."""
+        """Limits for the wait of a master for a missing reply."""
         return (self._limit("reply_timeout_s"),)
 
     @cached_property
     def turnarounds(self) -> tuple[Limit, ...]:
-        """From the end of a reply of this drive to the next request of anybody."""
+        """Limits for the time from the end of a reply of this drive to the next request to any drive."""
         needed = (Limit(self.needs_pause_s, SET_HERE),) if self.needs_pause_s else ()
         own = self._limit("turnaround_s"), self._limit("least_turnaround_s")
         return (*needed, *own, self._limit("turnaround_characters"))
 
     @cached_property
     def broadcast_pauses(self) -> tuple[Limit, ...]:
-        """From the end of a broadcast to the next request."""
+        """Limits for the time from the end of a broadcast to the next request."""
         return self._limit("broadcast_pause_s"), self._limit("turnaround_characters")
 
     @cached_property
     def intervals(self) -> tuple[Limit, ...]:
-        """From the beginning of a request to this drive to the beginning of the next one."""
+        """Limits for the time from the beginning of one request to this drive to the beginning of the next."""
         return (self._limit("request_interval_s"),)
 
     @cached_property
@@ -116,7 +116,7 @@ class LineRules:
         if self.silence_characters:
             silence_s = self.facts.settings.wire_s(self.silence_characters)
             silence = Limit(silence_s, self.sources.get("silence_characters", ""))
-            # A gap that was chosen for this drive goes before its protocol's silence.
+            # A gap chosen for this drive overrides its protocol's silence.
             gaps = [max(silence, gaps[0])] if gaps[0].source == SET_HERE else [silence]
         return max(gaps)
 
@@ -128,16 +128,16 @@ class LineRules:
 
 def _same(name: str, told: object, settings: LineSettings) -> bool:
     own = getattr(settings, name)
-    # A terminal knows one stop bit or more.
+    # A terminal reports one stop bit or two; two also stands for one and a half.
     return bool(told == own or (name == "stopbits" and told == 2 and own == 1.5))
 
 
 def reads_as(codec: Codec) -> Hashable:
-    """Return what is equal for codecs that read alike, so that only one of them is asked."""
+    """Return a key that is equal for codecs that decode alike, so that only one of them is used."""
     known: Hashable = getattr(codec, "alike", type(codec))
     return known
 
 
 def in_ms(seconds: float) -> str:
-    """Return a time as people read it: 6.3 ms."""
+    """Return a time as text, such as 6.3 ms."""
     return f"{seconds * 1000:.3g} ms" if seconds < 0.9995 else f"{seconds:.4g} s"

@@ -1,4 +1,4 @@
-"""The trace of one virtual line, decoded when it is read."""
+"""The trace of one virtual line, which is decoded when it is read."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ _at_s = attrgetter("at_s")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TracedLine:
-    """A telegram, or what is none: one line of a trace.
+    """One line of a trace: a telegram, or bytes that are not a telegram.
 
-    number: of the transmission that ended it, counted from 1; several lines of one transmission share it. time_s: when
-    its first byte came. meaning: kind and fields, or what is wrong. remarks: what else there is to say.
+    number: that of the transmission that ended it, counted from 1; several lines of one transmission share it. time_s:
+    time of its first byte. meaning: kind and fields, or the error. remarks: further findings.
     """
 
     number: int
@@ -50,7 +50,7 @@ class TracedLine:
         return line_text(self.time_s, arrow, hex_text(self.data), self.meaning, remarks=list(self.remarks))
 
     def as_object(self) -> dict[str, Any]:
-        """Return it as an object for JSON."""
+        """Return the line as an object for JSON."""
         return {
             "number": self.number,
             "time_s": round(self.time_s, 6),
@@ -67,9 +67,9 @@ class _Numbered(NamedTuple):
 
 
 class LineTrace:
-    """The last 5000 transmissions on one line, from now on. Nothing is decoded until the trace is read.
+    """The last 5000 transmissions on one line, recorded from now on and decoded only when they are read.
 
-    violations: what is remarked at the requests of a master that broke a rule.
+    violations: log whose entries become remarks at the requests concerned.
     """
 
     def __init__(self, line: VirtualLine, violations: ViolationLog) -> None:
@@ -89,18 +89,18 @@ class LineTrace:
 
     @property
     def counts(self) -> dict[Source, int]:
-        """How many transmissions there were, by who sent them."""
+        """Number of transmissions by source."""
         with self._guard:
             return dict(self._counts)
 
     @property
     def first_kept(self) -> int:
-        """The number of the first transmission that is kept; that of the next one if there is none."""
+        """Number of the first stored transmission; that of the next one if none is stored."""
         with self._guard:
             return self._heard[0].number if self._heard else self._number + 1
 
     def text(self) -> str:
-        """Return a line for each telegram, and for what is none: time, direction, bytes, meaning; the last 80 lines."""
+        """Return the last 80 lines: time, direction, bytes and meaning of each telegram, and of other bytes."""
         lines = self.since(0)
         if not lines:
             return "nothing was on the line"
@@ -109,9 +109,9 @@ class LineTrace:
         return "\n".join([*head, *map(str, lines[-_MOST_LINES:])])
 
     def since(self, number: int, *, ended_by: float = inf) -> list[TracedLine]:
-        """Return the lines that come after the one with this number, of all that is kept.
+        """Return all stored lines after the one with this number.
 
-        ended_by: leave out the last telegram if it may go on after this time of the line.
+        ended_by: leave out the last telegram if it may continue after this time of the line.
         """
         with self._guard:
             heard = [each for each in self._heard if each.number > number]
@@ -142,12 +142,12 @@ class LineTrace:
                 meaning=meaning,
                 remarks=tuple(said),
             )
-            # The bytes of a damaged telegram are looked at again; here they are shown once.
+            # The bytes of a damaged telegram are decoded again from its second byte; show them once.
             place += len(find.data)
 
     def _finds(self, data: bytes, direction: Direction) -> list[Find]:
-        """Return what the protocol that understands most of it makes of these bytes."""
-        # Drives that read alike need not be asked one by one.
+        """Return the telegrams and other bytes, decoded in the protocol that accounts for most bytes."""
+        # Only one of several codecs that decode alike is tried.
         codecs = {reads_as(drive.codec): drive.codec for drive in self._drives}
         framers = [Framer(codec, direction) for codec in codecs.values()]
         readings = [_once([*framer.feed(data), *framer.flush()]) for framer in framers]
@@ -164,22 +164,22 @@ class LineTrace:
 
 
 def _of_request(first: Transmission, last: Transmission, broken: Sequence[Violation]) -> list[str]:
-    """Return what the master did wrong with a request that came in these transmissions."""
+    """Return the violations by the master in the request that these transmissions carry."""
     if first.source != "master":
         return []
     begins = bisect_left(broken, first.began - _EXACT_S, key=_at_s)
     ends = bisect_right(broken, last.ended + _EXACT_S, key=_at_s)
-    # Wrong settings that are known in full are a remark at each transmission.
+    # Fully known wrong settings already have a remark at each transmission.
     return [str(each) for each in broken[begins:ends] if each.rule != "line settings" or first.agreed]
 
 
 def _settings_of(sent: Transmission) -> LineSettings | None:
-    # What a drive sends has the settings of that drive, which are no news; over plain TCP they are not known.
+    # A drive sends with its own settings, which needs no remark; over plain TCP the master's are unknown.
     return sent.settings if sent.source == "master" and not sent.agreed else None
 
 
 def _joined(heard: Iterable[_Numbered], gap_s: float) -> Iterator[list[_Numbered]]:
-    """Yield what came from one side without a pause in it."""
+    """Yield groups of transmissions from one side without a pause between them."""
     together: list[_Numbered] = []
     for each in heard:
         if together and not _follows(each.sent, together[-1].sent, gap_s):
@@ -196,7 +196,7 @@ def _follows(sent: Transmission, last: Transmission, gap_s: float) -> bool:
 
 
 def _holding(together: Sequence[Transmission], place: int) -> int:
-    """Return which transmission the byte at this place came in."""
+    """Return the number of the transmission that holds the byte at this position."""
     for number, heard in enumerate(together):
         if place < len(heard.data):
             return number
@@ -205,7 +205,7 @@ def _holding(together: Sequence[Transmission], place: int) -> int:
 
 
 def _once(finds: list[Find]) -> list[Find]:
-    """Leave out what is found in the remains of a damaged telegram."""
+    """Return the finds without those inside the remains of a damaged telegram."""
     kept: list[Find] = []
     hidden = 0
     for find in finds:

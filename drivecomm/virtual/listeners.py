@@ -1,4 +1,4 @@
-"""Where other programs connect to virtual drives: `pty:PATH`, `tcp:HOST:PORT`, `rfc2217:HOST:PORT`."""
+"""Places where other programs connect to virtual drives: `pty:PATH`, `tcp:HOST:PORT`, `rfc2217:HOST:PORT`."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ _FORMS = "pty:PATH, tcp:HOST:PORT or rfc2217:HOST:PORT"
 
 
 class Listener(Protocol):
-    """The master's end of a line that is served. One thread uses it."""
+    """The master's end of a line that is served. Used by one thread only."""
 
     @property
     def address(self) -> str:
-        """What a master opens; certain once it is open."""
+        """The address that a master opens; final once the listener is open."""
         ...
 
     @property
     def settings(self) -> LineSettings | None:
-        """The line settings that the master has chosen; None where none are carried or it has chosen none."""
+        """The line settings of the master; None if the connection carries none, or the master has set none."""
         ...
 
     @property
@@ -34,38 +34,44 @@ class Listener(Protocol):
         ...
 
     def open(self) -> None:
-        """Make it possible to connect. Raises PortError in one sentence when the place cannot be had."""
+        """Open the listener for connections.
+
+        Raises PortError, with a one-sentence message, if the place is not available.
+        """
         ...
 
     def receive(self, wait_s: float) -> bytes:
-        """Return what a master sent, waiting so long at most; nothing also when one came or left."""
+        """Return bytes from a master, after waiting up to `wait_s` seconds.
+
+        Returns early with no bytes when a master connects or disconnects.
+        """
         ...
 
     def send(self, data: bytes) -> None:
-        """Send to the master if there is one; never waits. What it does not take is lost, as on a line."""
+        """Send bytes to the master, if there is one; never blocks. Bytes that do not fit are lost, as on a line."""
         ...
 
     def close(self) -> None:
-        """Leave nothing behind; may be called again."""
+        """Release everything; may be called again."""
         ...
 
 
 @runtime_checkable
 class ShowsSettings(Protocol):
-    """A listener that shows some of the master's line settings although it cannot carry them (`settings` is None)."""
+    """A listener that shows some of the master's line settings although it cannot carry all (`settings` is None)."""
 
     @property
     def told_settings(self) -> Mapping[str, Any]:
-        """Those that can be seen, by name; nothing if the master has set none."""
+        """The visible line settings by name; empty if the master has set none."""
         ...
 
 
 @runtime_checkable
 class Overheard(Protocol):
-    """A listener with clients that only hear what is on the line."""
+    """A listener with read-only clients that hear the whole line."""
 
     def overhear(self, data: bytes) -> None:
-        """Send what was on the line to all who listen; never waits."""
+        """Send bytes from the line to all read-only clients; never blocks."""
         ...
 
 
@@ -82,7 +88,7 @@ def parse_shared_listen(text: str) -> Listener:
 def parse_listen(text: str) -> Listener:
     """Return the listener for `pty:PATH`, `tcp:HOST:PORT` or `rfc2217:HOST:PORT`, not yet open.
 
-    Without a host only programs on this machine can connect; port 0 takes any free one. Raises UsageError.
+    Without a host, only programs on this machine can connect; port 0 takes any free port. Raises UsageError.
     """
     kind, _, rest = text.partition(":")
     if kind == "pty":

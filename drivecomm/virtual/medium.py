@@ -1,4 +1,4 @@
-"""The wire: whose characters are on it when, and what becomes of those that collide."""
+"""The wire: the transmissions on it, and the effect of their collisions."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 Source: TypeAlias = Literal["master", "echo", "drive", "foreign"]
 
-# Times are sums of floats; a character that is out but for a thousandth is out.
+# Times are sums of floats, so a character counts as sent if only a thousandth of it is missing.
 _TOLERANCE = 1e-3
-# What a master never reads is lost, as in the buffer of a port.
+# Bytes that the master does not read are lost beyond this limit, as in the buffer of a port.
 _ROOM = 65536
 _MOST_AUDIBLE = 256
 
@@ -27,13 +27,13 @@ _MOST_AUDIBLE = 256
 class Transmission:
     """Characters on the wire from `began` until `ended`, in seconds of the line's clock.
 
-    data: as they are on the wire; one that met another is shown as NUL and heard by nobody, as receivers drop
-    characters with a wrong parity or stop bit. garbled: whether there is such a one, or the sender lost power in the
-    middle. sender: the drive, None for the master, its echo and foreign traffic. taken: how many characters the
-    master's port has heard already. spoilt: the places of those that met another, as ranges. agreed: every receiver
-    hears it as if the sender had the settings that it shares with this receiver. told_settings: those of its settings
-    that a master has made known, by name. answer_due: whether a drive was about to answer, or answering, when a master
-    handed it over.
+    data: characters as they are on the wire; a collided one is shown as NUL and heard by no receiver, because receivers
+    drop characters with a wrong parity or stop bit. garbled: whether a character collided, or the sender lost power in
+    the middle. sender: the drive; None for the master, its echo and foreign traffic. taken: number of characters that
+    the master's port has already heard. spoilt: positions of the collided characters, as ranges. agreed: True if every
+    receiver hears the characters with the settings that it shares with the sender. told_settings: the known line
+    settings of a master, by name. answer_due: whether a drive was answering, or about to, when the master handed over
+    its data.
     """
 
     source: Source
@@ -50,7 +50,7 @@ class Transmission:
     answer_due: bool = False
 
     def sound(self, first: int, last: int) -> bytes:
-        """Return those of its characters from first up to last that did not collide."""
+        """Return the characters from `first` up to `last` that did not collide."""
         if not self.spoilt:
             return self.data[first:last]
         return bytes(
@@ -60,17 +60,17 @@ class Transmission:
         )
 
     def out_by(self, now: float) -> int:
-        """Return how many of its characters have been sent completely by then."""
+        """Return the number of characters that have been sent completely by this time."""
         if now >= self.ended:
             return len(self.data)
         return min(len(self.data), int((now - self.began) / self.settings.character_s + _TOLERANCE))
 
     def end_of(self, number: int) -> float:
-        """Return when so many characters of it are out, all of them if it has fewer."""
+        """Return the time at which this number of characters has been sent, or all of them if there are fewer."""
         return self.ended if number >= len(self.data) else self.began + number * self.settings.character_s
 
     def cut_off(self, now: float) -> None:
-        """Send nothing after this."""
+        """Break off the transmission at this time."""
         if now < self.ended:
             self.data = self.data[: self.out_by(now)]
             self.ended = now
@@ -88,15 +88,15 @@ class Transmission:
 
 
 class Medium:
-    """All transmissions that can still collide with another one."""
+    """All transmissions that can still collide with another."""
 
     def __init__(self) -> None:
         self._present: list[Transmission] = []
 
     def begin(self, new: Transmission) -> None:
-        """Put a transmission on the wire, the latest of all so far: where it meets others, both are spoilt.
+        """Put a transmission on the wire, not earlier than any before; characters that overlap are spoilt.
 
-        An echo is what an adapter tells its own master. It occupies no wire, but the others spoil it.
+        An echo comes from the master's own adapter. It does not occupy the wire, but other transmissions spoil it.
         """
         present = [other for other in self._present if other.ended > new.began] if self._present else []
         for other in present:
@@ -117,43 +117,43 @@ class Medium:
         return any(each.source == "drive" and each.began <= now < each.ended for each in self._present)
 
     def cut_off(self, sender: VirtualDrive, now: float) -> None:
-        """Break off what this drive is sending."""
+        """Break off the present transmission of this drive."""
         for transmission in self._present:
             if transmission.sender is sender:
                 transmission.cut_off(now)
 
 
 class Receiver:
-    """What the master's port has heard, and what it is hearing.
+    """The receiving side of the master's port.
 
-    agreed: by the identity of a drive, the settings that a master shares with it whose own ones are not known.
+    agreed: settings that the master shares with each drive, by the drive's `id`, for a master with unknown settings.
     """
 
     def __init__(self, agreed: Mapping[int, LineSettings]) -> None:
         self.settings: LineSettings | None = LineSettings()
-        """The master's; None where they are not known."""
+        """Line settings of the master; None if unknown."""
         self._agreed = agreed
         self._audible: list[Transmission] = []
         self._inbox = bytearray()
 
     @property
     def heard(self) -> int:
-        """How many characters wait to be taken."""
+        """Number of characters that wait to be taken."""
         return len(self._inbox)
 
     @property
     def due(self) -> float:
-        """When the next transmission has been heard whole; infinite if nothing is coming."""
+        """Time at which the next transmission is complete; infinite if there is none."""
         return min([sent.ended for sent in self._audible]) if self._audible else math.inf
 
     def add(self, sent: Transmission, now: float) -> None:
-        """Hear a transmission that begins."""
+        """Begin to hear a transmission."""
         self._audible.append(sent)
         if len(self._audible) > _MOST_AUDIBLE:
             self.listen(now)
 
     def listen(self, now: float) -> None:
-        """Move what has come by now into the inbox."""
+        """Move the characters heard by this time into the inbox."""
         if not self._audible:
             return
         over = False
@@ -163,7 +163,7 @@ class Receiver:
             elif sent.settings == self._ear_for(sent):
                 whole = sent.out_by(now)
             else:
-                # What other settings make of it shows in one piece.
+                # Characters with other settings can only be converted once the transmission is complete.
                 continue
             if whole > sent.taken:
                 sound = sent.sound(sent.taken, whole)
@@ -174,14 +174,14 @@ class Receiver:
             self._audible = [sent for sent in self._audible if sent.ended > now]
 
     def take(self) -> bytes:
-        """Return what has been heard."""
+        """Return the characters heard, and empty the inbox."""
         data = bytes(self._inbox)
         self._inbox.clear()
         return data
 
     def ready_at(self, missing: int) -> float:
-        """Return when so many more characters are there, or the next step towards it; never if nothing is coming."""
-        # Of several that speak at once each character counts.
+        """Return the time at which this many more characters, or a part of them, will be there; infinity if none."""
+        # With several senders at the same time each character must be checked.
         step = missing if len(self._audible) == 1 else 1
         return min(
             (
@@ -192,7 +192,7 @@ class Receiver:
         )
 
     def _ear_for(self, sent: Transmission) -> LineSettings:
-        """Return the settings with which the master hears this."""
+        """Return the settings with which the master hears this transmission."""
         if self.settings is not None:
             return self.settings
         return sent.settings if sent.sender is None else self._agreed[id(sent.sender)]

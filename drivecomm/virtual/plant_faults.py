@@ -19,9 +19,10 @@ if TYPE_CHECKING:
 
 
 class TelegramDisturbance:
-    """Disturbs the telegrams that a fault names. met: how many of them there were; happened: how many it disturbed.
+    """Disturbs the telegrams that a fault selects.
 
-    speed: seconds of the process for each second of the line.
+    met: number of selected telegrams. happened: number of disturbed ones. speed: seconds of the process per second of
+    the line.
     """
 
     def __init__(self, fault: TelegramFault, speed: float) -> None:
@@ -44,13 +45,13 @@ class TelegramDisturbance:
         return f"fault: {', '.join(filter(None, (sort, which)))}; happened: {self.happened} of {self.met}"
 
     def request(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
-        """Return what arrives of a request."""
+        """Return the parts of a request that arrive, as delays and bytes."""
         if self.fault.drive or self.fault.of not in (None, "request"):
             return [(0.0, data)]
         return self._disturbed(data, now)
 
     def reply(self, data: bytes, drive: VirtualDrive, now: float) -> Sequence[tuple[float, bytes]]:
-        """Return what arrives of a reply."""
+        """Return the parts of a reply that arrive, as delays and bytes."""
         if not isinstance(drive, PlantedDrive) or not self._means(drive):
             return [(0.0, data)]
         return self._disturbed(data, now)
@@ -80,16 +81,16 @@ class TelegramDisturbance:
 
 
 PERIOD_S = 0.1
-"""How often a condition is looked at, in seconds of the process."""
+"""Interval for checking a condition, in seconds of the process."""
 
 _SHORTEST_S = 0.01
-"""The same on the line, however fast the process goes."""
+"""Shortest interval for checking a condition, in seconds of the line, at any speed of the process."""
 
 
 class ConditionWatch:
-    """Looks at the parameter while the drive has power. Raises UsageError where it holds no number.
+    """Makes a drive trip when its parameter meets a condition while the drive has power.
 
-    speed: seconds of the process for each second of the line.
+    speed: seconds of the process per second of the line. Raises UsageError if the parameter does not hold a number.
     """
 
     def __init__(
@@ -103,7 +104,7 @@ class ConditionWatch:
         self._period_s = max(PERIOD_S / speed, _SHORTEST_S)
         self._true_since: float | None = None
         self._has_tripped = False
-        # Refused before it is asked for, lest the drive remembers the refusal as an error.
+        # A bad parameter must fail here, because the drive would record a refused read as an error.
         drive.peek(condition.parameter, line.time)
         self._value()
         line.call_at(line.time, self._look)

@@ -1,4 +1,4 @@
-"""Recording what is on the lines of a served plant, as a capture file that `sniff` and `replay` read."""
+"""Recording of the lines of a served plant, as a capture file that `sniff` and `replay` read."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _LOGGER = logging.getLogger("drivecomm.capture")
 
 
 class PlantRecord:
-    """A capture of all lines of a plant, from when it is entered; a context manager. An existing file is replaced.
+    """A capture of all lines of a plant, as a context manager. An existing file is replaced.
 
-    Enter it when the clocks of the lines begin. A disk that is full does not end the serving: what is missing is logged
-    to `drivecomm.capture`. Raises UsageError and FileFormatError for a file that cannot be.
+    Enter it when the clocks of the lines start. A full disk does not stop the server: missing pieces are logged to
+    `drivecomm.capture`. Raises UsageError and FileFormatError if the file cannot be written.
     """
 
     def __init__(self, plant: VirtualPlant, path: Path) -> None:
@@ -62,7 +62,7 @@ class PlantRecord:
             _LOGGER.warning("%s", self._gaps.summary)
 
     def _add(self, line: str, sent: Transmission) -> None:
-        # A master that tells no settings is taken to use those of each drive.
+        # A master without known settings counts as using those of each drive.
         settings = None if sent.agreed or sent.settings == self._settings else sent.settings
         source = sent.source if sent.source in ("master", "drive") else "unknown"
         piece = Piece(time_s=sent.ended, data=sent.data, source=source, line=line, settings=settings)

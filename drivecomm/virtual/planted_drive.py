@@ -1,4 +1,4 @@
-"""A virtual drive of a plant: its process has a clock of its own, and its answers can be made to lie."""
+"""A virtual drive of a plant, whose process has its own clock and whose answers can be falsified."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
 
 class PlantedDrive(DriveProxy):
-    """A drive as its line sees it; `inner` is the protocol's own virtual drive, another one after a factory reset.
+    """A drive as its line sees it. `inner` is the protocol's virtual drive, which a factory reset replaces.
 
-    Times are seconds of the line; the process inside goes `speed` times as fast. asked: the last request that it
-    answered. requests, replies, damaged: how many it heard or sent, requests by their kind. Making one raises
-    UsageError for what cannot be, with the drive's name. motor: the motor's time is that of the process. Some drives
-    keep their address in a parameter.
+    Times are seconds of the line; the process inside runs `speed` times as fast, and so does the time of `motor`.
+    asked: the last request that the drive answered. requests: number of requests to it, by kind. replies: number of its
+    replies. damaged: number of damaged telegrams that it heard. The address may change, because some drives keep it in
+    a parameter. Raises UsageError for invalid settings, with the drive's name.
     """
 
     def __init__(
@@ -63,22 +63,22 @@ class PlantedDrive(DriveProxy):
 
     @property
     def rules(self) -> LineRules:
-        """What a master has to keep to with it."""
+        """The rules that a master must keep with this drive."""
         return self.type.rules(self.name, drive=self, needs_pause_s=self.needs_pause_s)
 
-    # What the line needs of it
+    # Interface to the line
 
     @property
     def name(self) -> str:
-        """What the plant calls it."""
+        """The name of the drive in the plant."""
         return self.planned.name
 
     def time_of(self, now: float) -> float:
-        """Return the time of its process."""
+        """Return the time of the process."""
         return now * self._speed
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
-        """Act on a request."""
+        """Count a telegram and deliver it to the drive; return its reply, None for silence."""
         if not isinstance(find, Framed):
             self.damaged += 1
         elif is_for(self.type.plugin, self.inner, find.message):
@@ -95,25 +95,28 @@ class PlantedDrive(DriveProxy):
         return reply
 
     def poke(self, parameter: str, raw: int | str) -> None:
-        """Set what it holds, unless a master could then not read it. Raises UsageError."""
-        # Tried on another drive: one that holds what makes no telegram would never speak again.
+        """Set a parameter, unless a master could then no longer read it. Raises UsageError."""
+        # Try the value on a spare drive: a value that fits no telegram would silence the drive for ever.
         self._try(self.type.new(), parameter, raw)
         self.inner.poke(parameter, raw)
 
-    # What a plant needs beyond that
+    # Interface to the plant
 
     @property
     def purpose(self) -> str:
-        """Intent of the last request that it answered: read, write or command; empty if its protocol does not say."""
+        """Intent of the last answered request: read, write or command; empty if the protocol defines none."""
         tell = self.type.plugin.intent
         return "" if tell is None or self.asked is None else tell(self.asked).access or "command"
 
     def read(self, parameter: str, now: float) -> Reading:
-        """Return what a master would read now, if nothing is stuck. Raises UsageError, DriveError or ReplyError."""
+        """Return the reading that a master would get now if no answer were stuck.
+
+        Raises UsageError, DriveError or ReplyError.
+        """
         return carry_out(self._operations.read(parameter), self.inner, self._codec, self.time_of(now))
 
     def become_as_new(self, now: float) -> None:
-        """Take back the factory settings: of the line, and of all parameters. The motor stays the same one."""
+        """Restore the factory settings of the line and of all parameters. The motor data of the plant still apply."""
         fresh = self._around(self.name, self.type.new(self.type.factory_facts))
         self.planned.fit(fresh.motor)
         fresh.motor.advance(self.time_of(now))
@@ -125,7 +128,7 @@ class PlantedDrive(DriveProxy):
             carry_out(self._operations.read(parameter), spare, self._codec, 0.0)
             is_read = True
         except (DriveError, NoReplyError):
-            # Not to be read by anybody, whatever it holds.
+            # No master can read this parameter, whatever its value.
             is_read = False
         try:
             spare.poke(parameter, raw)
@@ -133,20 +136,23 @@ class PlantedDrive(DriveProxy):
             if is_read:
                 carry_out(self._operations.read(parameter), spare, self._codec, 0.0)
         except NoReplyError:
-            # It has another address from now on.
+            # The value has changed the address of the drive, so it no longer answers at the old one.
             return
         except (DriveCommError, ValueError, TypeError, ArithmeticError) as error:
             raise ValueRefusedError(f"parameter {parameter} cannot hold {raw!r}: {error}") from error
 
     def stick(self, parameter: str, value: float | str) -> StuckAnswer:
-        """Return what answers reads of a parameter with this value, once it is begun. Raises UsageError."""
+        """Return an object that answers reads of a parameter with this value once `begin` is called.
+
+        Raises UsageError.
+        """
         return StuckAnswer(self.type, self.inner, parameter, value)
 
     def begin(self, stuck: StuckAnswer) -> None:
-        """Answer with the stuck value from now on."""
+        """Answer reads of the parameter with the stuck value from now on."""
         self.end(stuck.parameter)
         self._stuck.append(stuck)
 
     def end(self, parameter: str) -> None:
-        """Answer with what there is again."""
+        """Answer reads of the parameter with its real value again."""
         self._stuck = [stuck for stuck in self._stuck if stuck.parameter != parameter]

@@ -1,4 +1,4 @@
-"""The master's end of a virtual line, as a port: its clock is the line's, and waiting costs nothing."""
+"""The master's end of a virtual line as a port, whose clock is the line's and whose waiting takes no real time."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ if TYPE_CHECKING:
 
 
 class PortLine(Protocol):
-    """A line whose time passes while its master waits, as `drivecomm.virtual.VirtualLine` says."""
+    """A line whose time passes while its master waits, such as `drivecomm.virtual.VirtualLine`."""
 
     time: float
     paced: bool
     broken: bool
 
-    def configure(self, settings: LineSettings) -> None: ...  # noqa: D102 - as the line says
+    def configure(self, settings: LineSettings) -> None: ...  # noqa: D102 - documented in VirtualLine
     def transmit(self, data: bytes) -> None: ...  # noqa: D102
     def receive(self, until: float, at_least: int) -> bytes: ...  # noqa: D102
     def take(self) -> bytes: ...  # noqa: D102
@@ -53,30 +53,30 @@ class VirtualPort:
         return ""
 
     def write(self, data: bytes) -> None:
-        """Send."""
+        """Send bytes."""
         self._check()
         self._line.transmit(data)
 
     def read(self, until: float, at_least: int) -> bytes:
-        """Let time pass until this many bytes have come, or until then."""
+        """Pass time until this many bytes have arrived, or until the given time; return the bytes."""
         self._check()
         return self._line.receive(until, at_least)
 
     def wait(self, until: float) -> None:
-        """Let time pass."""
+        """Pass time until the given time."""
         self._check()
         self._line.pass_time(until)
 
     def take(self) -> bytes:
-        """Return what has come by now; no time passes."""
+        """Return the bytes that have arrived by now; no time passes."""
         self._check()
         return self._line.take()
 
     def hold_back(self, at_least: int) -> None:
-        """Nothing to hold back: there is no descriptor."""
+        """Do nothing, because there is no descriptor."""
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Do nothing, because the port holds no resources."""
 
     def _check(self) -> None:
         if self._line.broken:

@@ -1,4 +1,4 @@
-"""A pseudo-terminal under a chosen name, for programs that open a serial port of this machine."""
+"""A pseudo-terminal with a chosen path, for programs that open a serial port of this machine."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 
 _CHUNK = 512
 _UNSET = 38400
-"""The speed of a pseudo-terminal that nobody has set up."""
+"""Initial speed of a pseudo-terminal."""
 _BAUD_RATES = {
     code: int(name[1:]) for name, code in vars(termios).items() if name.startswith("B") and name[1:].isdigit()
 }
 
 
 class PtyListener:
-    """A symbolic link to a pseudo-terminal. Masters may open and close it as often as they like."""
+    """A symbolic link to a pseudo-terminal. Masters may open and close it repeatedly."""
 
     settings = None
 
@@ -37,19 +37,19 @@ class PtyListener:
 
     @property
     def address(self) -> str:
-        """The path to open."""
+        """The path of the link."""
         return str(self._path)
 
     @property
     def descriptor(self) -> int | None:
-        """Our side of the pseudo-terminal."""
+        """The descriptor of our side of the pseudo-terminal; None when closed."""
         return None if self._ours < 0 else self._ours
 
     @property
     def told_settings(self) -> Mapping[str, Any]:
-        """Speed and stop bits that a master has set; nothing as long as the speed is that of a new pseudo-terminal.
+        """Speed and stop bits set by the master; empty while the speed is that of a new pseudo-terminal.
 
-        Linux tells no more of the other side: 7E1 reads as 8 data bits without parity.
+        Linux shows nothing else of the other side: 7E1 reads as 8 data bits without parity.
         """
         if self._theirs < 0:
             return {}
@@ -60,12 +60,12 @@ class PtyListener:
         return {"baudrate": baudrate, "stopbits": 2 if control & termios.CSTOPB else 1}
 
     def open(self) -> None:
-        """Make the pseudo-terminal and the link. Raises PortError."""
+        """Create the pseudo-terminal and the link. Raises PortError."""
         try:
-            # A new terminal may get the number of the one that a link left behind leads to.
+            # Remove an old link first: the new terminal may get the number to which the old link still points.
             self._make_room()
             self._ours, self._theirs = os.openpty()
-            # Held open, so that a master that closes it does not end it, and raw, for masters that never set it up.
+            # Keep it open, so that it survives a master's close, and raw, for masters that never configure it.
             tty.setraw(self._theirs)
             self._terminal = os.ttyname(self._theirs)
             os.set_blocking(self._ours, False)
@@ -83,7 +83,7 @@ class PtyListener:
             raise
 
     def receive(self, wait_s: float) -> bytes:
-        """Return what a master sent."""
+        """Return bytes from a master, after waiting up to `wait_s` seconds."""
         if self._selector is None or not self._selector.select(wait_s):
             return b""
         try:
@@ -92,13 +92,13 @@ class PtyListener:
             return b""
 
     def send(self, data: bytes) -> None:
-        """Send; what does not fit because nobody reads is lost."""
+        """Send bytes; those that do not fit because no master reads are lost."""
         if self._selector is not None:
             with contextlib.suppress(BlockingIOError):
                 os.write(self._ours, data)
 
     def close(self) -> None:
-        """Remove the link, if it is still ours, and close the pseudo-terminal."""
+        """Remove the link, if it still points to our terminal, and close the pseudo-terminal."""
         if self._terminal:
             with contextlib.suppress(OSError):
                 if str(self._path.readlink()) == self._terminal:
@@ -113,13 +113,13 @@ class PtyListener:
         self._ours = self._theirs = -1
 
     def _make_room(self) -> None:
-        """Remove the dangling link of a server that was killed."""
+        """Remove the dangling link of a server that was killed. Raises PortError if the path is in use."""
         if not self._path.exists():
             self._path.unlink(missing_ok=True)
             return
         if not self._path.is_symlink():
             raise PortError(f"{self._path} exists and is not a symbolic link; choose another path, or remove it")
-        # Only those who find the place taken load what looks through the processes of the machine.
+        # The import that searches the processes of the machine happens only if the path is in use.
         from drivecomm.transport import server_of_terminal
 
         server = server_of_terminal(str(self._path)) or "another program"

@@ -1,7 +1,7 @@
-"""Rehearsing a poll plan: virtual drives with the same addresses and line facts carry it out in virtual time.
+"""Rehearsal of a poll plan by virtual drives with the same addresses and line facts, in virtual time.
 
-What is measured is exact for these drives: their telegrams have the lengths of the real ones, and the link waits as it
-does on a real line. Where a drive answers earlier or later than its virtual double, say its reply delay.
+The result is exact for these drives: their telegrams have the lengths of the real ones, and the link waits as on a real
+line. If a real drive answers earlier or later than its virtual double, give its reply delay.
 """
 
 from __future__ import annotations
@@ -32,21 +32,21 @@ if TYPE_CHECKING:
     from drivecomm.protocol import DriveConfig, LineSettings, Model
 
 _ROUNDS = 3
-"""Rounds until the line goes round as it will for ever: the first one begins on an idle line."""
+"""Number of rounds to rehearse; only the last one counts, because the first one begins on an idle line."""
 
 _MOST_READS = 4000
-"""A rehearsal of periods ends after so many, however long the longest period is."""
+"""Largest number of reads in a rehearsal of periods, however long the longest period is."""
 
 _PERIODS = 6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conditions:
-    """What holds on a line beside its drives' own facts.
+    """Conditions on a line in addition to the facts of its drives.
 
-    facts: line facts for all drives, as `open_bus` takes them. guard_s: quiet time after a change of line settings.
-    reply_delay_s: of drives for which the plan names none; the virtual drives' own if absent. room: the share of the
-    line's time that a plan shall leave free, for commands and repetitions.
+    facts: line facts for all drives, as in `open_bus`. guard_s: quiet time after a change of line settings.
+    reply_delay_s: reply delay of drives for which the plan gives none; None for that of the virtual drives. room: share
+    of the line's time that a plan must leave free for commands and repetitions.
     """
 
     facts: Mapping[str, Any]
@@ -63,17 +63,17 @@ class Conditions:
 
     @property
     def most(self) -> float:
-        """The share of the line's time that a plan may need."""
+        """The largest share of the line's time that a plan may need."""
         return 1 - self.room
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shares:
-    """Where the time of an item went, in seconds.
+    """The time that an item takes, divided by cause, in seconds.
 
-    wire_s: characters on the line, requests and replies. delay_s: the drive's, from a request to its reply. pause_s:
-    what the protocol's pauses and the guard time after new line settings keep the line quiet, before this item speaks
-    and inside it. rest_s: everything else, such as waiting for an answer that does not come.
+    wire_s: characters on the line, requests and replies. delay_s: the drive's delay from a request to its reply.
+    pause_s: silence for the protocol's pauses and for the guard time after new line settings, before this item and
+    inside it. rest_s: all other time, such as waiting for an answer that does not come.
     """
 
     wire_s: float = 0.0
@@ -83,16 +83,16 @@ class Shares:
 
     @property
     def seconds(self) -> float:
-        """All of it."""
+        """The total time in seconds."""
         return self.wire_s + self.delay_s + self.pause_s + self.rest_s
 
     @property
     def by_name(self) -> dict[str, float]:
-        """All of it and its parts, as a forecast names them."""
+        """The total and its parts, under the names that a forecast uses."""
         return {"seconds": self.seconds, **asdict(self)}
 
     def of(self, number: int) -> Shares:
-        """Return what each of so many items has of it that one telegram reads."""
+        """Return the part of each item if one telegram reads this number of items."""
         return Shares(**{name: share / number for name, share in asdict(self).items()})
 
     def __add__(self, other: Shares) -> Shares:
@@ -103,7 +103,7 @@ class Shares:
 class Round:
     """One round of a plan on a busy line.
 
-    shares: of each read, in order. causes: why it cannot be read, empty where it can. settings: of each drive.
+    shares: of each read, in order. causes: reason why each read fails, empty if it succeeds. settings: of each drive.
     """
 
     shares: Sequence[Shares]
@@ -113,7 +113,10 @@ class Round:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pace:
-    """How a read keeps its period. every_s: how often it was asked. late_s: at worst. missed: periods not asked."""
+    """The regularity of a read. every_s: actual interval. late_s: largest lateness.
+
+    missed: number of periods without a read.
+    """
 
     every_s: float
     late_s: float
@@ -122,9 +125,9 @@ class Pace:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Course:
-    """How a plan goes with its periods: the pace of each read, and the share of the time in which the line is busy.
+    """The regularity of all reads of a plan, and the share of the time in which the line is busy.
 
-    Reads without a period do not count as busy; they take what is left.
+    Reads without a period do not count as busy; they use the free time.
     """
 
     paces: Sequence[Pace]
@@ -132,7 +135,7 @@ class Course:
 
 
 def rehearse_round(plan: Plan, conditions: Conditions) -> Round:
-    """Carry out the reads of a plan one after the other and measure a round, once the line has found its stride."""
+    """Carry out the reads of a plan one after the other, and measure a round in the steady state."""
     ledger = _Ledger()
     with _line(plan, conditions, ledger.events.append) as bus:
         items = plan.items(lambda drive: AskedDrive(drive.build(bus.drive)))
@@ -149,7 +152,7 @@ def rehearse_round(plan: Plan, conditions: Conditions) -> Round:
 
 
 def _causes(turn: PollItem[AskedDrive] | PollBlock[AskedDrive]) -> list[str]:
-    """Read an item, or those of a block; return why each cannot be read, empty where it can."""
+    """Read an item, or those of a block; return the reason why each read fails, empty if it succeeds."""
     try:
         if isinstance(turn, PollBlock):
             came = turn.drive.read_many(turn.parameters)
@@ -161,7 +164,7 @@ def _causes(turn: PollItem[AskedDrive] | PollBlock[AskedDrive]) -> list[str]:
 
 
 def rehearse_periods(plan: Plan, conditions: Conditions) -> Course:
-    """Carry out a plan with its periods, for some of the longest, and tell how each read keeps its own."""
+    """Carry out a plan with its periods, for six times the longest; return the regularity of each read."""
     longest = max(read.period_s for read in plan.reads) or 1.0
     asked: list[list[float]] = [[] for _ in plan.reads]
     late = [0.0] * len(plan.reads)
@@ -172,13 +175,13 @@ def rehearse_periods(plan: Plan, conditions: Conditions) -> Course:
         began = result.due_s + result.late_s
         asked[number].append(began)
         if settled is None:
-            # In the beginning everything is due at once.
+            # Leave out the beginning, when all reads are due at the same time.
             settled = began + min(longest, FIRST_ROUND_S)
         if began >= settled:
             late[number] = max(late[number], result.late_s)
             missed[number] += result.missed
             if not counted or counted[-1][0] != began:
-                # What one telegram has read took its time once.
+                # Count the time of a telegram that reads several items once.
                 counted.append((began, result.took_s if plan.reads[number].period_s else 0.0))
     paces = [
         Pace(every_s=_interval(times) if lost or worst >= read.period_s else read.period_s, late_s=worst, missed=lost)
@@ -188,14 +191,14 @@ def rehearse_periods(plan: Plan, conditions: Conditions) -> Course:
 
 
 def _busy(reads: Sequence[tuple[float, float]]) -> float:
-    """Return the share of the time that reads take, by when they begin and how long they last."""
+    """Return the share of the time that reads take. reads: the start and the duration of each."""
     if len(reads) < 2:
         return 0.0
     return sum(took_s for _, took_s in reads[:-1]) / (reads[-1][0] - reads[0][0])
 
 
 def prepared(plan: Plan) -> Plan:
-    """Return a plan with its models loaded, so that each file is read once. Raises UsageError for one that is none."""
+    """Return a plan with its models loaded, so that each file is read once. Raises UsageError for an invalid model."""
 
     def loaded(drive: DriveConfig) -> DriveConfig:
         model = drive.options.get("model")
@@ -207,12 +210,12 @@ def prepared(plan: Plan) -> Plan:
 
 
 def _carried_out(plan: Plan, conditions: Conditions, duration_s: float) -> Iterator[tuple[int, PollResult]]:
-    """Yield results, each with the place of its read in the plan."""
+    """Yield the results, each with the position of its read in the plan."""
     with _line(plan, conditions, None) as bus:
         items = plan.items(lambda drive: AskedDrive(drive.build(bus.drive)))
         places = {item: place for place, item in enumerate(items)}
-        # Just after opening every reply is listened out, and so is the first of each drive; a plan that runs for days
-        # does not show that.
+        # Just after opening, and at the first exchange with each drive, the link listens longer to every reply.
+        # A plan that runs for days does not show this, so leave that time out.
         bus.sleep_until(bus.now() + CAREFUL_S)
         for item in items:
             _causes(item)
@@ -226,7 +229,7 @@ def _line(plan: Plan, conditions: Conditions, trace: Callable[[TraceEvent], None
 
 
 def _double(plan: Plan, drive: DriveConfig, conditions: Conditions) -> PlantedDrive:
-    """Return a virtual drive that holds all that the plan reads of it, and nothing else that a plant says."""
+    """Return a virtual drive that has all parameters the plan reads, without the faults and values of a plant."""
     model = _model(drive, [read for read in plan.reads if read.drive == drive])
     delay_s = conditions.reply_delay_s if drive.reply_delay_s is None else drive.reply_delay_s
     return PlantedDrive(
@@ -235,7 +238,7 @@ def _double(plan: Plan, drive: DriveConfig, conditions: Conditions) -> PlantedDr
 
 
 def _model(drive: DriveConfig, reads: Sequence[PollItem[DriveConfig]]) -> Model:
-    """Return the drive's model, with the parameters that it lacks: without them a drive would refuse, not answer."""
+    """Return the drive's model plus the parameters that it lacks; otherwise the drive would refuse these reads."""
     plugin = installed[drive.protocol]
     model = load_model(plugin.package, drive.protocol, drive.options.get("model") or plugin.default_model)
     readable = [info for info in model.parameters.values() if "r" in info.access]
@@ -249,7 +252,7 @@ def _model(drive: DriveConfig, reads: Sequence[PollItem[DriveConfig]]) -> Model:
             usual = Counter(info.type for info in readable).most_common(1)[0][0]
             type_ = given if isinstance(given, str) and given else usual
             one = ParameterInfo(address=address, name=f"planned_{len(added)}", title=address, type=type_)
-            # Addresses that are none are left to the read.
+            # An invalid address is reported by the read itself.
             with suppress(ValueError, KeyError):
                 virtual_drive(drive.protocol, drive.address, model=_with(model, {address: one}))
                 added[address] = one
@@ -261,14 +264,14 @@ def _with(model: Model, added: Mapping[str, ParameterInfo]) -> Model:
 
 
 class _Ledger:
-    """Assigns the time on a line to the items that use it, from the bus's trace."""
+    """Assigns the time on a line to the items that use it, from the trace of the bus."""
 
     def __init__(self) -> None:
         self.events: list[TraceEvent] = []
         self._quiet_s = 0.0
 
     def close(self, settings: LineSettings, ended_s: float) -> Shares:
-        """Return what the item took that has just ended; what it left on the wire is its own."""
+        """Return the time of the item that has just ended; bytes still on the wire count for it."""
         wire = delay = pause = rest = 0.0
         at, open_request = self._quiet_s, False
         for event in self.events:

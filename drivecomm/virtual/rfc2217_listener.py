@@ -1,4 +1,4 @@
-"""A serial server with line settings (RFC 2217): what a master sets is what the drives hear it with."""
+"""A serial server with line settings (RFC 2217): drives hear the master with the settings that it sets."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from typing import Any
 from drivecomm.protocol import LineSettings
 from drivecomm.virtual.tcp_listener import TcpListener
 
-# A subnegotiation of RFC 2217 has six bytes at most, and a signature that nobody needs longer than this.
+# A subnegotiation of RFC 2217 has at most six bytes, and no signature needs to be longer than this.
 _LONGEST_NEGOTIATION = 256
 
 
 class Rfc2217Listener(TcpListener):
-    """Telnet with RFC 2217 over TCP, for one master after the other."""
+    """Telnet with RFC 2217 over TCP, for one master at a time."""
 
     scheme = "rfc2217"
 
     def __init__(self, host: str, port: int) -> None:
         super().__init__(host, port)
-        # Only what touches a port loads pyserial when it is imported.
+        # A deferred import: pyserial is loaded only by modules that use a port.
         from serial.rfc2217 import PortManager
 
         self._negotiation: Any = PortManager
@@ -29,16 +29,16 @@ class Rfc2217Listener(TcpListener):
 
     @property
     def settings(self) -> LineSettings | None:
-        """What the master has set; None as long as it has set nothing, as a plain telnet client never does."""
+        """The settings of the master; None until it sets any, which a plain telnet client never does."""
         return self._line.settings
 
     def send(self, data: bytes) -> None:
-        """Send to the master, protected from being taken for a telnet command."""
+        """Send bytes to the master, escaped so that none reads as a telnet command."""
         if self._telnet is not None:
             super().send(b"".join(self._telnet.escape(data)))
 
     def write(self, data: bytes) -> None:
-        """Send what the negotiation itself has to say; its side calls this."""
+        """Send bytes of the negotiation itself; called by pyserial's side of it."""
         super().send(bytes(data))
 
     def _arrived(self) -> None:
@@ -54,7 +54,7 @@ class Rfc2217Listener(TcpListener):
         try:
             characters = b"".join(telnet.filter(data))
         except (KeyError, TypeError, ValueError, struct.error):
-            # pyserial's side of the negotiation stumbles over commands that no client of RFC 2217 sends.
+            # pyserial's negotiation fails on commands that no RFC 2217 client sends.
             self._disconnect()
             return b""
         if telnet.suboption is not None and len(telnet.suboption) > _LONGEST_NEGOTIATION:
@@ -64,7 +64,7 @@ class Rfc2217Listener(TcpListener):
 
 
 class _Setting:
-    """One of the line settings, as pyserial gets and sets it; one that drives do not have is a ValueError."""
+    """One line setting as an attribute for pyserial. Raises ValueError for a value that drives do not support."""
 
     def __set_name__(self, owner: type[PretendedPort], name: str) -> None:
         self._name = name
@@ -77,7 +77,7 @@ class _Setting:
 
 
 class PretendedPort:
-    """What pyserial's server side needs of a serial port: line settings that can be set, control lines that cannot."""
+    """The parts of a serial port that pyserial's server uses: adjustable line settings, fixed control lines."""
 
     baudrate, bytesize, parity, stopbits = _Setting(), _Setting(), _Setting(), _Setting()
     cts = dsr = cd = True
@@ -85,12 +85,12 @@ class PretendedPort:
 
     def __init__(self) -> None:
         self.settings: LineSettings | None = None
-        # Taken and of no consequence on a virtual line.
+        # pyserial may set these; they have no effect on a virtual line.
         self.xonxoff = self.rtscts = self.break_condition = False
         self.dtr = self.rts = True
 
     def reset_input_buffer(self) -> None:
-        """Nothing is kept back here."""
+        """Do nothing, because there is no input buffer."""
 
     def reset_output_buffer(self) -> None:
-        """Nothing is kept back here."""
+        """Do nothing, because there is no output buffer."""

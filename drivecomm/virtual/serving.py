@@ -1,4 +1,4 @@
-"""Virtual drives and plants in real time, for programs outside: over a pseudo-terminal, TCP or RFC 2217.
+"""Virtual drives and plants in real time for other programs, over a pseudo-terminal, TCP or RFC 2217.
 
 with Server([virtual_drive("vabus", 1)], parse_listen("tcp:127.0.0.1:0")) as server:
     print(server.address)
@@ -28,17 +28,17 @@ if TYPE_CHECKING:
     from drivecomm.virtual.listeners import Listener
     from drivecomm.virtual.virtual_plant import VirtualPlant
 
-# How late a stop may be noticed.
+# Longest delay until a stop is noticed.
 _TICK_S = 0.1
 _ROOM_S = 0.5
-"""What a master has sent ahead, in seconds on the wire, before no more is taken from it; the rest waits on its side."""
+"""Limit for data that a master sends ahead, in seconds on the wire; further data waits on the master's side."""
 
 
 class ServedLine:
-    """Couples a virtual line with a listener; times are seconds of the line's own clock.
+    """Couples a virtual line with a listener. Times are seconds of the line's own clock.
 
-    What a drive says reaches the master when its last character is out. A master that sets no line settings, as over a
-    pseudo-terminal and plain TCP, is taken to use those that each drive began with.
+    A drive's transmission reaches the master when its last character has been sent. A master that sets no line
+    settings, as over a pseudo-terminal or plain TCP, counts as using those with which each drive began.
     """
 
     def __init__(self, line: VirtualLine, listener: Listener) -> None:
@@ -48,7 +48,7 @@ class ServedLine:
         line.configure(None)
         self._shows = listener if isinstance(listener, ShowsSettings) else None
         if isinstance(listener, Overheard):
-            # Prompt, and not among the recorders: they hear as the drives do.
+            # A monitor is called promptly; recorders are called late, as the drives are.
             line.monitors.append(lambda sent: listener.overhear(sent.data))
 
     @property
@@ -58,16 +58,16 @@ class ServedLine:
 
     @property
     def due(self) -> float:
-        """When the line needs attention again even if the master says nothing; infinite if it does not."""
+        """Time of the next event on the line without further data from the master; infinite if there is none."""
         return self._or_room(self.line.due)
 
     @property
     def deadline(self) -> float:
-        """The latest time for that; what happens on the line before is of no concern to its master yet."""
+        """Latest time to process due events; until then the master cannot notice them."""
         return self._or_room(self.line.silent_until)
 
     def attend(self, now: float) -> None:
-        """Take what the master has sent, at this time."""
+        """Process the bytes that the master has sent by this time."""
         data = self.listener.receive(0.0)
         self.line.pass_time(now)
         if self.listener.settings != self._settings:
@@ -80,7 +80,7 @@ class ServedLine:
         self.follow(now)
 
     def follow(self, now: float) -> None:
-        """Let the line's time pass up to now, and hand the master what it hears."""
+        """Advance the line's time to now, and send the master what it hears."""
         self.line.pass_time(now)
         heard = self.line.take()
         if heard:
@@ -95,16 +95,16 @@ class ServedLine:
 
 
 class LineServer:
-    """Any number of virtual lines, each with its listener, in one thread that wakes for events and bytes only.
+    """Server for any number of virtual lines in one thread that wakes only for events and bytes.
 
-    The lines' clocks follow the one on the wall, from the moment in which the server is entered. Entering opens the
-    listeners and the control socket, and raises PortError when one cannot be.
+    The lines' clocks follow the real clock from the moment in which the server is entered. Entering opens the listeners
+    and the control socket, and raises PortError if one of them fails.
     """
 
     def __init__(self, lines: Sequence[ServedLine], control: ControlServer | None = None) -> None:
         self.lines = lines
         self.on_tick: list[Callable[[], None]] = []
-        """Each is called ten times a second while the lines are served."""
+        """Called ten times a second while the lines are served."""
         self._control = control
         self._selector: selectors.BaseSelector | None = None
         self._watched: dict[ServedLine, int | None] = {}
@@ -115,11 +115,11 @@ class LineServer:
         self._open = ExitStack()
 
     def now(self) -> float:
-        """Return the time that the lines live in: seconds since the server was entered."""
+        """Return the time of the lines: seconds since the server was entered."""
         return time.monotonic() - self._began
 
     def run(self, stop: Event) -> None:
-        """Serve until the event is set, and a tenth of a second at most after it; may be called again."""
+        """Serve until the event is set, and up to a tenth of a second longer; may be called again."""
         while not stop.is_set():
             self._serve_once()
 
@@ -162,7 +162,7 @@ class LineServer:
                 self._look_again()
         now = self.now()
         if now - self._looked_at >= _TICK_S:
-            # Another thread may have done something to a line.
+            # Another thread may have changed a line.
             self._look_again()
         while (served := self._timers.pop(now)) is not None:
             served.follow(now)
@@ -176,7 +176,7 @@ class LineServer:
             self._timers.set(served, served.deadline)
 
     def _watch(self, served: ServedLine) -> None:
-        """Note when the line is due, and watch its master's descriptor, which comes, goes and is held back."""
+        """Set the timer of a line, and register its listener's descriptor, which can change or be held back."""
         self._timers.set(served, served.deadline)
         before, wanted = self._watched[served], served.descriptor
         if self._selector is None or before == wanted:
@@ -199,12 +199,12 @@ class LineServer:
 
 
 class Server(LineServer):
-    """Virtual drives on one line whose master is some other program.
+    """Virtual drives on one line whose master is another program.
 
-    Every drive hears everything on the line and ignores what is not for it. echo: the master hears itself, as on some
-    two-wire adapters. paced: characters take the time that they take at the drive's baud rate; a telegram then arrives
-    when its last character would have. line: the virtual line itself, the same as in virtual time; its faults can be
-    set, its drives lose power.
+    Every drive hears everything on the line and ignores telegrams to others. echo: the master hears itself, as with
+    some two-wire adapters. paced: characters take their time at the drive's baud rate; a telegram then arrives when its
+    last character would have. line: the virtual line itself, as in virtual time, for setting faults and switching
+    drives off.
     """
 
     def __init__(
@@ -216,16 +216,16 @@ class Server(LineServer):
 
     @property
     def address(self) -> str:
-        """What a master opens: a path, or a URL with the port number that was really given."""
+        """The address that a master opens: a path, or a URL with the actual port number."""
         return self.lines[0].listener.address
 
 
 class PlantServer(LineServer):
-    """Serves each line of a plant where it says `listen`, and control at HOST:PORT or unix:PATH if a place is given.
+    """Server for the lines of a plant at their `listen` addresses, with an optional control socket.
 
-    The plant's time begins when this is entered. While it runs, its thread alone may touch the plant; others give
-    orders through the control socket. Raises UsageError for a line without `listen` and for a text that
-    names no place.
+    control: HOST:PORT or unix:PATH of the control socket, empty for none. The plant's time begins when the server is
+    entered. While it runs, only its thread may use the plant; others send orders through the control socket. Raises
+    UsageError for a line without `listen` and for an invalid control address.
     """
 
     def __init__(self, plant: VirtualPlant, *, control: str = "") -> None:
@@ -247,12 +247,12 @@ class PlantServer(LineServer):
 
     @property
     def addresses(self) -> dict[str, str]:
-        """What a master opens, by the name of the line."""
+        """The address that a master opens, by the name of the line."""
         return {name: served.listener.address for name, served in self._served.items()}
 
     @property
     def control(self) -> str:
-        """Where the control socket is; empty if there is none."""
+        """The address of the control socket; empty if there is none."""
         return self._control.address if self._control else ""
 
     def _be_now(self) -> None:

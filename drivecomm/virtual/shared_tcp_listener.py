@@ -1,4 +1,4 @@
-"""Raw bytes over TCP for one master and any number of listeners, who hear the whole line and disturb nobody."""
+"""Raw bytes over TCP for one master and up to 32 read-only clients that hear the whole line."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _MOST_LISTENERS = 32
 
 
 class SharedTcpListener(TcpListener):
-    """Whoever connects listens; the first that sends while there is no master becomes the master.
+    """A TCP listener with read-only clients; the first client that sends while there is no master becomes the master.
 
-    A listener hears everything that is on the line, of master and drives alike, when its last character is out. What
-    listeners send while there is a master is thrown away, and one that does not read is disconnected.
+    A client receives everything on the line, from master and drives alike, once its last character has been sent. Bytes
+    from clients are discarded while there is a master, and a client that does not read is disconnected.
     """
 
     def __init__(self, host: str, port: int) -> None:
@@ -27,7 +27,7 @@ class SharedTcpListener(TcpListener):
         self._listeners: list[socket.socket] = []
 
     def overhear(self, data: bytes) -> None:
-        """Send what was on the line to all who listen; never waits."""
+        """Send bytes from the line to all read-only clients; never blocks."""
         for each in tuple(self._listeners):
             try:
                 is_taken = each.send(data) == len(data)
@@ -37,8 +37,8 @@ class SharedTcpListener(TcpListener):
                 self._drop(each)
 
     def receive(self, wait_s: float) -> bytes:
-        """Return what the master sent; let listeners in, and one become the master if there is none."""
-        # First, so that whoever is connected hears what is sent after that.
+        """Return bytes from the master; accept clients, and make a sending one the master if there is none."""
+        # Accept first, so that a connected client hears everything that is sent from then on.
         self._accept_next()
         data = super().receive(wait_s)
         if self._selector is None:
@@ -49,7 +49,7 @@ class SharedTcpListener(TcpListener):
         return data
 
     def close(self) -> None:
-        """Stop listening; end all connections."""
+        """Stop listening, and close all connections."""
         for each in tuple(self._listeners):
             self._drop(each)
         super().close()

@@ -1,4 +1,4 @@
-"""A virtual drive on its line: its framer, its mains switch, bytes in, its replies out."""
+"""A virtual drive on its line: its framer and mains switch, the bytes that it hears and its replies."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import Find, LineSettings, VirtualDrive, VirtualReply
 
-    # Telegrams, each with its address if it is valid and has one; between them noise for drives that take note of it.
+    # Telegrams, each with its address if it is valid and has one, and the noise between them for drives that use it.
     Telegrams: TypeAlias = list[tuple[Find, int | None]]
-    # What is certain of bytes, and those of them that are pending.
+    # For each piece of bytes: its telegrams, and the bytes of an incomplete one at its end.
     Known: TypeAlias = dict[bytes, tuple[Telegrams, bytes]]
 
-# What a drive has heard before is not looked at again: so many pieces, none longer than this.
+# Number of pieces in the cache, and the length up to which a piece is cached.
 _MOST_KNOWN = 512
 _LONGEST_KNOWN = 300
 
 
 @runtime_checkable
 class Restarts(Protocol):
-    """A virtual drive that can forget what a real one forgets without power."""
+    """A virtual drive that can lose the state that a real one loses without power."""
 
     def power_cycle(self, now: float) -> None:
-        """Switch mains off and on."""
+        """Switch the mains off and on."""
         ...
 
 
@@ -39,34 +39,34 @@ class Follows(Protocol):
     """A virtual drive that acts by itself, such as one with a watchdog."""
 
     def follow(self, now: float) -> None:
-        """Let time pass."""
+        """Act on the time that has passed."""
         ...
 
 
 @runtime_checkable
 class Overhears(Protocol):
-    """A virtual drive that takes note of telegrams to other drives."""
+    """A virtual drive that uses telegrams to other drives."""
 
     def overhear(self, now: float) -> None:
-        """Take note of a valid telegram to another drive."""
+        """Record a valid telegram to another drive."""
         ...
 
 
 @runtime_checkable
 class Mishears(Protocol):
-    """A virtual drive that takes note of characters that are no telegram to it, such as those of other protocols."""
+    """A virtual drive that uses characters which are not a telegram to it, such as those of other protocols."""
 
     def mishear(self, now: float) -> None:
-        """Take note of characters that are no telegram."""
+        """Record characters that are not a telegram."""
         ...
 
 
 @runtime_checkable
 class PassesOver(Protocol):
-    """A virtual drive that takes no notice of valid telegrams to others, beyond overhearing them.
+    """A virtual drive that ignores valid telegrams to others, except for overhearing them.
 
-    inner: the drive itself, that has the address and the settings. shared_addresses: those that are meant for others as
-    well, such as that of all drives, or of a group. overhears: see `Overhears`.
+    inner: the drive itself, with its address and settings. shared_addresses: addresses that it shares with others, such
+    as those of all drives or of a group. overhears: see `Overhears`.
     """
 
     inner: VirtualDrive
@@ -75,19 +75,19 @@ class PassesOver(Protocol):
     overhears: bool
 
     def overhear(self, now: float) -> None:
-        """Take note of a valid telegram to another drive."""
+        """Record a valid telegram to another drive."""
         ...
 
 
 @runtime_checkable
 class NeedsPause(Protocol):
-    """A virtual drive that does not hear a request which begins sooner than this after its reply."""
+    """A virtual drive that misses a request which begins sooner than this many seconds after its reply."""
 
     needs_pause_s: float
 
 
 class Answer(NamedTuple):
-    """What a drive will say, and when. number: see `Station.answering`."""
+    """A future answer of a drive, and its time. number: see `Station.answering`."""
 
     time: float
     data: bytes
@@ -97,11 +97,11 @@ class Answer(NamedTuple):
 class Station:
     """Feeds one virtual drive with everything that is heard on its line, replies of other drives included.
 
-    powered: a drive without power neither hears nor answers. pending: what has been heard of a telegram that is not
-    whole. answering: the number of the answer that the drive has in mind; an answer with a lower number is dropped.
-    answer: that answer; wakes_at: when the line comes back to it. agreed: the settings that the drive had when the line
-    was made. right_settings: those that it gets back after a power cut that changed them. deaf_until: when it hears
-    again after its own reply. known: what has been made of bytes before, by drives that read alike.
+    powered: a drive without power neither hears nor answers. pending: bytes of an incomplete telegram. answering:
+    number of the answer that the drive prepares; an answer with a lower number is dropped. answer: that answer.
+    wakes_at: time at which the line handles it. agreed: settings of the drive when the line was made. right_settings:
+    settings to restore after a power cut that changed them. deaf_until: time until which the drive hears nothing after
+    its own reply. known: cache of decoded bytes, shared by drives that decode alike.
     """
 
     def __init__(self, drive: VirtualDrive, known: Known | None = None) -> None:
@@ -122,14 +122,14 @@ class Station:
         self._settings, self._own = drive.settings, one_of(drive.settings)
 
     def received(self, data: bytes, spoken: LineSettings) -> bytes:
-        """Return what the drive reads of characters that are sent with these settings, `one_of` their equals."""
+        """Return the characters that the drive receives. spoken: settings of the sender, as returned by `one_of`."""
         settings = self.drive.settings
         if settings is not self._settings:
             self._settings, self._own = settings, one_of(settings)
         return heard(data, spoken, self._own)
 
     def hear(self, data: bytes, began: float, ended: float) -> list[VirtualReply]:
-        """Take bytes that were on the line between two times; return what the drive answers to them."""
+        """Process bytes that were on the line between two times; return the drive's answers."""
         if began < self.deaf_until:
             return []
         telegrams = self._cut_short() if self.pending and began - self._heard_at > self.drive.gap_s else []
@@ -156,7 +156,7 @@ class Station:
         return answers
 
     def passes_over(self, data: bytes) -> bool:
-        """Whether these bytes, heard behind nothing else, are whole telegrams of which the drive takes no notice."""
+        """Whether these bytes, heard on their own, are whole telegrams that the drive ignores."""
         telegrams, rest = self._telegrams(data)
         passer = self._passer
         if rest or passer is None or (passer.overhears and telegrams):
@@ -165,32 +165,32 @@ class Station:
         return all(address not in ours for _, address in telegrams)
 
     def spoke(self, ended: float) -> None:
-        """Take note of its own reply, which ends then."""
+        """Record the end of the drive's own reply."""
         self.deaf_until = ended + self._needs_pause_s
 
     def power_off(self, now: float) -> None:
-        """Take its power away: the motor coasts, and what is half heard or not yet answered is forgotten."""
+        """Switch the power off: the motor coasts, and incomplete telegrams and pending answers are dropped."""
         self.powered = False
         self.pending = b""
         self.answering += 1
         self.drive.motor.stop(Command.OFF, now)
 
     def power_on(self, now: float) -> None:
-        """Give it power; it starts as new as its virtual drive can, and keeps its parameters."""
+        """Switch the power on; parameters are kept, other state is reset if the drive supports this."""
         self.powered = True
         if isinstance(self.drive, Restarts):
             self.drive.power_cycle(now)
 
     def set_right(self) -> None:
-        """Give the drive its line settings back."""
+        """Restore the drive's line settings."""
         self.drive.settings, self.right_settings = self.right_settings or self.drive.settings, None
 
     def _telegrams(self, data: bytes) -> tuple[Telegrams, bytes]:
-        """Return the complete telegrams of these bytes, and the rest, which is pending."""
+        """Return the complete telegrams of these bytes, and the bytes of an incomplete one."""
         known = self.known.get(data)
         if known is None:
             finds = Framer(self.drive.codec, "request").feed(data)
-            # A damaged telegram is looked at again byte by byte, so its bytes are among the others.
+            # The bytes of a damaged telegram are decoded again one by one, so the other finds include them.
             done = sum(len(find.data) for find in finds if isinstance(find, Framed | Noise))
             known = self._addressed(finds), data[done:]
             if len(self.known) >= _MOST_KNOWN:
@@ -200,7 +200,7 @@ class Station:
         return known
 
     def _cut_short(self) -> Telegrams:
-        """Return what the pending bytes amount to, now that nothing follows them."""
+        """Return the finds in the pending bytes, now that the telegram has been broken off."""
         framer = Framer(self.drive.codec, "request")
         finds = [*framer.feed(self.pending), *framer.flush()]
         self.pending = b""
@@ -216,15 +216,15 @@ class Station:
 
 @lru_cache(maxsize=256)
 def one_of(settings: LineSettings) -> LineSettings:
-    """Return always the same of equal settings, so that comparing them costs nothing."""
+    """Return the same object for equal settings, so that comparing them is fast."""
     return settings
 
 
 def stations_of(drives: Iterable[VirtualDrive]) -> list[Station]:
     """Return a station for each drive of a line.
 
-    A codec may have an attribute `alike`, anything hashable: those with equal ones make the same of the same bytes, so
-    that it is found out once for all of their drives.
+    A codec may have a hashable attribute `alike`: codecs with equal values decode the same bytes alike, so that one
+    result serves all of their drives.
     """
     known: dict[Hashable, Known] = {}
     return [Station(drive, known.setdefault(getattr(drive.codec, "alike", id(drive)), {})) for drive in drives]

@@ -1,7 +1,7 @@
-"""A drive whose answers to reads of one parameter show one value, as with a sensor that is stuck.
+"""A drive whose answers to reads of one parameter always show the same value, as with a stuck sensor.
 
-Where in a reply the value stands is found by trying: the field that makes a master read something else when it is
-changed. So this works for every protocol whose replies carry a value as its readings show it.
+The field of the reply that holds the value is found by trial: a change of it changes the master's reading. So this
+works for every protocol whose replies carry a value as its readings show it.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ if TYPE_CHECKING:
 
 
 class StuckAnswer:
-    """Replaces the value that a reply to a read of this parameter carries.
+    """Replaces the value in replies to reads of one parameter.
 
-    value: a number as a master reads it, or a text as its `Reading.raw` is. Raises UsageError where the drive has no
-    such parameter, or its replies cannot carry this value.
+    value: a number as a master reads it, or a text equal to its `Reading.raw`. Raises UsageError if the drive does not
+    have the parameter, or if its replies cannot carry this value.
     """
 
     def __init__(self, kind: DriveType, drive: VirtualDrive, parameter: str, value: float | str) -> None:
         self.parameter = parameter
         self._plugin = kind.plugin
         self._codec = kind.plugin.codec(kind.options)
-        # Made anew for each purpose: what was asked before may change what is asked next.
+        # New operations for each purpose, because earlier requests may change the next one.
         self._new_operations = partial(kind.plugin.operations, kind.address, kind.options, kind.model)
         self._operations = self._new_operations()
         now = drive.motor.time
-        # What is refused here would be an error that the drive remembers.
+        # A bad parameter must fail here, because the drive would record a refused read as an error.
         drive.peek(parameter, now)
         asked = next(self._operations.read(parameter))
         reply = answer_to(asked.message, drive, self._codec, now) if isinstance(asked, Ask) else None
@@ -46,10 +46,10 @@ class StuckAnswer:
         self._content = self._content_for(reply, value)
 
     def instead_of(self, reply: VirtualReply, request: Message | None) -> VirtualReply:
-        """Return what is sent instead of this reply; the reply itself if it answers something else.
+        """Return the reply to send instead of this one; the same reply if it answers another request.
 
-        request: what it answers, for protocols whose replies do not say that; there a block of parameters that one
-        telegram reads shows all of them as they are.
+        request: the request that it answers, for protocols whose replies do not show that. There a telegram that reads
+        a block of parameters returns their real values.
         """
         if self._nameless and request != self._request:
             return reply
@@ -59,7 +59,7 @@ class StuckAnswer:
                 return reply
             changed = self._codec.encode(_with(message, self._field, self._content))
         except (DriveCommError, ValueError, TypeError, ArithmeticError):
-            # A refusal has no place for a value.
+            # A refusal has no field for a value.
             return reply
         return VirtualReply(data=changed, delay_s=reply.delay_s)
 
@@ -73,7 +73,7 @@ class StuckAnswer:
         raise UsageError(f"parameter {self.parameter} cannot be stuck: its value is not a single field of the reply")
 
     def _content_for(self, reply: Message, value: float | str) -> Any:
-        """Return what the field holds when a master reads this value."""
+        """Return the content of the field for which a master reads this value."""
         as_it_is = _in_the_form_of(getattr(reply, self._field), str(value))
         if isinstance(value, str):
             possible = [as_it_is]
@@ -90,7 +90,7 @@ class StuckAnswer:
         )
 
     def _interpolated(self, reply: Message, value: float) -> Any:
-        """Return the whole number that stands for this value where the scale is linear, None where it is not known."""
+        """Return the whole number for this value on a linear scale; None if the scale is unknown."""
         present = self._read_from(reply)
         if not isinstance(present.raw, int) or not isinstance(_single(getattr(reply, self._field)), int):
             return None
@@ -104,7 +104,7 @@ class StuckAnswer:
         return _in_the_form_of(getattr(reply, self._field), present.raw + round(steps * (other - present.raw)))
 
     def _written(self, value: float) -> Any:
-        """Return how a master would write this number, None where it cannot."""
+        """Return the content with which a master would write this number; None if it cannot."""
         for options in ({}, {"store": True}):
             try:
                 command = next(self._new_operations().write(self.parameter, Decimal(str(value)), **options))
@@ -114,7 +114,7 @@ class StuckAnswer:
         return None
 
     def _shown(self, reply: Message, name: str, content: Any) -> Reading | None:
-        """Return what a master reads when this field of the reply has another content, None if nothing."""
+        """Return the master's reading if this field of the reply had another content; None if there is none."""
         try:
             changed = self._codec.encode(_with(reply, name, content))
             message = self._codec.decode(changed, "reply")
@@ -123,12 +123,12 @@ class StuckAnswer:
             return None
 
     def _read_from(self, reply: Message) -> Reading:
-        """Return what a master reads from this reply."""
+        """Return the master's reading of this reply."""
         replies = [reply]
 
         def answer(command: Ask | Tell) -> Message | None:
             if isinstance(command, Tell):
-                # Such as the telegram that ends a conversation.
+                # For example the telegram that ends a conversation.
                 return None
             if not replies:
                 raise UsageError(f"parameter {self.parameter} cannot be stuck: its value takes more than one reply")
@@ -151,7 +151,7 @@ def _with(message: Message, name: str, content: Any) -> Message:
 
 
 def _in_the_form_of(present: Any, raw: int | str) -> Any:
-    """Return a raw value as a field like this one holds it, None where it cannot."""
+    """Return a raw value in the type of a field like this one; None if it does not fit."""
     if isinstance(present, tuple):
         only = _in_the_form_of(_single(present), raw)
         return None if only is None else (only,)
@@ -168,7 +168,7 @@ def _in_the_form_of(present: Any, raw: int | str) -> Any:
 
 
 def _single(content: Any) -> Any:
-    """Return the only value of a field that holds several, None if there are more; any other field as it is."""
+    """Return the only value of a field that holds a tuple, None if it holds more; any other field unchanged."""
     if isinstance(content, tuple):
         return content[0] if len(content) == 1 else None
     return content

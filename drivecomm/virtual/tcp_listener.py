@@ -13,17 +13,17 @@ from drivecomm.virtual.accepting import Accepting
 if TYPE_CHECKING:
     from drivecomm.protocol import LineSettings
 
-# A little at a time, so that a master who floods the line cannot keep the server from anything else.
+# Small reads, so that a master which floods the line does not block the server.
 _CHUNK = 512
 
 _AHEAD = 16384
-# No master that waits for replies has so much on its way.
+# A master that waits for replies never sends this much ahead.
 _FLOOD = 4096
 _MOST_THROWN_AWAY = 64_000_000
 
 
 class TcpListener:
-    """Raw bytes over TCP, for one master at a time: the connection of a second one is closed at once."""
+    """Raw bytes over TCP for one master at a time; further connections are closed immediately."""
 
     scheme = "socket"
 
@@ -37,30 +37,30 @@ class TcpListener:
 
     @property
     def address(self) -> str:
-        """The URL to open."""
+        """The URL that a master opens."""
         host = f"[{self._host}]" if ":" in self._host else self._host
         return f"{self.scheme}://{host}:{self._port}"
 
     @property
     def settings(self) -> LineSettings | None:
-        """None: plain TCP carries no line settings."""
+        """None, because plain TCP carries no line settings."""
         return None
 
     @property
     def descriptor(self) -> int | None:
-        """The master's connection, and the socket where the next one comes."""
+        """A descriptor that covers the master's connection and the listening socket; None when closed."""
         if self._selector is None:
             return None
         try:
-            # What waits for several descriptors has one of its own.
+            # A selector such as epoll has a descriptor of its own.
             return self._selector.fileno()  # type: ignore[attr-defined, no-any-return]
         except AttributeError:
-            # Not so on Windows: there the next one waits until the present one has gone.
+            # On Windows it has none, so the next master waits until the present one has gone.
             watched = self._master or self._server
             return None if watched is None else watched.fileno()
 
     def open(self) -> None:
-        """Listen. Raises PortError."""
+        """Listen for connections. Raises PortError."""
         try:
             family = socket.AF_INET6 if ":" in self._host else socket.AF_INET
             self._server = socket.create_server((self._host, self._port), family=family, backlog=5)
@@ -71,20 +71,20 @@ class TcpListener:
             ) from error
         self._server.setblocking(False)
         self._accepting.open()
-        # What a master sends ahead waits on its own side, not here.
+        # Bytes that a master sends ahead wait on its own side, not here.
         self._server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _AHEAD)
         self._port = self._server.getsockname()[1]
         self._selector = selectors.DefaultSelector()
         self._selector.register(self._server, selectors.EVENT_READ)
 
     def receive(self, wait_s: float) -> bytes:
-        """Return what the master sent; let one in if there is none, and turn others away."""
+        """Return bytes from the master; accept one if there is none, and refuse others."""
         if self._selector is None:
             return b""
         taken, data = (0, b"") if self._master is None or wait_s else self._take(self._master)
         if 0 < taken < _CHUNK:
             return data
-        # Nothing, or so much that it would hide for ever that somebody else comes.
+        # No bytes, or so many that new connections would never be noticed.
         ready = [key.fileobj for key, _ in self._selector.select(wait_s)]
         if self._server in ready:
             self._accept_next()
@@ -93,7 +93,7 @@ class TcpListener:
         return data
 
     def _take(self, master: socket.socket) -> tuple[int, bytes]:
-        """Return how many bytes the master has sent, and what of them is for the line; let it go when it has gone."""
+        """Return the number of bytes that the master sent, and those for the line; disconnect it if it has gone."""
         try:
             data = master.recv(_CHUNK)
         except BlockingIOError:
@@ -106,7 +106,7 @@ class TcpListener:
         return len(data), self._received(data)
 
     def send(self, data: bytes) -> None:
-        """Send to the master; one that has not read for so long that its buffer is full is disconnected."""
+        """Send bytes to the master; disconnect it if its buffer is full because it does not read."""
         if self._master is None:
             return
         try:
@@ -116,7 +116,7 @@ class TcpListener:
             self._disconnect()
 
     def close(self) -> None:
-        """Stop listening; end the master's connection."""
+        """Stop listening, and close the master's connection."""
         self._disconnect()
         if self._selector is not None:
             self._selector.close()
@@ -127,9 +127,9 @@ class TcpListener:
         self._accepting.close()
 
     def _accept_next(self) -> None:
-        """Accept the next master, or refuse it; neither while unread bytes hide whether the present one has gone.
+        """Accept or refuse the next master; do neither while unread bytes hide whether the present one has gone.
 
-        A flood is thrown away: on a line with a speed its end would come minutes after the master has gone.
+        A flood is discarded: at the speed of the line its end would come minutes after the master has gone.
         """
         if self._master is not None:
             ahead = self._sent_ahead(self._master)
@@ -148,7 +148,7 @@ class TcpListener:
             newcomer.close()
 
     def _sent_ahead(self, master: socket.socket) -> int:
-        """Return how many bytes wait to be taken, 0 when it has gone and -1 when it is there and silent."""
+        """Return the number of waiting bytes; 0 if the master has gone, -1 if it is connected and silent."""
         try:
             return len(master.recv(_AHEAD, socket.MSG_PEEK))
         except BlockingIOError:
@@ -157,7 +157,7 @@ class TcpListener:
             return 0
 
     def _throw_away(self, master: socket.socket) -> int:
-        """Take all bytes that have been sent ahead; return 0 when the master has gone and -1 when it is there."""
+        """Discard all waiting bytes; return 0 if the master has gone, -1 if it is still connected."""
         left = _MOST_THROWN_AWAY
         try:
             while left > 0 and (taken := len(master.recv(_AHEAD))):
@@ -171,7 +171,7 @@ class TcpListener:
     def _prepare(self, client: socket.socket) -> None:
         client.setblocking(False)
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        # A master that was switched off would keep the next ones out for ever otherwise.
+        # Otherwise a master that was switched off would block the next ones for ever.
         client.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
 
     def _connect(self, master: socket.socket) -> None:
@@ -192,8 +192,8 @@ class TcpListener:
         self._master = None
 
     def _arrived(self) -> None:
-        """A master has come."""
+        """Called when a master has connected."""
 
     def _received(self, data: bytes) -> bytes:
-        """Return what of the bytes that came is for the line."""
+        """Return those of the received bytes that are for the line."""
         return data

@@ -1,4 +1,4 @@
-"""Which of many things is due first."""
+"""Deadlines by key, and the earliest of them."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ Key = TypeVar("Key")
 
 
 class Timers(Generic[Key]):
-    """One deadline for each key, that can be moved at any time; infinite for one that is never due."""
+    """One movable deadline for each key; infinite for a key that is never due."""
 
     def __init__(self) -> None:
         self._deadlines: dict[Key, float] = {}
-        # Also those that have been moved since: an entry holds as long as its key has this deadline.
+        # May hold outdated entries: an entry is valid while its key still has this deadline.
         self._heap: list[tuple[float, int, Key]] = []
         self._order = 0
 
     @property
     def deadline(self) -> float:
-        """The earliest of all; infinite if there is none."""
+        """The earliest deadline; infinite if there is none."""
         heap = self._heap
         while heap and self._deadlines.get(heap[0][2], inf) != heap[0][0]:
             heapq.heappop(heap)
         return heap[0][0] if heap else inf
 
     def set(self, key: Key, deadline: float) -> None:
-        """Give a key its deadline, instead of the one that it had."""
+        """Set the deadline of a key, replacing any earlier one."""
         if self._deadlines.get(key, inf) == deadline:
             return
         self._deadlines[key] = deadline
@@ -39,7 +39,7 @@ class Timers(Generic[Key]):
                 heapq.heapify(self._heap)
 
     def pop(self, now: float) -> Key | None:
-        """Return a key whose deadline has come, and let it have none; None if there is no such one."""
+        """Return a key whose deadline has come, and clear its deadline; None if there is none."""
         if self.deadline > now:
             return None
         _, _, key = heapq.heappop(self._heap)

@@ -1,4 +1,4 @@
-"""Judging the timing and the line settings of a master, transmission by transmission."""
+"""Checks of a master's timing and line settings, transmission by transmission."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ if TYPE_CHECKING:
     from drivecomm.virtual.line_rules import Rule
     from drivecomm.virtual.medium import Transmission
 
-# Times are sums of floats.
+# Times are sums of floats, so they are compared with this tolerance.
 _EXACT_S = 1e-6
 _LONGEST_TELEGRAM = 1024
 _ABANDONED_S = 2.0
-"""After a pause of this length a telegram that was begun is given up, and not one with a gap in it."""
+"""Length of a pause, in seconds, after which an incomplete telegram counts as abandoned, not as one with a gap."""
 
 SERVED_TOLERANCE_S = 0.020
-"""How much later than it was sent a process may have read something of a line that is served in real time."""
+"""Largest delay, in seconds, with which a process may read data from a line that is served in real time."""
 
 _SEEN = "seen on the line"
-"""The source where a reply was due for certain, whatever any manual says."""
+"""Source of a limit for a reply that was certainly due, whatever a manual says."""
 
 
 def violations(
     transmissions: Iterable[Transmission], drives: Iterable[LineRules], *, tolerance_s: float = 0.0
 ) -> Iterator[Violation]:
-    """Yield what a master did wrong, in the order of its telegrams; see `TimingWatch`."""
+    """Yield the violations by a master, in the order of its telegrams; see `TimingWatch`."""
     watch = TimingWatch(drives, tolerance_s=tolerance_s)
     for sent in transmissions:
         yield from watch.take(sent)
@@ -41,7 +41,7 @@ def violations(
 
 @dataclass(slots=True)
 class _Piece:
-    """What a master sent in one piece of a telegram. ended: on a real wire, if the line gives it no duration."""
+    """Bytes of a telegram that a master sent in one piece."""
 
     sent: Transmission
     first: int
@@ -53,12 +53,12 @@ class _Piece:
 
     @property
     def ended(self) -> float:
-        """When it is out, at the earliest."""
+        """The earliest time at which its last byte has been sent."""
         return self.began + self.sent.settings.wire_s(self.length) * self._takes_time
 
     @property
     def out(self) -> float:
-        """When it is out on a wire that takes its time."""
+        """The time at which its last byte has been sent on a line with character times."""
         return self.began + self.sent.settings.wire_s(self.length)
 
     @property
@@ -68,7 +68,7 @@ class _Piece:
 
 @dataclass(slots=True)
 class _Request:
-    """The request whose reply is awaited, or the broadcast after which there is a pause."""
+    """The request whose reply is awaited, or the broadcast after which a pause is due."""
 
     drive: LineRules
     began: float
@@ -76,7 +76,7 @@ class _Request:
 
 
 class _Measured(NamedTuple):
-    """A time that a rule is about. tolerance_s: None for that of the watch."""
+    """A measured time that a rule limits. tolerance_s: None for the tolerance of the watch."""
 
     rule: Rule
     drive: LineRules
@@ -87,12 +87,13 @@ class _Measured(NamedTuple):
 
 
 class TimingWatch:
-    """Watches one line; give it the master's transmissions as they are handed over, and the drives' as they end.
+    """Watches the master of one line.
 
-    What the wire or a fault makes of a request is no concern of its sender, so a line's `on_transmit` is the source of
-    the former. A transmission without a duration, on a line that is not paced, gets the time of its characters where
-    that favours the master. tolerance_s: how late the times may be, as on a served line; a pause after a reply needs
-    none, since it can only be measured too long. Its memory does not grow.
+    It needs the master's transmissions when they are handed over, and the drives' when they end. The former come from a
+    line's `on_transmit`, because the sender is not responsible for what the wire or a fault makes of a request. A
+    transmission without a duration, on a line that is not paced, gets the time of its characters if that favours the
+    master. tolerance_s: largest error of the times, as on a served line; a pause after a reply needs none, because it
+    can only be measured too long. Its memory does not grow.
     """
 
     def __init__(self, drives: Iterable[LineRules], *, tolerance_s: float = 0.0) -> None:
@@ -111,7 +112,7 @@ class TimingWatch:
         self._renew()
 
     def take(self, sent: Transmission) -> list[Violation]:
-        """Return what the master did wrong with this transmission."""
+        """Return the violations by the master in this transmission."""
         if sent.source == "master":
             return list(self._requested(sent))
         if sent.source == "drive":
@@ -119,7 +120,7 @@ class TimingWatch:
         return []
 
     def _begin_anew(self) -> None:
-        """Forget what began a telegram and did not end it."""
+        """Discard an incomplete telegram."""
         self._pieces.clear()
         self._renew()
 
@@ -128,7 +129,7 @@ class TimingWatch:
 
     def _replies(self, sent: Transmission) -> None:
         if self._pieces and self._pieces[-1].began <= sent.began:
-            # A drive has understood what was sent, so that this was no beginning of a telegram.
+            # A drive has understood the bytes, so they were not the beginning of a telegram.
             self._begin_anew()
         due, sender = self._due, sent.sender
         if due is None or sent.began < due.began or (sender is not None and sender.address != due.drive.address):
@@ -139,7 +140,7 @@ class TimingWatch:
     # Requests
 
     def _requested(self, sent: Transmission) -> Iterator[Violation]:
-        """Yield what is wrong with the telegrams that this piece completes."""
+        """Yield the violations in the telegrams that this piece completes."""
         if self._pieces and sent.began - self._pieces[-1].out > _ABANDONED_S:
             self._begin_anew()
         self._pieces.append(_Piece(sent, 0, len(sent.data)))
@@ -156,14 +157,14 @@ class TimingWatch:
             return
         explained = sum(len(find.data) for find in found[best])
         if any(framer.held > explained for alike, framer in self._framers.items() if alike != best):
-            # What looks like a short telegram stands in a longer one of another protocol that is not whole yet.
+            # An apparent short telegram is part of a longer one of another protocol that is still incomplete.
             return
         rest = self._framers[best].held
         behind = rest + explained
         for find in found[best]:
             pieces = _cut(self._pieces, behind, behind - len(find.data))
             behind -= len(find.data)
-            # One that ended in an earlier piece was only found now, behind what began no telegram.
+            # Skip a telegram that ended in an earlier piece and was found late, behind stray bytes.
             if behind < len(sent.data):
                 yield from self._judged(find.message, best, pieces)
         self._pieces = _cut(self._pieces, rest, 0)
@@ -192,7 +193,7 @@ class TimingWatch:
             self._due = request
 
     def _addressed(self, message: Message, alike: Any) -> tuple[LineRules | None, bool]:
-        """Return the rules for a request, and whether they are of a drive on the line that it is for."""
+        """Return the rules for a request, and whether they belong to the addressed drive on this line."""
         of_kind = self._of_kind.get(alike, [])
         address = getattr(message, "address", None)
         for each in of_kind:
@@ -234,7 +235,7 @@ class TimingWatch:
             yield self._violation(_Measured("gap in a telegram", drive, at_s, longest_s, text), drive.gap)
 
     def _short(self, measured: _Measured, limits: Iterable[Limit]) -> Iterator[Violation]:
-        """Yield a time that is shorter than a limit: than one that is demanded, if there is such a one."""
+        """Yield a violation if a time is shorter than a limit, preferring a limit that a source demands."""
         tolerance_s = self._tolerance_of(measured)
         broken = [limit for limit in limits if measured.seconds < limit.seconds - tolerance_s - _EXACT_S]
         if broken:
@@ -260,7 +261,7 @@ class TimingWatch:
     # Line settings
 
     def _settings(self, drives: Sequence[LineRules], sent: Transmission) -> Iterator[Violation]:
-        """Yield line settings that none of these drives has; again only when something has changed."""
+        """Yield a violation if none of these drives has the line settings; only once until something changes."""
         told, drive = sent.told_settings, drives[0]
         if not told or any(each.listens_with(told) for each in drives):
             self._wrong_settings = None
@@ -303,7 +304,7 @@ def _shown(told: Mapping[str, Any]) -> str:
 
 
 def _unseen(told: Mapping[str, Any]) -> str:
-    """Return what cannot be said of line settings that are not told in full."""
+    """Return a note on the line settings that are not visible; empty if all are."""
     if set(told) == set(SETTING_NAMES):
         return ""
     return "; a pseudo-terminal does not show data bits and parity, listen at rfc2217 for these"

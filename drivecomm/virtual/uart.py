@@ -1,4 +1,4 @@
-"""What a receiver makes of characters that were sent with other line settings than its own."""
+"""Characters that a receiver decodes if its line settings differ from those of the sender."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ if TYPE_CHECKING:
 
 
 def heard(data: bytes, sender: LineSettings, receiver: LineSettings) -> bytes:
-    """Return the characters that a receiver reads while a sender sends these.
+    """Return the characters that a receiver decodes while a sender sends these.
 
-    The line's level over time is sampled as a UART does: wait for a start bit, take each bit in its middle. Parity is
-    not checked and a missing stop bit is passed over, as common receivers with default settings do.
+    The level of the line is sampled as a UART does: wait for a start bit, then take each bit in its middle. Parity is
+    not checked and a missing stop bit is accepted, as in common receivers with default settings.
     """
     if sender is receiver or sender == receiver:
         return data if receiver.bytesize == 8 else data.translate(_SEVEN_BITS)
@@ -23,7 +23,7 @@ def heard(data: bytes, sender: LineSettings, receiver: LineSettings) -> bytes:
 
 
 def received(data: bytes, sender: LineSettings, receiver: LineSettings) -> list[tuple[int, bool]]:
-    """Return the same characters as `heard`, each with whether its parity and its stop bit are right."""
+    """Return the same characters as `heard`, each with whether its parity and stop bit are right."""
     return list(_characters(list(_levels(data, sender)), sender.baudrate / receiver.baudrate, receiver))
 
 
@@ -54,7 +54,7 @@ def _parity(bits: list[int], settings: LineSettings) -> int:
 
 
 def _characters(levels: list[int], step: float, receiver: LineSettings) -> Iterator[tuple[int, bool]]:
-    """Yield characters and whether they are right; step is the receiver's bit time in bit times of the sender."""
+    """Yield characters and whether they are right. step: the receiver's bit time in bit times of the sender."""
     at = 0.0
     length = receiver.bytesize + (receiver.parity != "N")
     while True:

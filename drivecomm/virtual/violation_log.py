@@ -1,4 +1,4 @@
-"""What a master did wrong on one virtual line, from now on."""
+"""Violations by the master of one virtual line, recorded from now on."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ MOST_KEPT = 1000
 
 
 class ViolationLog:
-    """The violations on one line: the last 1000, and how many there were. May be read from another thread.
+    """The last 1000 violations on one line, and counts of all of them. May be read from another thread.
 
-    tolerance_s: how late the times of the line may be, as `SERVED_TOLERANCE_S` on one that is served.
+    tolerance_s: largest delay of the line's times, such as `SERVED_TOLERANCE_S` for a line that is served.
     """
 
     def __init__(self, line: VirtualLine, drives: Iterable[LineRules], *, tolerance_s: float = 0.0) -> None:
@@ -35,31 +35,31 @@ class ViolationLog:
 
     @property
     def found(self) -> tuple[Violation, ...]:
-        """The last 1000, in their order."""
+        """The last 1000 violations, in order."""
         with self._guard:
             return tuple(self._found)
 
     @property
     def failures(self) -> dict[str, int]:
-        """How often each rule was broken whose number is demanded, by name."""
+        """Number of violations of each rule whose value a source demands, by name of the rule."""
         with self._guard:
             return dict(self._failures)
 
     @property
     def notes(self) -> dict[str, int]:
-        """How often each rule was broken whose number is a default of drivecomm, by name."""
+        """Number of violations of each rule whose value is a default of drivecomm, by name of the rule."""
         with self._guard:
             return dict(self._notes)
 
     def forget(self, drive: str) -> None:
-        """Forget those of a drive that were found so far; the counts stay."""
+        """Remove the violations of a drive found so far; the counts stay."""
         with self._guard:
             kept = [each for each in self._found if each.drive != drive]
             self._found.clear()
             self._found.extend(kept)
 
     def _hear(self, sent: Transmission) -> None:
-        # What the master sends is judged as it hands it over, and not as it arrives.
+        # Requests are judged when the master hands them over, not when they arrive.
         if sent.source != "master":
             self._take(sent)
 

@@ -5,7 +5,7 @@
         ...
         plant.trip("pump", 5)
 
-Each line has a clock of its own, which passes as its master waits; served lines all follow the clock on the wall.
+Each line has its own clock, which advances while its master waits; served lines all follow the real clock.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ LARGEST_SPEED = 1000.0
 
 
 class DriveState(NamedTuple):
-    """A virtual drive at the moment. output_hz: of its motor. fault: its code, 0 for none."""
+    """The present state of a virtual drive. output_hz: of its motor. fault: its code, 0 for none."""
 
     name: str
     drive: str
@@ -48,9 +48,9 @@ class DriveState(NamedTuple):
 class VirtualPlant:
     """The lines and drives of a plant, with its script of faults running.
 
-    speed: how many seconds of the process pass in one of the line, 1 to 1000: motors and script go faster, the wire
-    and everything on it keep their pace. around: told each drive's name and the protocol's own virtual drive, returns
-    what stands in its place, to watch it say. Raises UsageError for what cannot be, with the entry's name.
+    speed: seconds of the process per second of the line, 1 to 1000: motors and script run faster, the wire and
+    everything on it keep their pace. around: receives each drive's name and the protocol's virtual drive, and returns a
+    replacement, for example one that watches it. Raises UsageError for invalid entries, with the name of the entry.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class VirtualPlant:
         around: Callable[[str, VirtualDrive], VirtualDrive] = lambda _, drive: drive,
     ) -> None:
         if not 1 <= speed <= LARGEST_SPEED:
-            raise UsageError(f"a speed of {speed:g} cannot be; write a number from 1 to {LARGEST_SPEED:g}")
+            raise UsageError(f"a speed of {speed:g} is invalid; write a number from 1 to {LARGEST_SPEED:g}")
         self.plant = plant
         self.speed = speed
         self._around = around
@@ -88,17 +88,17 @@ class VirtualPlant:
         return self.drives[self.plant.drive(name).name]
 
     def line_of(self, drive: str) -> VirtualLine:
-        """Return the line that a drive is on. Raises UsageError."""
+        """Return the line of a drive. Raises UsageError."""
         return self.lines[self.drive(drive).planned.line]
 
     def rules_on(self, line: str) -> list[LineRules]:
-        """Return what a master has to keep to with each drive of a line. Raises UsageError."""
+        """Return the rules that a master must keep with each drive of a line. Raises UsageError."""
         return [self.drives[planned.name].rules for planned in self.plant.on_line(self.plant.line(line).name)]
 
     def watch(self, *, tolerance_s: float = 0.0) -> Mapping[str, LineTrace]:
-        """Keep a trace of each line and judge its master, from the first call on; return the traces by line.
+        """Trace each line and check its master, from the first call on; return the traces by line.
 
-        tolerance_s: how late the times of the lines may be, where they are served.
+        tolerance_s: largest delay of the lines' times, if they are served.
         """
         if not self._traces:
             for name, line in self.lines.items():
@@ -106,7 +106,7 @@ class VirtualPlant:
                 self._traces[name] = LineTrace(line, log)
         return self._traces
 
-    # Steering it
+    # Controlling the plant
 
     def trip(self, drive: str, code: int) -> None:
         """Make a drive trip with this fault code. Raises UsageError."""
@@ -114,30 +114,30 @@ class VirtualPlant:
         self.drive(drive).trip(TripStep(drive=drive, code=code, at_s=now).code, now)
 
     def power_off(self, drive: str) -> None:
-        """Take a drive's power away; does nothing when it has none. Raises UsageError."""
+        """Switch a drive off; do nothing if it is off. Raises UsageError."""
         line, planted = self.line_of(drive), self.drive(drive)
         if line.has_power(planted):
             line.power_off(planted)
 
     def power_on(self, drive: str) -> None:
-        """Give a drive its power back; does nothing when it has power. Raises UsageError."""
+        """Switch a drive on; do nothing if it is on. Raises UsageError."""
         line, planted = self.line_of(drive), self.drive(drive)
         if not line.has_power(planted):
             line.power_on(planted)
 
     def power_on_as_new(self, drive: str) -> None:
-        """Let a drive come back from a power cut with its factory settings. Raises UsageError."""
+        """Switch a drive off and on again with its factory settings. Raises UsageError."""
         line, planted = self.line_of(drive), self.drive(drive)
         self.power_off(drive)
         planted.become_as_new(line.time)
         line.power_on(planted)
 
     def set(self, drive: str, parameter: str, raw: int | str) -> None:
-        """Set what a drive holds, raw, as if at its keypad. Raises UsageError."""
+        """Set the raw value of a drive's parameter, as if at its keypad. Raises UsageError."""
         self.drive(drive).poke(parameter, raw)
 
     def get(self, drive: str, parameter: str) -> int | str:
-        """Return what a drive holds, raw. Raises UsageError."""
+        """Return the raw value of a drive's parameter. Raises UsageError."""
         return self.drive(drive).peek(parameter, self.line_of(drive).time)
 
     def inject(self, line: str, data: bytes) -> None:
@@ -147,7 +147,7 @@ class VirtualPlant:
         self.line(line).inject(data)
 
     def add(self, step: Step) -> None:
-        """Take a further step into the script; what it names in the past happens at once. Raises UsageError."""
+        """Add a step to the script; an action in the past happens immediately. Raises UsageError."""
         if isinstance(step, TelegramFault):
             self._disturb(step)
         elif isinstance(step, PowerCutStep):
@@ -166,7 +166,7 @@ class VirtualPlant:
             self.line(step.line).call_at(step.at_s / self.speed, partial(self.inject, step.line, step.data))
 
     def states(self) -> list[DriveState]:
-        """Return how each drive is at the moment."""
+        """Return the present state of each drive."""
         return [self._state(drive) for drive in self.drives.values()]
 
     def _state(self, drive: PlantedDrive) -> DriveState:
@@ -205,7 +205,7 @@ class VirtualPlant:
         )
 
     def _at(self, drive: str, time_s: float, action: partial[None]) -> None:
-        """Do something at a time of the process, on the clock of the drive's line."""
+        """Schedule an action at a time of the process, on the clock of the drive's line."""
         self.line_of(drive).call_at(time_s / self.speed, action)
 
     def _disturb(self, fault: TelegramFault) -> None:
@@ -214,7 +214,7 @@ class VirtualPlant:
             for drive in [self.drive(fault.drive)] if fault.drive else self.drives.values():
                 if self.line_of(drive.name) is line and drive.type.plugin.intent is None:
                     raise UsageError(
-                        f"the package of {drive.planned.protocol} does not tell reading from writing; "
+                        f"the package of {drive.planned.protocol} does not distinguish reading from writing; "
                         'write of = "reply", and to = { } with the fields of the request'
                     )
         disturbance = TelegramDisturbance(fault, self.speed)

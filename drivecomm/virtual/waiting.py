@@ -1,4 +1,4 @@
-"""Waiting for sockets and terminals, exact to the microsecond where the system can."""
+"""Waiting for sockets and terminals, exact to the microsecond if the system supports it."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ if TYPE_CHECKING:
     import selectors
 
 _MILLISECOND = 0.001
-# What `select.select` can watch.
+# Limit of the descriptors that `select.select` can watch.
 _MOST_DESCRIPTORS = 1024
 
 
 def ready_within(selector: selectors.BaseSelector, seconds: float) -> list[selectors.SelectorKey]:
-    """Return what is ready to be read, as soon as something is, at the latest after so many seconds."""
+    """Return the keys that are ready to be read, as soon as there is one, or after at most this many seconds."""
     if seconds > 0 and not _has_come(selector, seconds):
         return []
     return [key for key, _ in selector.select(0)]
@@ -27,7 +27,7 @@ def _has_come(selector: selectors.BaseSelector, seconds: float) -> bool:
     if descriptor is None:
         return bool(selector.select(seconds))
     if descriptor < _MOST_DESCRIPTORS:
-        # A selector that knows whole milliseconds only is ready itself when something is that it watches.
+        # A selector with millisecond resolution is itself readable as soon as one of its descriptors is.
         return bool(select.select([descriptor], [], [], seconds)[0])
     whole = seconds // _MILLISECOND * _MILLISECOND
     if whole:
@@ -37,6 +37,6 @@ def _has_come(selector: selectors.BaseSelector, seconds: float) -> bool:
 
 
 def _descriptor(selector: selectors.BaseSelector) -> int | None:
-    """Return the descriptor of a selector that has one; a plain one waits exactly enough by itself."""
+    """Return the descriptor of a selector; None for a plain one, whose own wait is exact enough."""
     fileno = getattr(selector, "fileno", None)
     return None if fileno is None else int(fileno())

@@ -1,4 +1,4 @@
-"""Hitachi drives, and Omron's and Watt Drive's that are the same, by their ASCII protocol."""
+"""Hitachi drives, and identical ones of Omron and Watt Drive, over the ASCII protocol."""
 
 from __future__ import annotations
 

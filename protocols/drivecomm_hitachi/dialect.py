@@ -1,7 +1,8 @@
-"""Where the parameters, commands and monitored values of a Hitachi drive are, and the telegrams for them.
+"""Places of the parameters, commands and monitored values of a Hitachi drive, and the telegrams for them.
 
-`A001` is a parameter, as the panel calls it; `02` is a command with a value; `03-1` is the first value that command 03
-tells, `04-A` a state, `05-0` the number of trips, `05-1-1` the factor of the latest; F001 is written by 01 (p. 4-127).
+`A001` is a parameter, as the panel calls it; `02` is a command with a value; `03-1` is the first value in the reply to
+command 03, `04-A` a state, `05-0` the number of trips, `05-1-1` the factor of the latest; F001 is written by 01
+(p. 4-127).
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ _LENGTHS = {
     "check": ("ack_data", 2),
 }  # fmt: skip
 _LONG_S = {"monitor": 1.5, "history": 3.0}
-"""What these may take at 2400 baud with the longest C078, where an adapter hands them over in one piece."""
+"""Reply timeouts at 2400 baud with the longest C078, for an adapter that delivers a reply in one piece."""
 _DAMAGED = {"checksum": 2, "length": 5, "field": 6}
 
 
@@ -51,7 +52,7 @@ class HitachiOptions:
 
 
 class HitachiDialect(Dialect):
-    """The places of one drive."""
+    """The places of one Hitachi drive, and the telegrams for them."""
 
     title = "Hitachi"
     broadcast_address = sent.BROADCAST
@@ -65,35 +66,35 @@ class HitachiDialect(Dialect):
     advice = "A002, the terminals of command 02, and the drive's own FRS, EXT and RS terminals"
 
     def place_of(self, address: str) -> Place:
-        """Return where an address of the manual is. Raises ParameterAddressError."""
+        """Return the place of an address in the manual. Raises ParameterAddressError."""
         if address in _ADDRESSES:
             return _ADDRESSES[address]
         if not (found := _PARAMETER.fullmatch(address)):
             raise ParameterAddressError(
-                f"{address!r} is no parameter of a Hitachi drive; write A001, 03-1 to 03-13 for what it monitors, "
+                f"{address!r} is not a parameter of a Hitachi drive; write A001, 03-1 to 03-13 for what it monitors, "
                 "04-A to 04-C for its states, or 05-1-1 to 05-6-9 for its trips"
             )
         return Place(found[1], int(found[2]))
 
     def address_at(self, place: Place) -> str:
-        """Return how the manual calls a place."""
+        """Return the address of a place as the manual prints it."""
         return _NAMES.get(place, f"{place.kind}{place.start:03d}")
 
     def allowed(self, place: Place) -> range:
-        """Return the numbers that a telegram has room for."""
+        """Return the numbers for which a telegram has room."""
         return range(1 << 64 if place.kind == "t" else 10**6 if place == FREQUENCY else 10**8)
 
     def reading(self, place: Place, _count: int, /) -> Ask:
-        """Return the request for a place; only replies to 06 are of a length that other questions are answered with."""
+        """Return the request for a place; only a reply to 06 has a length that replies to other requests share."""
         for kind, block in {**_BLOCKS, "check": "e"}.items():
             if place.kind == block and place not in _KINDS:
                 return Ask(message=self._ask(kind), distinct=True, reply_timeout_s=_LONG_S.get(kind))
         if place.kind in ("r", "t", "e"):
-            raise NotSupported(f"{self.address_at(place)} is a command, and a drive does not tell what it was given")
+            raise NotSupported(f"{self.address_at(place)} is a command, which a drive does not return")
         return Ask(message=self._ask("read", parameter=self.address_at(place)), nameless=True)
 
     def writing(self, place: Place, words: Sequence[int], /) -> Ask:
-        """Return the request that writes a place, or commands."""
+        """Return the request that writes a place, or the command."""
         kind = _KINDS.get(place, "write")
         if kind == "write" and place.kind.islower() and place.kind != "b":
             raise NotSupported(f"{self.address_at(place)} can only be read")
@@ -102,11 +103,11 @@ class HitachiDialect(Dialect):
         return Ask(message=self._ask(kind, parameter=name, value=value), nameless=True)
 
     def preparing(self, place: Place) -> Ask | None:
-        """Return the question whether values can be stored, before they are."""
+        """Return the request that checks whether values can be stored, for the store command; None for other places."""
         return self.reading(STORABLE, 1) if place == STORE else None
 
     def words(self, reply: Any, place: Place, /) -> tuple[int, ...]:
-        """Return the values of a reply from a place on; codes of trips with letters are hexadecimal."""
+        """Return the values of a reply from a place on; trip codes with letters are hexadecimal."""
         if place.kind == "s":
             a, b, c = (int(reply.data[at : at + 2]) for at in (0, 2, 4))
             return (a << 8 | b, c)[place.start :]
@@ -116,18 +117,21 @@ class HitachiDialect(Dialect):
         return tuple(int(each, 16 if bit or not each.isdigit() else 10) for each, bit in zip(values, bits, strict=True))
 
     def refusal(self, reply: Any) -> int | None:
-        """Return the code of a NAK; 0 for 00, that values cannot be stored."""
+        """Return the code of a NAK; 0 for 00, which means that values cannot be stored."""
         return int(reply.error) if reply.kind == "nak" else 0 if reply.data == "00" else None
 
     def mismatch(self, request: Any, reply: Any) -> str:
-        """Name what tells that a sound reply is not of this request: no more than its drive and its length."""
+        """Return the field in which a sound reply does not belong to a request; only drive and length are compared."""
         if not isinstance(reply, Reply) or request.address != reply.address:
             return "broadcast" if request.address == sent.BROADCAST else "node"
         told = reply.kind, len(reply.data or "")
         return "" if reply.kind == "nak" or told == _LENGTHS.get(request.kind, ("ack", 0)) else "length"
 
     def meant(self, request: Any) -> Access:
-        """Return what a request does; command 08 is refused, so that no virtual drive loses its parameters."""
+        """Return the access that a request makes.
+
+        Command 08 is refused, so that no virtual drive loses its parameters.
+        """
         if request.kind == "initialise":
             raise RegisterRefusal("read only")
         if request.kind in _COMMANDS:
@@ -149,16 +153,16 @@ class HitachiDialect(Dialect):
             return self._reply("data", data="".join(shown))
         return self._reply("ack_data", data=f"{words[0]:0{_LENGTHS[request.kind][1]}d}")
 
-    def taken(self, request: Any) -> Message:  # noqa: ARG002 - all are confirmed alike
-        """Return the reply to what was done."""
+    def taken(self, request: Any) -> Message:  # noqa: ARG002 - ACK is the same for all requests
+        """Return the confirmation of a request."""
         return self._reply("ack")
 
-    def refused(self, request: Any, code: int) -> Message:  # noqa: ARG002 - all are refused alike
-        """Return the refusal."""
+    def refused(self, request: Any, code: int) -> Message:  # noqa: ARG002 - NAK depends only on the code
+        """Return the refusal of a request."""
         return self._reply("nak", error=f"{code:02d}")
 
     def damaged(self, find: Damaged) -> Message | None:
-        """Return the refusal of a damaged request to this drive; which damage a real one answers, no page says."""
+        """Return the refusal of a damaged request to this drive; no manual states how a real drive answers."""
         code = _DAMAGED.get(find.error.category)
         return self.refused(None, code) if code and find.data[1:3] == b"%02d" % self.address else None
 

@@ -1,4 +1,4 @@
-"""The telegrams of Hitachi's ASCII protocol (SJ300 manual NB613X, p. B-5 to B-18; SJ700-2 manual, p. 4-116 to 4-128).
+"""Telegrams of Hitachi's ASCII protocol (SJ300 manual NB613X, p. B-5 to B-18; SJ700-2 manual, p. 4-116 to 4-128).
 
     request   STX node command data BCC CR
     reply     STX node ACK BCC CR              to 00 01 02 12 07 0A 0B
@@ -7,8 +7,8 @@
               STX node NAK code BCC CR         to all
 
 STX is 02H, ACK 06H, NAK 15H. The node is 01 to 32, or FF for all drives, which none answers (p. B-5). BCC is the
-exclusive-or of all between STX and itself, in two hexadecimal digits (SJ700-2 p. 4-128). No reply says what it answers:
-its length and its ACK or NAK are all there is to judge by, and a late one can pass for the next.
+exclusive-or of all characters between STX and itself, in two hexadecimal digits (SJ700-2 p. 4-128). No reply names its
+request: only its length and its ACK or NAK can be checked, and a late reply can be mistaken for the next one.
 """
 
 from __future__ import annotations
@@ -22,13 +22,15 @@ from drivecomm.protocol import Direction, schema
 ADDRESSES = range(1, 33)
 BROADCAST = 255
 MONITORED, TERMINALS, RECORDED = range(1, 14), frozenset({5, 6}), range(55)
-"""Values of eight characters that 03 tells, of which terminals are hexadecimal, and 05: the number of trips, and nine
-values of each of six (SJ300 p. B-9, B-11)."""
+"""Numbers of the eight-character values in a reply to 03, of the hexadecimal terminals among them, and of 05.
+
+05 returns the number of trips, and nine values of each of six (SJ300 p. B-9, B-11).
+"""
 REQUESTS = {
     "run": "00", "frequency": "01", "terminals": "02", "further_terminals": "12", "monitor": "03", "status": "04",
     "history": "05", "read": "06", "write": "07", "initialise": "08", "check": "09", "store": "0A", "recalculate": "0B",
 }  # fmt: skip
-"""Kinds of request, and their commands (SJ300 p. B-5; 12: SJ700 p. B-7)."""
+"""Commands by kind of request (SJ300 p. B-5; 12: SJ700 p. B-7)."""
 
 _FOR_ALL = frozenset({"run", "frequency", "terminals", "further_terminals", "initialise", "recalculate"})
 _NODES = {b"%02d" % node: node for node in ADDRESSES}
@@ -38,8 +40,8 @@ _NODES = {b"%02d" % node: node for node in ADDRESSES}
 class Telegram:
     """One telegram.
 
-    node: the address, 255 for all drives; address: the same, by the name that all protocols have for it. value: what is
-    commanded or written. parameter: its letter and three digits. data: what a drive tells. error: why it refuses.
+    node: the address, 255 for all drives. address: the same, by the name that all protocols use. value: the value
+    commanded or written. parameter: its letter and three digits. data: the data in a reply. error: code of a refusal.
     """
 
     kind: str
@@ -55,11 +57,11 @@ class Telegram:
 
 
 class Request(Telegram):
-    """What the master sends."""
+    """A telegram of the master."""
 
 
 class Reply(Telegram):
-    """What a drive answers: ack, ack_data, data or nak."""
+    """A reply of a drive: ack, ack_data, data or nak."""
 
 
 def _form(message: type[Any], *leaves: Any, nodes: dict[bytes, int] = _NODES, **further: Any) -> schema.Form[Any]:
@@ -77,7 +79,7 @@ def _form(message: type[Any], *leaves: Any, nodes: dict[bytes, int] = _NODES, **
 
 
 def _text(size: int, pattern: str, meaning: str) -> schema.Leaf:
-    """Return a leaf of characters, of the form that a regular expression says."""
+    """Return a leaf of characters that match a regular expression."""
     allowed = re.compile(pattern)
 
     def parse(found: bytes) -> str:
@@ -126,10 +128,13 @@ def _reply(kind: str, *before: Any, data: schema.Leaf | None = None) -> schema.F
 
 
 class _Codec(schema.Telegrams):
-    """The codec of all drives."""
+    """Codec for the telegrams of all Hitachi drives."""
 
     def measure(self, head: bytes, direction: Direction) -> int:
-        """Return how long the telegram is that begins so; CR ends whatever it is, as a reply that a drive overhears."""
+        """Return the length of a telegram with this beginning.
+
+        CR ends any telegram, also a reply that a drive overhears.
+        """
         size, end = super().measure(head, direction), head.find(b"\r") + 1
         return end if 0 < end < size else size
 

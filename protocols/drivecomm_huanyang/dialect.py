@@ -1,7 +1,8 @@
-"""How the parameters, status values and control data of a Huanyang drive stand in telegrams.
+"""Parameters, status values and control data of a Huanyang drive in telegrams.
 
-`PD005` is a parameter, `CFG1` a status value. `CFG0`, the set frequency, is what function 05 writes. Control data have
-no number: `CNTR` stands behind the 256 that a telegram can name. `turns` is whether the output frequency is above 0.
+`PD005` is a parameter, `CFG1` a status value. `CFG0`, the set frequency, is written by function 05. Control data have
+no number: `CNTR` is the place after the 256 that a telegram can name. `turns` is whether the output frequency is above
+0.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
 CONTROL, TURNS = Place("", 256), Place("s", 256)
 RUN = 0x01
-"""The bit of CNTR and CNST (p. 62)."""
+"""Run bit of CNTR and CNST (p. 62)."""
 
 _ADDRESS = re.compile(r"PD([01][0-9]{2}|2[0-4][0-9]|25[0-5])|CFG([0-7])", re.ASCII)
 _OWN = {"CNTR": CONTROL, "turns": TURNS}
@@ -45,7 +46,7 @@ class HuanyangDialect(Dialect):
     }
     codes = dict.fromkeys(("unknown", "read only", "running", "limits", "not set up"), fn.REFUSED)
     follows = ("maximum_frequency",)
-    advice = "its display for a fault, which it does not tell"
+    advice = "its display for a fault, which it does not report"
 
     def __init__(self, address: int, options: HuanyangOptions, model: Model | None) -> None:
         super().__init__(address, options, model)
@@ -53,35 +54,35 @@ class HuanyangDialect(Dialect):
 
     @cached_property
     def control(self) -> ControlTable:
-        """How the drive is commanded: as its model says, and where that is not known as all of them are."""
+        """The commands of the drive, from its model; without a model those that all Huanyang drives share."""
         return control_of(type(self), self.options, self.model or _any_model())
 
     def place_of(self, address: str) -> Place:
-        """Return where an address of the manual is. Raises ParameterAddressError."""
+        """Return the place of an address in the manual. Raises ParameterAddressError."""
         if address in _OWN:
             return _OWN[address]
         found = _ADDRESS.fullmatch(address) if isinstance(address, str) else None
         if found is None:
             raise ParameterAddressError(
-                f"{address!r} is no parameter of a Huanyang drive; write PD005, with three digits up to PD255, or CFG0 "
-                "to CFG7 for a status value"
+                f"{address!r} is not a parameter of a Huanyang drive; write PD005, with three digits up to PD255, or "
+                "CFG0 to CFG7 for a status value"
             )
         return Place("", int(found[1])) if found[1] else Place("s", int(found[2]))
 
     def target(self, parameter: str, type: str = "") -> Target:
-        """Return what is to be read or written; what has no number is for the table [control] only."""
+        """Return the target of a read or write; places without a number are for the table [control] only."""
         if parameter in _OWN:
-            raise ParameterAddressError(f"{parameter!r} is no parameter of a Huanyang drive; use start and stop")
+            raise ParameterAddressError(f"{parameter!r} is not a parameter of a Huanyang drive; use start and stop")
         return super().target(parameter, type)
 
     def address_at(self, place: Place) -> str:
-        """Return how the manual calls a place."""
+        """Return the address of a place as the manual prints it."""
         if place == CONTROL:
             return "CNTR"
         return f"CFG{place.start}" if place.kind else f"PD{place.start:03d}"
 
     def reading(self, place: Place, _count: int, /) -> Ask:
-        """Return the request for a place; the reply to a status value is longer, so that no echo passes for it."""
+        """Return the request for a place; the reply to a status request is longer, so an echo cannot match it."""
         if place.kind:
             item = self.probe.start if place == TURNS else place.start
             return Ask(message=self._request(fn.STATUS, 1, item, None), distinct=True)
@@ -101,11 +102,11 @@ class HuanyangDialect(Dialect):
         return (reply.value or 0,)
 
     def refusal(self, reply: Any) -> int | None:
-        """Return the function that refuses."""
+        """Return the function code of a refusal; None for any other reply."""
         return reply.function if reply.function in (fn.REFUSED, fn.CONTROL_REFUSED) else None
 
     def meant(self, request: Any) -> Access:
-        """Return what a request does."""
+        """Return the access that a request makes."""
         words = (request.value or 0,)
         if request.function == fn.CONTROL:
             return Access(place=CONTROL, words=words)
@@ -115,13 +116,13 @@ class HuanyangDialect(Dialect):
         return Access(place=place, words=words if request.function == fn.WRITE else None)
 
     def told(self, request: Any, words: Sequence[int]) -> Reply:
-        """Return the reply to a read; some parameters are a byte."""
+        """Return the reply to a read; some parameters are one byte."""
         info = self.places.get(Place("", request.parameter)) if request.function == fn.READ else None
         is_byte = info is not None and info.extra.get("bytes") == 1
         return self._reply(request, 2 if is_byte else 3, request.parameter, words[0])
 
     def taken(self, request: Any) -> Reply:
-        """Return the reply to a write, which is the request."""
+        """Return the reply to a write, which repeats the request."""
         return self._reply(request, request.length, request.parameter, request.value)
 
     def refused(self, request: Any, code: int) -> Reply:
@@ -137,29 +138,32 @@ class HuanyangDialect(Dialect):
 
 
 class Conversation(RegisterConversation):
-    """What one drive is asked: nothing that the echo of an adapter could be is believed before it is known."""
+    """Requests to one drive. Until it is known to answer, no reply that may be an echo is accepted."""
 
     def asked(self, ask: Ask, called: str, place: Place | None = None) -> Exchange[Any]:
-        """Ask, with a question that no echo answers before what acts, and after a stop or a first reading of 0."""
+        """Send a request and return the reply; verify with a status request if the reply could be an echo.
+
+        The check comes before a request that acts, or after an urgent one and after a first value of 0.
+        """
         doubted = ask.mirrored and not self.is_there
         if doubted and ask.acts and not ask.urgent:
             yield from self._look(called)
             doubted = False
         reply = yield from super().asked(ask, called, place)
         if doubted and (ask.urgent or reply.value == 0):
-            # That may have been the echo of an adapter. A stop is out by now; the drive confirms this one.
+            # The reply may have been an adapter's echo. The stop has been sent; now the drive itself confirms it.
             yield from self._look(called)
             reply = yield from super().asked(ask, called, place)
         self.is_there = True
         return reply
 
     def word(self, place: str) -> Exchange[int]:
-        """Read one place; nothing else than its frequency tells without a command whether the motor turns."""
+        """Read one place; only the output frequency shows, without a command, whether the motor turns."""
         told = yield from super().word(place)
         return int(told > 0) if place == TURNS.name else told
 
     def carry(self, step: Step, **how: Any) -> Exchange[Words | None]:
-        """Send control data; the reply tells whether the drive runs."""
+        """Send control data; the reply shows whether the drive runs."""
         reply = yield from self._send(Place.named(step.place), (step.word,), "CNTR", **how)
         return None if reply is None else {TURNS.name: reply.value & RUN}
 
@@ -179,7 +183,7 @@ def _any_model() -> Model:
 
 
 def address_space(_options: HuanyangOptions, _model: Model | None) -> AddressSpace:
-    """Return the parameters of the manual's list, and the status values."""
+    """Return the parameters in the manual's list, and the status values."""
     addresses = [*(f"PD{number:03d}" for number in range(184)), *(f"CFG{number}" for number in range(8))]
     return AddressSpace(
         addresses=addresses.__iter__,

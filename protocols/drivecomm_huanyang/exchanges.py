@@ -1,4 +1,4 @@
-"""The verbs of a master for a Huanyang drive, where they are not those of all drives that hold registers."""
+"""Verbs of a master for a Huanyang drive that differ from those of other drives with registers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _STEP_HZ = Decimal("0.01")
 
 
 class HuanyangOperations(RegisterOperations):
-    """The verbs of one drive, or, at address 0, the stop of all drives on the line."""
+    """Verbs of one drive, or at address 0 the stop of all drives on the line."""
 
     def __init__(
         self, address: int, options: HuanyangOptions, model: Model | None, memory: OrderMemory | None = None
@@ -34,7 +34,10 @@ class HuanyangOperations(RegisterOperations):
         )
 
     def write(self, parameter: str, value: Value | float, *, store: bool = False, type: str = "") -> Exchange[None]:
-        """Write a parameter, with store=True since it stays without mains; or CFG0, the frequency, which does not."""
+        """Write a parameter, or CFG0, the frequency.
+
+        A parameter is stored permanently and needs store=True; CFG0 is volatile and takes no store.
+        """
         wanted = self._known(parameter, type)
         if not wanted.place.kind:
             return super().write(parameter, value, store=store, type=type)
@@ -45,7 +48,7 @@ class HuanyangOperations(RegisterOperations):
         return self._set_frequency(lambda _most: raw)
 
     def status(self) -> Exchange[DriveStatus]:
-        """Read output frequency and set frequency; a drive tells no fault, and not which way it turns."""
+        """Read output frequency and set frequency; a drive reports neither a fault nor the direction."""
         hz = int((yield from self._drive.raw(self._known(_OUTPUT_FREQUENCY))))
         told = yield from self._drive.raw(self._known(_SET_FREQUENCY))
         seen = {_OUTPUT_FREQUENCY: hz, TURNS.name: int(hz > 0)}
@@ -54,7 +57,7 @@ class HuanyangOperations(RegisterOperations):
         ))  # fmt: skip
 
     def reset(self) -> Exchange[None]:
-        """Not possible: no telegram is documented that acknowledges a fault."""
+        """Raise NotSupported, because no documented telegram acknowledges a fault."""
         raise NotSupported("no telegram acknowledges a fault of a Huanyang drive; use its keypad or its RST terminal")
 
     def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
@@ -72,7 +75,7 @@ class HuanyangOperations(RegisterOperations):
         return self._set_frequency(lambda _most: raw)
 
     def _set_frequency(self, wanted: Callable[[int], int]) -> Exchange[None]:
-        """Set the frequency that a function makes of the highest one, both in steps of 0.01 Hz."""
+        """Set the frequency that `wanted` computes from the maximum, both in steps of 0.01 Hz."""
         yield from check_needs(self._control.needs_reference, self.read)
         most = int((yield from self._drive.raw(self._known(_MAXIMUM))))
         raw = wanted(most)

@@ -1,4 +1,4 @@
-"""What differs between Huanyang drives before a model says anything of their parameters."""
+"""Differences between Huanyang drives that are independent of a model's parameters."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from drivecomm.errors import UsageError
 class HuanyangOptions:
     """Options of a Huanyang drive.
 
-    state_timeout_s: how long a drive has to obey a start, which is taken back otherwise. reply_delay_s: how soon a
-    virtual drive answers.
+    state_timeout_s: seconds in which a drive must obey a start; otherwise the start is withdrawn. reply_delay_s: reply
+    delay of a virtual drive, in seconds.
     """
 
     state_timeout_s: float = 3.0

@@ -1,4 +1,4 @@
-"""What older Huanyang drives give to drivecomm."""
+"""The plug-in for older Huanyang drives."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ protocol = Protocol(
     control_keys=CONTROL_KEYS,
     same_commands=True,
     ambiguous_with={
-        # Not the other way round: what Huanyang drives are told is at most a read for a Modbus drive.
+        # Only in this direction: a telegram to a Huanyang drive is at most a read for a Modbus drive.
         "modbus": (
             "a read of discrete inputs from 0300H on writes a parameter of the Huanyang drive of the same number; no "
             "read of holding registers is control data with the LEN of its manual, but no page says what a drive makes "

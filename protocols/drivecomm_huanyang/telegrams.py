@@ -1,17 +1,17 @@
-"""The telegrams of older Huanyang drives in RTU mode (HY Series Inverter, User Manual of 27 June 2010, p. 61 to 64).
+"""Telegrams of older Huanyang drives in RTU mode (HY Series Inverter, User Manual of 27 June 2010, p. 61 to 64).
 
     address  function  LEN  data ...  CRC low  CRC high
 
 They look like those of Modbus and have its check: CRC-16, polynomial A001H, start FFFFH, low byte first (p. 63). The
-functions are others, and LEN counts the bytes of the data (p. 63). So a telegram has LEN + 5 bytes, whatever it says.
+functions differ, and LEN counts the bytes of the data (p. 63). So every telegram has LEN + 5 bytes.
 
-What the manual leaves out comes from programs in use: a request to read has LEN 3 and a value of 0 (LinuxCNC hy_vfd,
-FluidNC), the reply to a status value names its CFG (both; the manual's example on p. 62 does not), the reply to a
-frequency repeats it (both). On p. 62 a status value is asked for with LEN 1 in the format and LEN 3 in the example; the
-same example in Holip's HLP-C+ manual (p. 74) has the CRC of LEN 1. Some programs send LEN 3, with two bytes more.
+Facts that the manual omits come from programs in use: a read request has LEN 3 and a value of 0 (LinuxCNC hy_vfd,
+FluidNC), the reply to a status request names its CFG (both; the manual's example on p. 62 does not), the reply to a
+frequency repeats it (both). On p. 62 a status request has LEN 1 in the format and LEN 3 in the example; the same
+example in Holip's HLP-C+ manual (p. 74) has the CRC of LEN 1. Some programs send LEN 3, with two more bytes.
 
-Faults to expect: the reply to a write, to a frequency, to a control byte and to a read of 0 can be the request byte for
-byte, as the echo of a two-wire adapter is; the reply to a control byte names nothing of its request.
+Faults to expect: the reply to a write, to a frequency, to a control byte and to a read of 0 can equal the request byte
+for byte, and so does the echo of a two-wire adapter; the reply to a control byte repeats nothing of its request.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Direction, Message
 
 ADDRESSES = range(1, 251)
-"""PD163; 0 is a drive that does not communicate (p. 59)."""
+"""Values of PD163; 0 is a drive that does not communicate (p. 59)."""
 BROADCAST = 0
 READ, WRITE, CONTROL, STATUS, FREQUENCY = 0x01, 0x02, 0x03, 0x04, 0x05
 REFUSED, CONTROL_REFUSED = 0x81, 0x83
-"""Reads and writes are refused by 81H, which repeats the PD; control data by 83H, which repeats the status (p. 62)."""
+"""Functions of a refusal: 81H for reads and writes repeats the PD, 83H for control data repeats the status (p. 62)."""
 
 _KINDS = {
     READ: "read", WRITE: "write", CONTROL: "control", STATUS: "status", FREQUENCY: "frequency",
@@ -46,7 +46,7 @@ _LONGEST_DATA = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Telegram:
-    """What all telegrams have. length: LEN. parameter: number of a PD, or CFG. value: a byte or a word."""
+    """Fields of all telegrams. length: LEN. parameter: number of a PD, or CFG. value: a byte or a word."""
 
     address: int
     function: int
@@ -56,18 +56,18 @@ class Telegram:
 
     @property
     def kind(self) -> str:
-        """What the function means."""
+        """The meaning of the function."""
         return _KINDS.get(self.function, "unknown")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request(Telegram):
-    """What the master sends."""
+    """A telegram of the master."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reply(Telegram):
-    """What a drive answers. value: of control data, CNST."""
+    """A telegram of a drive. value: of control data, CNST."""
 
 
 def _form(message: type[Any], function: int, length: int) -> Form[Any]:
@@ -115,42 +115,42 @@ def titled_forms() -> dict[str, Form[Any]]:
 
 
 class HuanyangCodec:
-    """Telegrams to bytes and back."""
+    """Codec of the telegrams."""
 
     alike = "huanyang"
 
     def measure(self, head: bytes, direction: Direction) -> int:
-        """Return how long the telegram is that begins with these bytes, see `Codec.measure`.
+        """Return the length of the telegram that begins with these bytes, see `Codec.measure`.
 
-        A drive hears the replies of others, too; they have the same lengths.
+        A drive also hears the replies of others; they have the same lengths.
         """
         if head and head[0] not in ADDRESSES and (direction == "reply" or head[0] != BROADCAST):
             return 0
         return _SHORTEST if len(head) < 2 else _length_of(head)
 
     def decode(self, data: bytes, direction: Direction) -> Message:
-        """Return the content of one telegram: its length is judged first, then its CRC, then the fields."""
+        """Return the content of one telegram. Raises TelegramError: length is checked first, then CRC, then fields."""
         needed = _length_of(data) if len(data) >= _SHORTEST else _SHORTEST
         if needed != len(data) and (needed or len(data) < _SHORTEST):
-            raise TelegramError("length", f"{len(data)} bytes are no telegram; {needed} would be one")
+            raise TelegramError("length", f"{len(data)} bytes are not a telegram; {needed} would be one")
         form = _FORMS[direction].get((data[1], data[2]))
         if form is not None:
             message: Message = form.parse(data)
             return message
         if crc16(data[:-2]) != data[-2:]:
             raise TelegramError("checksum", f"CRC {data[-2:].hex(' ').upper()} is wrong")
-        raise wrong_field("function", f"{data[1]:02X} with LEN {data[2]} is none that is known")
+        raise wrong_field("function", f"{data[1]:02X} with LEN {data[2]} is unknown")
 
     def encode(self, message: Any) -> bytes:
         """Return the bytes of one telegram."""
         form = _FORMS["request" if isinstance(message, Request) else "reply"].get((message.function, message.length))
         if form is None:
-            raise wrong_field("function", f"{message.function!r} with LEN {message.length!r} is none that is known")
+            raise wrong_field("function", f"{message.function!r} with LEN {message.length!r} is unknown")
         return form.build(message)
 
 
 def _length_of(head: bytes) -> int:
-    """Return how long the telegram is with these first bytes, at least two; 0 where there is none."""
+    """Return the length of the telegram that begins with these bytes, at least two; 0 if the beginning is invalid."""
     if head[1] not in _KINDS:
         return 0
     if len(head) == 2:
@@ -159,14 +159,14 @@ def _length_of(head: bytes) -> int:
 
 
 def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
-    """Build a message from fields as test vectors name them."""
+    """Return a message from fields with the names that test vectors use."""
     kind: type[Any] = Request if direction == "request" else Reply
     message: Message = message_of(kind, given, f"a {direction}")
     return message
 
 
 def mismatch(request: Message, reply: Message) -> str:
-    """Name the first field in which a sound reply does not belong to a request; nothing when it belongs."""
+    """Return the first field in which a sound reply does not belong to a request; empty if it belongs."""
     if not isinstance(request, Request) or not isinstance(reply, Reply):
         return "kind"
     if request.address == BROADCAST:
@@ -183,7 +183,7 @@ def mismatch(request: Message, reply: Message) -> str:
 
 
 def intent(message: Message) -> Intent:
-    """Return what a request is for."""
+    """Return the intent of a request."""
     if not isinstance(message, Request):
         return Intent()
     if message.function == CONTROL:

@@ -1,4 +1,4 @@
-"""How a Huanyang drive answers control data, where it is not as all drives that hold registers do."""
+"""A virtual Huanyang drive, with answers to control data that differ from other drives with registers."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 
 class VirtualHuanyangDrive(VirtualRegisterDrive):
-    """A drive at one address. It obeys the line where PD001 says so, and has a motor that PD005 limits."""
+    """A drive at one address. It obeys the line if PD001 says so, and PD005 limits its motor."""
 
     def __init__(self, address: int, options: HuanyangOptions, model: Model) -> None:
         super().__init__(HuanyangDialect(address, options, model), HuanyangCodec(), LineSettings())
 
     def answer(self, request: Any, now: float) -> Message:
-        """Do what a request says, and return the reply; that to control data tells how the drive is."""
+        """Carry out a request and return the reply; the reply to control data contains the drive's state."""
         reply = super().answer(request, now)
         if isinstance(reply, Reply) and reply.function == fn.CONTROL:
             return replace(reply, value=self._status_byte())
@@ -37,14 +37,14 @@ class VirtualHuanyangDrive(VirtualRegisterDrive):
         return Reply(**same, length=1, value=self._status_byte())
 
     def refusing(self, find: Framed, code: int, now: float) -> VirtualReply | None:
-        """Refuse a request; the codes of refusals are functions, and each kind of request has one."""
+        """Refuse a request with a function code, if that is the refusal for its kind; otherwise stay silent."""
         request: Any = find.message
         refused = fn.CONTROL_REFUSED if request.function == fn.CONTROL else fn.REFUSED
         self.follow(now)
         return self._sent(self.refuse(request, "unknown")) if code == refused else None
 
     def _status_byte(self) -> int:
-        """Return CNST: run, jog, r/f as commanded, running, jogging, r/f as it turns (p. 62)."""
+        """Return CNST: run, jog, r/f as commanded, running, jogging, r/f as the motor turns (p. 62)."""
         motor = self.motor
         says = (motor.command is Command.RUN, False, motor.target_hz < 0, motor.running, False, motor.output_hz < 0)
         return sum(holds << bit for bit, holds in enumerate(says))

@@ -9,7 +9,7 @@ from drivecomm.protocol import AddressSpace, LineFacts, LineSettings, Timing
 from drivecomm_lecom.dialect import LecomDialect
 from drivecomm_lecom.telegrams import CODES, TELEGRAMS
 
-ADDRESSES = tuple(address for address in range(1, 100) if address % 10)  # the tens are groups' (L p. 6-3)
+ADDRESSES = tuple(address for address in range(1, 100) if address % 10)  # multiples of ten are groups (L p. 6-3)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,8 +1,8 @@
-"""How the codes of a Lenze drive stand in LECOM telegrams.
+"""Codes of a Lenze drive in LECOM telegrams.
 
-The number of a place is its code, and 65536 times its subcode. The kind is the format, the column "Format" of the
-manuals' attribute tables (8200 motec EDB82MV752 p. 14-51), in a model the type: `s32` is VD, decimal; `u16`, `s16` and
-`u32` are VH, hexadecimal; `string` is VS, a text, or VO, octets (L p. 8-18, 8-19).
+The number of a place is its code, plus 65536 times its subcode. The kind is the format, the column "Format" of the
+manuals' attribute tables (8200 motec EDB82MV752 p. 14-51), which a model gives as the type: `s32` is VD, decimal;
+`u16`, `s16` and `u32` are VH, hexadecimal; `string` is VS, a text, or VO, octets (L p. 8-18, 8-19).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Damaged, Model
 
 LEAST = Decimal("0.0001")
-"""Drives calculate with four decimals (9200 manual p. 60, 8615E manual p. 113)."""
+"""Resolution of the drives, which calculate with four decimals (9200 manual p. 60, 8615E manual p. 113)."""
 _KINDS = {"s32": "", "u16": "h", "s16": "h", "u32": "l", "string": "s"}
 _ADDRESS = re.compile(r"C([0-9]{1,5})(?:/([0-9]{1,3}))?|P([0-9]{3})", re.ASCII)
 _SUBCODES, _MENU, _SOFTWARE = 1 << 16, 1000, 200
@@ -32,7 +32,7 @@ _REFUSALS = {"fault": 0x3F, "unknown": 0x04, "nak": 0x15}
 
 
 class LecomDialect(Dialect):
-    """The codes of one drive."""
+    """The codes of one Lenze drive, and the telegrams for them."""
 
     title = "LECOM"
     broadcast_address, joins = 0, True
@@ -45,52 +45,52 @@ class LecomDialect(Dialect):
 
     def __init__(self, address: int, options: Any, model: Model | None) -> None:
         super().__init__(address, options, model)
-        self.shared_addresses = {0, address // 10 * 10}  # of all drives, and of its group (L p. 6-3)
+        self.shared_addresses = {0, address // 10 * 10}  # for all drives, and for its group (L p. 6-3)
         known = {_number(each.address): each for each in (model.parameters.values() if model else ())}
         self._types = {_SOFTWARE: "string"} | {number: each.type or "s32" for number, each in known.items()}
         self._factors = {number: each.factor for number, each in known.items()}
         self.identity = {"software": "C0200", **(model.control.get("identity", {}) if model else {})}
 
     def place_of(self, address: str) -> Place:
-        """Return where a code is. Raises ParameterAddressError."""
+        """Return the place of a code. Raises ParameterAddressError."""
         return self._place(_number(address))
 
     def _place(self, number: int) -> Place:
         return Place(_KINDS[self._types.get(number, "s32")], number)
 
     def address_at(self, place: Place) -> str:
-        """Return how manuals print a code."""
+        """Return the code of a place as manuals print it."""
         subcode, code = divmod(place.start, _SUBCODES)
         return f"C{code:04d}" + (f"/{subcode}" if subcode else "")
 
     def target(self, parameter: str, type: str = "") -> Target:
-        """Return what is to be read or written; what no model knows is decimal unless `type` says otherwise."""
+        """Return the target of a read or write; a code unknown to the model is decimal unless `type` is given."""
         info = self.model.find(parameter) if self.model else None
         number = _number(info.address if info else parameter)
         kind = type or self._types.get(number, "s32")
         if kind not in _KINDS:
-            raise UsageError(f"{kind!r} is no type of a LECOM code; types are {', '.join(_KINDS)}")
+            raise UsageError(f"{kind!r} is not a type of a LECOM code; types are {', '.join(_KINDS)}")
         found = replace(super().target(parameter, kind), place=Place(_KINDS[kind], number), wide=True)
         return replace(found, format=replace(found.format, scale=LEAST)) if kind == "s32" else found
 
     def reading(self, place: Place, _count: int, /) -> Ask:
-        """Return the question for a code; its answer names the code and no drive, NAK, which may come, nothing."""
+        """Return the request for a code; the answer names the code but no drive, and a NAK names neither."""
         return self._ask(place, kind="receive")
 
     def writing(self, place: Place, words: Sequence[Any], /) -> Ask:
-        """Return the telegram that writes a code; ACK and NAK name nothing at all (L p. 8-20)."""
+        """Return the telegram that writes a code; ACK and NAK name neither code nor drive (L p. 8-20)."""
         if place.kind == "s":
             raise ValueRefusedError(f"{self.address_at(place)} is a text, and drives take none over LECOM")
         return self._ask(place, kind="send", data=self._data(words[0], place))
 
     def _ask(self, place: Place, **fields: Any) -> Ask:
         subcode, code = divmod(place.start, _SUBCODES)
-        is_long = subcode > 0 or code not in CODES  # which two characters cannot name (L p. 8-16, 8-18)
+        is_long = subcode > 0 or code not in CODES  # two characters cannot express it (L p. 8-16, 8-18)
         request = Request(address=self.address, code=code, subcode=subcode, extended=is_long, **fields)
         return Ask(message=request, nameless=True, anonymous=True)
 
     def words(self, reply: Any, place: Place, /) -> tuple[Any, ...]:
-        """Return what a code holds. Raises UnexpectedReplyError for a value in another format."""
+        """Return the value of a code. Raises UnexpectedReplyError for a value in another format."""
         word = self._word(reply.data, place)
         if word is None:
             fits = [
@@ -101,7 +101,7 @@ class LecomDialect(Dialect):
         return (word,)
 
     def _word(self, data: str, place: Place) -> Any:
-        """Return the number, unsigned, or the text that a telegram tells; None for a value of another format."""
+        """Return the unsigned number or the text in a telegram; None for a value in another format."""
         if data[0] in "SO":
             return data[1:] if place.kind == "s" else None
         if data[0] == "H":
@@ -116,21 +116,24 @@ class LecomDialect(Dialect):
         return text.rstrip("0").rstrip(".") if "." in text else text
 
     def refusal(self, reply: Any) -> int | None:
-        """Return which answer refuses."""
+        """Return the code of a refusal; None for any other answer."""
         return _REFUSALS.get(reply.kind)
 
     def reply_kinds_of(self, request: Any) -> Collection[str]:
-        """Return what answers a request; SMV p. 15 has NAK for a bad question, too."""
+        """Return the kinds of answer to a request; SMV p. 15 also has NAK for an invalid read."""
         return ("ack", "nak") if request.kind == "send" else ("value", "unknown", "fault", "nak")
 
     def mismatch(self, request: Any, reply: Any) -> str:
-        """Name the first field in which an answer does not belong to a request; it names the code at most."""
+        """Return the first field in which an answer does not belong to a request; an answer names at most the code."""
         if reply.kind not in self.reply_kinds_of(request):
             return "kind"
         return "" if reply.code is None else difference(request, reply, "code", "subcode", "extended")
 
     def meant(self, request: Any) -> Access:
-        """Return what a request does. Raises RegisterRefusal for a value of another format than the code has."""
+        """Return the access that a request makes.
+
+        Raises RegisterRefusal for a value in another format than that of the code.
+        """
         place = self._place(request.subcode * _SUBCODES + request.code)
         if request.kind == "receive":
             return Access(place=place)
@@ -143,12 +146,12 @@ class LecomDialect(Dialect):
         """Return the answer with a value."""
         return self._reply(request, kind="value", data=self._data(words[0], self.meant(request).place))
 
-    def taken(self, request: Any) -> Reply:  # noqa: ARG002 - it names nothing
+    def taken(self, request: Any) -> Reply:  # noqa: ARG002 - ACK is the same for all requests
         """Return ACK."""
         return Reply(kind="ack")
 
     def refused(self, request: Any, code: int) -> Reply:
-        """Return the refusal of a request: that there is no such code, to a question, and else NAK."""
+        """Return the refusal of a request: "unknown" if a read names a code that does not exist, otherwise NAK."""
         is_asked = request.kind == "receive" and code == _REFUSALS["unknown"]
         return self._reply(request, kind="unknown") if is_asked else Reply(kind="nak")
 
@@ -156,7 +159,7 @@ class LecomDialect(Dialect):
         return Reply(code=request.code, subcode=request.subcode, extended=request.extended, **fields)
 
     def damaged(self, find: Damaged) -> Reply | None:
-        """Return NAK for a value that came damaged (L p. 8-20); a question has no check characters."""
+        """Return NAK for a damaged value (L p. 8-20); a read request has no check characters."""
         is_mine = find.data[:4] == b"\x04%02d\x02" % self.address
         return Reply(kind="nak") if is_mine and find.error.category in ("checksum", "field") else None
 
@@ -166,6 +169,6 @@ def _number(address: str) -> int:
     code, subcode = (int(found[1] or _MENU + int(found[3] or 0)), int(found[2] or 0)) if found else (-1, 0)
     if code not in range(_SUBCODES) or subcode not in range(256):
         raise ParameterAddressError(
-            f"{address!r} is no code of a Lenze drive; write C0046, C0410/3 with a subcode, or P103 of an SMV"
+            f"{address!r} is not a code of a Lenze drive; write C0046, C0410/3 with a subcode, or P103 of an SMV"
         )
     return subcode * _SUBCODES + code

@@ -1,13 +1,13 @@
-"""The telegrams of LECOM-A/B (Lenze EDB2102EN "Fieldbus module type 2102", 10/2003: L; SMVector CMVLC401A: SMV).
+"""Telegrams of LECOM-A/B (Lenze EDB2102EN "Fieldbus module type 2102", 10/2003: L; SMVector CMVLC401A: SMV).
 
     RECEIVE  EOT AD1 AD2 code ENQ                     SEND    EOT AD1 AD2 STX code value ETX BCC
     answers  STX code value ETX BCC                   answers ACK or NAK, which name nothing
-             STX code "?" ETX BCC   came damaged
-             STX code EOT           no such code
+             STX code "?" ETX BCC   damaged request
+             STX code EOT           unknown code
 
 (L p. 8-20 to 8-23, SMV p. 15, 16.) LECOM-A, -B and -LI are the same telegrams over RS-232, RS-485 and fibre. L p. 8-16
-and SMV p. 10 print EOT as 02; it is 04 (L p. 8-21). BCC is the exclusive-or of all behind STX up to ETX, one byte of
-any value, also one that looks like ETX (L p. 8-20, SMV p. 14); other relatives of X3.28 add 20H to small ones.
+and SMV p. 10 print EOT as 02; it is 04 (L p. 8-21). BCC is the exclusive-or of all characters behind STX up to ETX, one
+byte of any value, even that of ETX (L p. 8-20, SMV p. 14); other relatives of X3.28 add 20H to small values.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Any
 from drivecomm.protocol import schema
 from drivecomm.protocol.schema import Form, Leaf, constant
 
-CODES = range(6230)  # that two characters can name (L p. 8-16)
+CODES = range(6230)  # codes that two characters can express (L p. 8-16)
 _STX, _ETX, _EOT, _ENQ, _ACK, _NAK = (bytes([each]) for each in (0x02, 0x03, 0x04, 0x05, 0x06, 0x15))
 _DECIMAL, _HIGHEST = re.compile(r"-?[0-9]{1,6}(\.[0-9]{1,4})?", re.ASCII), Decimal("214748.3647")
 _VALUE = re.compile("H([0-9A-F]{2}|[0-9A-F]{4}|[0-9A-F]{8})|O([0-9A-F]{2}){1,120}|S[ -~]{1,240}")
@@ -28,7 +28,10 @@ _VALUE = re.compile("H([0-9A-F]{2}|[0-9A-F]{4}|[0-9A-F]{8})|O([0-9A-F]{2}){1,120
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
-    """RECEIVE or SEND. extended: seven characters name code and subcode (L p. 8-18). data: the value as it stands."""
+    """A RECEIVE or SEND telegram.
+
+    extended: whether seven characters name code and subcode (L p. 8-18). data: the value as printed in the telegram.
+    """
 
     kind: str
     address: int
@@ -40,7 +43,7 @@ class Request:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reply:
-    """What a drive answers, which never names the drive. code: None in an acknowledgement, which names nothing."""
+    """An answer, which never names the drive. code: None in an acknowledgement, which names nothing."""
 
     kind: str
     code: int | None = None
@@ -50,7 +53,7 @@ class Reply:
 
 
 def _code_in(found: bytes) -> int:
-    """Return the code that two characters name (L p. 8-16)."""
+    """Return the code that two characters express (L p. 8-16)."""
     first, second = found[0] - 0x30, found[1] - 0x30
     code = first * 10 + second % 10 + 790 * (second // 10)
     if code not in CODES or _code_as(code) != found:
@@ -64,7 +67,10 @@ def _code_as(code: int) -> bytes:
 
 
 def _checked(data: str, kind: str) -> str:
-    """Return a value: decimal, H, O or S (L p. 8-18, 8-19). A drive tells texts, and is sent none."""
+    """Return a valid value: decimal, H, O or S (L p. 8-18, 8-19). Texts occur only in answers.
+
+    Raises a field error for any other value.
+    """
     is_text = isinstance(data, str)
     is_decimal = is_text and _DECIMAL.fullmatch(data) and Decimal("-214748.3648") <= Decimal(data) <= _HIGHEST
     if not is_decimal and not (is_text and _VALUE.fullmatch(data) and (data[0] != "S" or kind == "value")):
@@ -73,7 +79,10 @@ def _checked(data: str, kind: str) -> str:
 
 
 def _form(message: type[Any], kind: str, *leaves: Any, extended: bool | None = None) -> Form[Any]:
-    """Return the form of a kind of telegram. extended: how it names its code; None if it names none."""
+    """Return the form of a kind of telegram.
+
+    extended: True for extended addressing of the code, False for two characters, None for a telegram without a code.
+    """
     reads: dict[str, Any] = {"kind": lambda: kind} | ({"extended": lambda: True} if extended else {})
     writes: dict[str, Any] = {}
     if kind in ("value", "send"):
@@ -82,11 +91,11 @@ def _form(message: type[Any], kind: str, *leaves: Any, extended: bool | None = N
 
     def check(given: Any) -> None:
         if given.kind != kind:
-            raise schema.wrong_field("kind", f"{given.kind!r} is no telegram")
+            raise schema.wrong_field("kind", f"{given.kind!r} is not a kind of telegram")
         if extended and given.extended is not True:
             raise schema.wrong_field("extended", "only extended addressing names a subcode")
         if kind == "receive" and type(given.address) is int and not given.address % 10:
-            raise schema.wrong_field("address", "nobody answers at the address of a group (L p. 6-3)")
+            raise schema.wrong_field("address", "no drive answers at a group address (L p. 6-3)")
 
     def when(given: Any) -> bool:
         return given.kind == kind and (extended is None or extended == bool(given.extended or given.subcode))
@@ -95,7 +104,7 @@ def _form(message: type[Any], kind: str, *leaves: Any, extended: bool | None = N
 
 
 def _both(title: str, message: type[Any], kind: str, before: list[Any], *behind: Any) -> dict[str, Form[Any]]:
-    """Return the forms of a telegram with either way to name its code, and the characters around that."""
+    """Return two forms of a telegram, with the short and with the extended code between these leaves."""
     code = "code" / Leaf(2, _code_in, _code_as, values=CODES, meaning="code number")
     seven = constant(b"!"), "code" / schema.hex_number(4, "code"), "subcode" / schema.hex_number(2, "subcode")
     return {
@@ -131,4 +140,4 @@ TELEGRAMS = schema.Telegrams(
     },
     alike="lecom",
 )
-"""The codec. A code number never begins with `!`, since its first character is 30 to 7E."""
+"""The codec. A code number never begins with `!`, because its first character is 30 to 7E."""

@@ -1,4 +1,4 @@
-"""LS (LSIS, LG) drives by LS bus, also named LS INV 485, for drivecomm."""
+"""LS (LSIS, LG) drives over LS bus, also named LS INV 485, for drivecomm."""
 
 from drivecomm.profiles import register_protocol
 from drivecomm.protocol import LineFacts, LineSettings, Timing

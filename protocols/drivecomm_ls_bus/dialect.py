@@ -1,4 +1,4 @@
-"""How the addresses of an LS drive stand in LS bus telegrams, and what a drive answers.
+"""Addresses of an LS drive in LS bus telegrams, and the replies of a drive.
 
 `0x0005` is an address as the manuals of iG5A print it; those of S100 write 0h0005. No reply repeats the address.
 """
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Damaged, Message
 
 WRITE_ENABLE = Place("", 4)
-"""While it holds 0, a drive of the iG family takes no other write (SV-iG5A manual p. 11-3)."""
+"""While this place holds 0, a drive of the iG family accepts no other write (SV-iG5A manual p. 11-3)."""
 _ADDRESS = re.compile("0[xh]([0-9A-Fa-f]{4})", re.ASCII)
 _CODES = {"IF": 1, "IA": 2, "ID": 3, "WM": 20, "FE": 255}
 _ERRORS = {code: error for error, code in _CODES.items()}
@@ -34,7 +34,7 @@ class LsBusOptions:
 
 
 class LsBusDialect(Dialect):
-    """The addresses of one drive. registered: what X has registered for Y, in a virtual drive."""
+    """The addresses of one drive. registered: addresses registered by X for Y, in a virtual drive."""
 
     title = "LS bus"
     broadcast_address = sent.BROADCAST
@@ -51,33 +51,35 @@ class LsBusDialect(Dialect):
     registered: tuple[int, ...] = ()
 
     def place_of(self, address: str) -> Place:
-        """Return where an address of the manual is. Raises ParameterAddressError."""
+        """Return the place of an address in the manual. Raises ParameterAddressError."""
         if not (found := _ADDRESS.fullmatch(address)):
-            raise ParameterAddressError(f"{address!r} is no address of an LS drive; write four digits, as 0x000A")
+            raise ParameterAddressError(
+                f"{address!r} is not an address of an LS drive; write four digits, such as 0x000A"
+            )
         return Place("", int(found[1], 16))
 
     def address_at(self, place: Place) -> str:
-        """Return how the manual prints an address."""
+        """Return the address of a place as the manual prints it."""
         return f"0x{place.start:04X}"
 
     def reading(self, place: Place, count: int, /) -> Ask:
-        """Return the request that reads addresses from one on; a reply tells its drive, and no address."""
+        """Return the request that reads consecutive addresses; a reply names its drive but no address."""
         return Ask(message=sent.Read(address=self.address, first=place.start, count=count), nameless=True)
 
     def writing(self, place: Place, words: Sequence[int], /) -> Ask:
-        """Return the request that writes addresses from one on."""
+        """Return the request that writes consecutive addresses."""
         return Ask(message=self._write(place, tuple(words)), nameless=True)
 
     def _write(self, place: Place, words: tuple[int, ...]) -> Any:
         return sent.Write(address=self.address, first=place.start, count=len(words), values=words)
 
     def words(self, reply: Any, _place: Place, /) -> tuple[int, ...]:
-        """Return what a reply tells."""
+        """Return the values of a reply."""
         told: tuple[int, ...] = reply.values
         return told
 
     def refusal(self, reply: Any) -> int | None:
-        """Return the number of a refusal."""
+        """Return the number of a refusal; None for any other reply."""
         return _CODES[reply.error] if reply.kind == "nak" else None
 
     def reply_kinds_of(self, request: Any) -> Collection[str]:
@@ -85,9 +87,10 @@ class LsBusDialect(Dialect):
         return _REPLIES[request.kind], "nak"
 
     def mismatch(self, request: Any, reply: Any) -> str:
-        """Name what tells that a sound reply is not of this request: its station, its command, how many words it has.
+        """Return the part in which a sound reply does not belong to a request: station, command or number of words.
 
-        The words themselves do not: what iG5A repeats of a write can be of the one before (SV-iG5A manual p. 11-5).
+        The words themselves are not compared: the words that iG5A repeats may be those of the write before (SV-iG5A
+        manual p. 11-5).
         """
         if getattr(reply, "address", None) != request.address:
             return "station"
@@ -96,7 +99,7 @@ class LsBusDialect(Dialect):
         return "count" if reply.kind in ("data", "written") and len(reply.values) != request.count else ""
 
     def meant(self, request: Any) -> Access | None:
-        """Return what a request does; None for X, which only prepares Y."""
+        """Return the access that a request makes; None for X, which only prepares Y."""
         if request.kind == "register":
             self.registered = request.addresses
             return None
@@ -106,7 +109,7 @@ class LsBusDialect(Dialect):
         return Access(place=Place("", request.first), count=request.count, words=words)
 
     def forget(self) -> None:
-        """Forget what was registered."""
+        """Clear the registered addresses."""
         self.registered = ()
 
     def told(self, request: Any, words: Sequence[int]) -> Message:
@@ -116,7 +119,7 @@ class LsBusDialect(Dialect):
         return reply
 
     def taken(self, request: Any) -> Message:
-        """Return the reply to W, which repeats what was written, or to X."""
+        """Return the reply to W, which repeats the written words, or to X."""
         reply: Message = (
             sent.Registered(address=self.address)
             if request.kind == "register"
@@ -129,7 +132,7 @@ class LsBusDialect(Dialect):
         return self._nak(_of(request), _ERRORS[code])
 
     def damaged(self, find: Damaged) -> Message | None:
-        """Return FE for a damaged request to this drive (SV-iG5A manual p. 11-6), IF for a command that it has not."""
+        """Return FE for a damaged request to this drive (SV-iG5A manual p. 11-6), IF for an unknown command."""
         command = find.data[3:4].decode("latin-1")
         if find.data[:3] != b"\x05%02X" % self.address or not " " <= command <= "~":
             return None
@@ -147,7 +150,7 @@ class VirtualLsBusDrive(VirtualRegisterDrive):
     _dialect: LsBusDialect
 
     def answer(self, request: Any, now: float) -> Any:
-        """Do what a request says; nothing is written while writing is disabled, and Y reads what X has registered."""
+        """Carry out a request; Y reads the registered addresses, and writes are refused while writing is disabled."""
         access, dialect = self._dialect.meant(request), self._dialect
         if request.kind == "monitor":
             if not dialect.registered:

@@ -1,15 +1,15 @@
-"""The telegrams of LS bus (SV-iG5A manual p. 11-3 to 11-6; LSLV-S100 manual p. 236 to 240).
+"""Telegrams of LS bus (SV-iG5A manual p. 11-3 to 11-6; LSLV-S100 manual p. 236 to 240).
 
     request   ENQ  s s  R  address of 4  n              x x  EOT
     request   ENQ  s s  W  address of 4  n  n words     x x  EOT
     request   ENQ  s s  X  n  n addresses               x x  EOT    register for monitoring
-    request   ENQ  s s  Y                               x x  EOT    read what is registered
+    request   ENQ  s s  Y                               x x  EOT    read the registered addresses
     good      ACK  s s  R, W or Y        n words        x x  EOT
     good      ACK  s s  X                               x x  EOT
     refused   NAK  s s  command  error of 2             x x  EOT
 
-s: station. n: 1 to 8. x: low byte of the sum of all between the first character and itself (S100 p. 237). All numbers
-are upper-case hexadecimal digits. No reply repeats the address. Nobody answers station 255 (S100 p. 237).
+s: station. n: 1 to 8. x: low byte of the sum of all characters between the first and itself (S100 p. 237). All numbers
+are upper-case hexadecimal digits. No reply repeats the address. No drive answers station 255 (S100 p. 237).
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from typing import Any
 from drivecomm.protocol import Direction, schema
 
 STATIONS = range(1, 251)
-"""S100 manual p. 231."""
+"""Valid stations (S100 manual p. 231)."""
 BROADCAST = 255
 COUNTS = range(1, 9)
 ERRORS = ("IF", "IA", "ID", "WM", "FE")
-"""No such function, no such address, value out of range, not writable now, wrong size or sum (SV-iG5A p. 11-6)."""
+"""Unknown function, unknown address, value out of range, not writable now, wrong size or sum (SV-iG5A p. 11-6)."""
 
 
 def _message(kind: str, *names: str) -> type[Any]:
     """Return the class of a telegram with a station and these fields.
 
-    address: the station; first: the address of a parameter, which the manuals, and vectors, call the address.
+    address: the station. first: the address of a parameter, which manuals and vectors call the address.
     """
     shown = {"address": "station", "first": "address"}
     given: list[Any] = [
@@ -48,7 +48,7 @@ Registered, Nak = _message("registered"), _message("nak", "command", "error")
 
 
 def _words(count: int, meaning: str) -> schema.Leaf:
-    """Return a leaf of this many words, of four digits each."""
+    """Return a leaf of this many words, with four digits each."""
 
     def parse(found: bytes) -> tuple[int, ...]:
         return tuple(schema.hex_value(found[place : place + 4]) for place in range(0, len(found), 4))
@@ -74,7 +74,10 @@ def _form(message: type[Any], begin: bytes, *leaves: Any, to_all: bool = False, 
 
 
 def _command(letter: bytes) -> schema.Leaf:
-    """Return a leaf of this letter; another is a wrong field, no wrong frame: drives answer IF to it (S100 p. 237)."""
+    """Return a leaf of this letter.
+
+    Another letter is a wrong field, not a wrong frame, because drives answer IF to it (S100 p. 237).
+    """
     command = schema.choice({letter: None}, "command")
     command.implied = True
     return schema.deciding(command)
@@ -92,13 +95,13 @@ def _values(message: type[Any], command: bytes, count: int) -> schema.Form[Any]:
 
 
 class _Codec(schema.Telegrams):
-    """The codec of all drives."""
+    """Codec for the telegrams of all LS drives."""
 
     def measure(self, head: bytes, direction: Direction) -> int:
-        """Return how long the telegram is that begins so, for a drive answers damaged ones, too.
+        """Return the length of a telegram with this beginning, even of a damaged one, because drives answer those.
 
-        EOT ends whatever it is: one of a wrong size is answered with FE (S100 p. 240). A command in lower case is
-        answered with IF (S100 p. 237), so that it is as long as in upper case.
+        EOT ends any telegram: one of a wrong size is answered with FE (S100 p. 240). A command in lower case is
+        answered with IF (S100 p. 237), so it has the same length as in upper case.
         """
         head = head[: head.find(b"\x04", 4) + 1 or None]
         asked = head[:3] + head[3:4].upper() + head[4:] if direction == "request" else head

@@ -1,4 +1,4 @@
-"""Mitsubishi and Shihlin drives that speak the computer link, for drivecomm."""
+"""Mitsubishi and Shihlin drives over the computer link, for drivecomm."""
 
 from drivecomm.profiles import register_protocol
 from drivecomm.protocol import LineFacts, LineSettings, Timing

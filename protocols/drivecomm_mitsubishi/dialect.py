@@ -1,7 +1,8 @@
-"""How parameters and instruction codes of a drive stand in telegrams (FR-D700 manual p. 189, FR-F500 p. 114).
+"""Parameters and instruction codes of a drive in telegrams (FR-D700 manual p. 189, FR-F500 p. 114).
 
-`7` is Pr. 7, `H6F` an instruction code, `H74.low` its low byte. Parameters are on pages, chosen by FF. On page 00 code
-and number are the same; the codes on the others follow no rule (Pr. 240 is 30 on page 02), so the model gives them.
+`7` is Pr. 7, `H6F` an instruction code, `H74.low` its low byte. Parameters are on pages, selected by FF. On page 00
+code and number are the same; the codes on the others follow no rule (Pr. 240 is 30 on page 02), so the model gives
+them.
 """
 
 from __future__ import annotations
@@ -17,13 +18,13 @@ from drivecomm_mitsubishi.telegrams import LONG, SHORT, Ack, Data, Multi, MultiR
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-_PAGE, _RUN, _FIRST = 0xFF, 0xFA, 0x6C  # the lowest instruction code: below are parameters
+_PAGE, _RUN, _FIRST = 0xFF, 0xFA, 0x6C  # _FIRST: lowest instruction code; below it are parameters
 _PAIRED = (0x6C, 0x6D, 0x6E, 0x7B, 0x7F)
-"""Codes that are written as themselves + 80; of the others that is another thing: 7A is the status, FA starts."""
+"""Codes that are written as themselves + 80. For other codes, code + 80 differs: 7A is the status, FA starts."""
 
 
 class MitsubishiDialect(Dialect):
-    """The parameters and instruction codes of one drive. page: the one that is chosen, in a virtual drive."""
+    """The parameters and instruction codes of one drive. page: the selected page, in a virtual drive."""
 
     title = "Mitsubishi computer link"
     requests = (Read, Write, Multi)
@@ -38,22 +39,27 @@ class MitsubishiDialect(Dialect):
     page = 0
 
     def place_of(self, address: str) -> Place:
-        """Return where an address is. Raises ParameterAddressError."""
+        """Return the place of an address. Raises ParameterAddressError."""
         found = re.fullmatch(r"H([0-9A-F]{2})(?:\.(low|high))?|(0|[1-9][0-9]{0,3})", str(address), re.ASCII)
         if found is None:
-            raise ParameterAddressError(f"{address!r} is no parameter and no code; write 7 for Pr. 7, or H6F, H74.low")
+            raise ParameterAddressError(
+                f"{address!r} is neither a parameter nor a code; write 7 for Pr. 7, or H6F, H74.low"
+            )
         return Place("", int(found[3])) if found[3] else Place("h", int(found[1], 16), found[2] or "")
 
     def address_at(self, place: Place) -> str:
-        """Return how a message calls a place."""
+        """Return the address of a place as messages print it."""
         return f"H{place.start:02X}" if place.kind else str(place.start)
 
     def allowed(self, place: Place) -> range | None:
-        """Return the numbers that a place can hold: those of two digits where it has no more."""
+        """Return the numbers that a place can hold if it has only two digits, else None."""
         return range(256) if place.kind and self._digits(place.start) == 2 else None
 
     def preparing(self, place: Place) -> Ask | None:
-        """Choose the page of a parameter; it is a state of the drive, which another master may have changed."""
+        """Return the request that selects the page of a parameter; None for an instruction code.
+
+        The page is a state of the drive that another master may have changed.
+        """
         return None if place.kind else self._ask(Write, _PAGE, self._paged(place)[0])
 
     def reading(self, place: Place, _count: int, /) -> Ask:
@@ -63,14 +69,17 @@ class MitsubishiDialect(Dialect):
         return self._ask(Read, code)
 
     def writing(self, place: Place, words: Sequence[int], /) -> Ask:
-        """Return the request that writes a place, or commands."""
+        """Return the request that writes a place, or the command."""
         code = self._paged(place)[1]
         if place.kind and code < 0x80 and code not in _PAIRED:
             raise NotSupported(f"H{code:02X} can only be read; what H{code | 0x80:02X} writes is another thing")
         return self._ask(Write, code | 0x80, words[0])
 
     def silence_s(self, request: Any) -> float:
-        """Return how long a drive is away: 9696 resets it without an answer (Shihlin SE2 manual p. 70)."""
+        """Return the seconds of silence after a request.
+
+        9696 resets the drive without an answer (Shihlin SE2 manual p. 70).
+        """
         return 2.0 if request.kind == "write" and (request.code, request.data) == ("FD", "9696") else 0.0
 
     def words(self, reply: Any, _place: Place, /) -> tuple[int, ...]:
@@ -80,7 +89,7 @@ class MitsubishiDialect(Dialect):
         return (int(reply.data, 16),)
 
     def refusal(self, reply: Any) -> int | None:
-        """Return the code of a refusal."""
+        """Return the code of a refusal; None for any other reply."""
         return reply.error_code if reply.kind == "nak" else None
 
     def reply_kinds_of(self, request: Any) -> tuple[str, ...]:
@@ -88,7 +97,7 @@ class MitsubishiDialect(Dialect):
         return {"read": "data", "write": "ack", "multi": "multi_reply"}.get(request.kind, ""), "nak"
 
     def mismatch(self, request: Any, reply: Any) -> str:
-        """Name what does not belong to a request, which is no more than the number of digits."""
+        """Return the field in which a reply does not belong to a request; only station, kind and size are compared."""
         differs = super().mismatch(request, reply)
         if differs or reply.kind != "data":
             return "station" if differs == "address" else differs
@@ -96,7 +105,7 @@ class MitsubishiDialect(Dialect):
         return "" if len(reply.data) in fitting else "data"
 
     def meant(self, request: Any) -> Access | None:
-        """Return what a request does; None for the choice of a page. Raises RegisterRefusal."""
+        """Return the access that a request makes; None for the selection of a page. Raises RegisterRefusal."""
         self.reply_delay_s, code = 0.012 + (request.wait or 0) / 100, int(request.code, 16)
         word = None if request.kind == "read" else int(request.data1 if request.kind == "multi" else request.data, 16)
         if code == _PAGE and word is not None:
@@ -116,11 +125,11 @@ class MitsubishiDialect(Dialect):
         return Access(place=place, words=None if word is None else (word,))
 
     def forget(self) -> None:
-        """Forget the page, as a drive that starts anew."""
+        """Reset the page, as a restart of the drive does."""
         self.page = 0
 
     def told(self, request: Any, words: Sequence[int]) -> Any:
-        """Return the value of a place; what the unit of a Shihlin drive means is not known."""
+        """Return the value of a place; the meaning of a Shihlin drive's unit is unknown."""
         data, unit = f"{words[0]:0{self._digits(int(request.code, 16))}X}", self.options.dialect == "shihlin"
         return Data(station=self.address, data=data, unit="00" if unit else None)
 
@@ -129,11 +138,11 @@ class MitsubishiDialect(Dialect):
         return Ack(station=self.address)
 
     def refused(self, _request: Any, code: int) -> Any:
-        """Return a refusal."""
+        """Return the refusal of a request."""
         return Nak(station=self.address, error_code=code)
 
     def damaged(self, find: Any) -> Any:
-        """Return the refusal of what came damaged (FR-D700 manual p. 192); silence where the station is another."""
+        """Return the refusal of a damaged telegram (FR-D700 manual p. 192); None if it is for another station."""
         code = {"checksum": 2, "field": 7}.get(find.error.category, 3)
         return self.refused(None, code) if find.data[:3] == b"\x05%02X" % self.address else None
 
@@ -141,7 +150,7 @@ class MitsubishiDialect(Dialect):
         return 2 if f"{code:02X}" in SHORT and self.options.dialect != "shihlin" else 4
 
     def _paged(self, place: Place) -> tuple[int, int]:
-        """Return page and code of a place."""
+        """Return the page and the code of a place. Raises ParameterAddressError if they are unknown."""
         if place.kind or (place.start < 100 and self.options.dialect != "shihlin"):
             return 0, place.start
         info = self.places.get(place)
@@ -159,7 +168,7 @@ class VirtualMitsubishiDrive(VirtualRegisterDrive):
     """A drive at one station."""
 
     def answer(self, request: Any, now: float) -> Any:
-        """Do what a request says; a multi command runs, sets the frequency and reads at once (FR-A800 p. 578)."""
+        """Carry out a request; a multi command runs, sets the frequency and reads in one telegram (FR-A800 p. 578)."""
         if request.kind != "multi":
             return super().answer(request, now)
         same, errors = {"station": self.address, "wait": request.wait}, list[int]()

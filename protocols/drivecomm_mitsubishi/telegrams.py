@@ -1,4 +1,4 @@
-"""The telegrams of the computer link (FR-E500 manual p. 102 and 103, FR-D700 p. 190, FR-A800 p. 578).
+"""Telegrams of the computer link (FR-E500 manual p. 102 and 103, FR-D700 p. 190, FR-A800 p. 578).
 
     request   ENQ  s s  c c  w  data of 0, 2, 4 or 6 digits  x x     formats B, A', A, A"
     request   ENQ  s s  F 0  w  t r  4 digits  4 digits  x x         multi command, A3 (A2 in F700 and A800 manuals)
@@ -8,11 +8,12 @@
     accepted  ACK  s s                                               format C, and G of the master
     refused   NAK  s s  e                                            format D; from the master without e, H
 
-s: station. c: instruction code. w: waiting time, left out unless Pr. 123 is 9999. t, r: which data is sent and wanted.
-e: error. x: sum of all behind the first character, without ETX (FR-A500 manual p. 131). CR, or CR LF, may follow.
+s: station. c: instruction code. w: waiting time, omitted unless Pr. 123 is 9999. t, r: which data is sent and
+requested. e: error. x: sum of all characters behind the first, without ETX (FR-A500 manual p. 131). CR, or CR LF, may
+follow.
 
-Faults to expect: ACK and NAK have no sum; no reply says what was asked; the sum does not see characters that changed
-places; without CR nothing but the sum tells a write of four digits from the beginning of one of six.
+Faults to expect: ACK and NAK have no sum; no reply names its request; the sum does not detect exchanged characters;
+without CR only the sum distinguishes a write of four digits from the beginning of one of six.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ STATIONS = range(32)
 SHORT = ("6C", "73", "7A", "7F", "EC", "F3", "FA", "FF")
 """Codes with two digits of data (FR-E500 manual p. 101)."""
 LONG = ("25", "6D", "6E", "6F", "A5", "ED", "EE")
-"""Codes that may have six: speeds with Pr. 37 set and FF = 01, and Pr. 37 itself (FR-S500 manual p. 146)."""
+"""Codes that may have six digits: speeds with Pr. 37 set and FF = 01, and Pr. 37 itself (FR-S500 manual p. 146)."""
 _ENQ, _STX, _ETX, _ACK, _NAK = b"\x05", b"\x02", b"\x03", b"\x06", b"\x15"
 _ENDS = {"": b"", "cr": b"\r", "crlf": b"\r\n"}
 
@@ -42,9 +43,9 @@ _ENDS = {"": b"", "cr": b"\r", "crlf": b"\r\n"}
 class MitsubishiOptions:
     """Options of a Mitsubishi or Shihlin drive.
 
-    dialect: `shihlin` where a value is followed by two characters for its unit, and all data has four digits. wait: the
-    waiting time that a request asks for, 0 to 15 in steps of 10 ms; false where it has no such digit (Pr. 123 set).
-    terminator: `cr` or `crlf` where each telegram ends with it (Pr. 124).
+    dialect: `shihlin` if a value is followed by two characters for its unit, and all data has four digits. wait: the
+    waiting time in a request, 0 to 15 in steps of 10 ms; false if requests have no such digit (Pr. 123 set).
+    terminator: `cr` or `crlf` if each telegram ends with it (Pr. 124).
     """
 
     dialect: Literal["mitsubishi", "shihlin"] = "mitsubishi"
@@ -52,7 +53,7 @@ class MitsubishiOptions:
     terminator: Literal["", "cr", "crlf"] = ""
 
     def __post_init__(self) -> None:
-        # False is equal to 0, and codecs are kept by options.
+        # False equals 0, and codecs are cached by options.
         object.__setattr__(self, "wait", None if self.wait is False else self.wait)
         digit = self.wait is not True and self.wait in (None, *range(16))
         if not digit or self.dialect not in ("mitsubishi", "shihlin") or self.terminator not in (*_ENDS,):
@@ -60,13 +61,13 @@ class MitsubishiOptions:
 
 
 def _message(kind: str, *names: str, optional: tuple[str, ...] = ()) -> type[Any]:
-    """Return the class of a telegram with a station and these fields; optional: those that it may lack."""
+    """Return the class of a telegram with a station and these fields. optional: fields that it may omit."""
     given: list[Any] = [*((name, object) for name in ("station", *names)), *((each, object, None) for each in optional)]
     own = {"kind": kind, "address": property(lambda message: message.station), "__module__": __name__}
     return make_dataclass(kind.title(), given, frozen=True, slots=True, kw_only=True, namespace=own)
 
 
-# code: two hexadecimal digits. data, data1, data2: digits as they stand. error1, error2: of run command and frequency.
+# code: two hexadecimal digits. data, data1, data2: digits as printed. error1, error2: of run command and frequency.
 Read, Write = _message("read", "code", optional=("wait",)), _message("write", "code", "data", optional=("wait",))
 Multi = _message("multi", "code", "send_type", "receive_type", "data1", "data2", optional=("wait",))
 HasRead, HasNotRead = _message("ack"), _message("nak")
@@ -75,16 +76,16 @@ MultiReply = _message("multi_reply", "send_type", "receive_type", "error1", "err
 
 
 def _checked(data: Any) -> Any:
-    """Refuse what is no value, which has 2, 4 or 6 digits, or is a type of 20 characters."""
+    """Return a valid value: 2, 4 or 6 hexadecimal digits, or a drive type of 20 characters. Raises TelegramError."""
     if len(data) not in (2, 4, 6, 20):
-        raise TelegramError("length", f"{len(data)} characters are no value; it has 2, 4, 6 or 20")
+        raise TelegramError("length", f"{len(data)} characters are not a value; it has 2, 4, 6 or 20")
     if len(data) < 20 and not re.fullmatch("[0-9A-F]*", data):
         raise wrong_field("data", f"{data!r} is not made of the digits 0-9 and A-F")
     return data
 
 
 def _check_request(message: Any) -> None:
-    """Refuse what no master writes: what erases all parameters, and a run both ways."""
+    """Raise an error for requests that no master may send: erase all parameters, or run both ways."""
     if message.code == "FC":
         raise wrong_field("code", "FC erases the parameters of the drive")
     word = message.data1 if message.code == "F0" else message.data if message.code in ("FA", "F9") else ""
@@ -94,7 +95,7 @@ def _check_request(message: Any) -> None:
 
 @cache
 def codec_for(options: MitsubishiOptions) -> Telegrams:
-    """Return the telegrams of drives with these options."""
+    """Return the codec for drives with these options."""
     station = "station" / hex_number(2, "station 00 to 1F", allowed=STATIONS)
     wait = ("wait" / hex_number(1, "waiting time, 10 ms"),) * (options.wait is not None)
     tail = (constant(_ENDS[options.terminator]),) * bool(options.terminator)

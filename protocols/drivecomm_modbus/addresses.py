@@ -1,4 +1,4 @@
-"""Which registers a Modbus drive may hold, and how it says that it does not hold one."""
+"""The registers that a Modbus drive may hold, and its refusal of others."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def address_space(options: ModbusOptions, model: Model | None) -> AddressSpace:
-    """Return the holding registers as the manual of the series counts them; some drives answer 0 for any of them."""
+    """Return the holding registers in the numbering of the series' manual; some drives answer 0 for any unused one."""
     refused = control_of(model, options).refusals.get("unknown", UNKNOWN_ADDRESS)
     return AddressSpace(
         addresses=lambda: (str(options.register_base + start) for start in range(0x10000)),

@@ -1,4 +1,4 @@
-"""Modbus telegrams to bytes and back, as RTU frames them; what belongs together, and what a request is for."""
+"""Codec for Modbus telegrams in RTU framing, matching of replies, and intents of requests."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ _OBJECTS_AT = 8
 
 
 class ModbusCodec:
-    """Telegrams to bytes and back. addresses: those that drives can have."""
+    """Codec for Modbus telegrams. addresses: valid addresses of drives."""
 
     def __init__(self, addresses: range = ADDRESSES) -> None:
         self.alike = (type(self).__name__, addresses)
         self._addresses, self._forms = addresses, titled_forms(addresses)
 
     def measure(self, head: bytes, direction: Direction) -> int:
-        """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
+        """Return the length of the telegram that begins with these bytes, see `Codec.measure`."""
         if not head:
             return _SHORTEST[direction]
         if head[0] not in self._addresses and (direction == "reply" or head[0] != BROADCAST):
@@ -42,43 +42,43 @@ class ModbusCodec:
         return length_of(head, direction) if len(head) > 1 else _SHORTEST[direction]
 
     def decode(self, data: bytes, direction: Direction) -> Message:
-        """Return the content of one telegram: its length is judged first, then its CRC, then the fields."""
+        """Return the content of one telegram. Raises TelegramError: length is checked first, then CRC, then fields."""
         if len(data) < 4:
-            raise TelegramError("length", f"{len(data)} bytes are no telegram; the shortest has 4")
+            raise TelegramError("length", f"{len(data)} bytes are not a telegram; the shortest has 4")
         needed = length_of(data, direction)
         if needed and needed != len(data):
             raise TelegramError("length", f"{len(data)} bytes, and function {data[1]:02X} has {needed}")
-        # An identification's form is made for its length; for a sound one only.
+        # The form of an identification depends on its length, so make it only for a sound telegram.
         if (not needed or data[1] == fn.IDENTIFICATION) and crc16(data[:-2]) != data[-2:]:
             raise TelegramError("checksum", f"CRC {data[-2:].hex(' ').upper()} is wrong")
         form = self._form_of(data[1], len(data) - _OBJECTS_AT - 2, direction) if needed else None
         if form is not None:
             message: Message = form.parse(data)
             return message
-        raise wrong_field("function", f"{data[1]:02X} is none that is known")
+        raise wrong_field("function", f"{data[1]:02X} is unknown")
 
     def encode(self, message: Any) -> bytes:
         """Return the bytes of one telegram."""
         direction: Direction = "request" if isinstance(message, Request) else "reply"
         function, refused = message.function, direction == "reply" and message.exception is not None
         if type(function) is not int:
-            raise wrong_field("function", f"{function!r} is no number")
+            raise wrong_field("function", f"{function!r} is not a number")
         texts = message.texts if direction == "reply" and isinstance(message.texts, tuple) else ()
         size = sum(2 + len(each) for each in texts if isinstance(each, str))
         form = self._form_of(function | refused << 7, size, direction)
         if form is None:
-            raise wrong_field("function", f"{function} is none that is known; with an exception, any can be refused")
+            raise wrong_field("function", f"{function} is unknown; with an exception, any can be refused")
         data = form.build(message)
         if len(data) > 256:
             raise TelegramError("length", f"{len(data)} bytes; a telegram has 256 at most")
         return data
 
     def content(self, data: bytes) -> bytes:
-        """Return address, function and data of one telegram."""
+        """Return the address, function and data of one telegram."""
         return data[:-2]
 
     def transaction(self, _data: bytes) -> int | None:
-        """Return the transaction of a telegram, None for a framing that has none."""
+        """Return the transaction number of a telegram, or None for a framing without one."""
         return None
 
     def _form_of(self, function: int, size: int, direction: Direction) -> Form[Any] | None:
@@ -88,17 +88,17 @@ class ModbusCodec:
 
 
 class DriveCodec(ModbusCodec):
-    """The telegrams as a drive on a two-wire line hears them: beyond requests, the replies of others, as replies.
+    """The telegrams as a drive on a two-wire line hears them: requests, and also the replies of other drives.
 
-    Nothing in a telegram tells them apart. The reply to a write would pass for the beginning of a long request, and
-    the next request would be lost in it.
+    No mark distinguishes requests from replies. Without this codec, the reply to a write would be mistaken for the
+    beginning of a long request, and the next request would be lost in it.
     """
 
     def measure(self, head: bytes, direction: Direction) -> int:
-        """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
+        """Return the length of the telegram that begins with these bytes, see `Codec.measure`."""
         needed = super().measure(head, direction)
         if not needed and direction == "request" and head[0] in self._addresses and 0 < head[1] < 0x80:
-            # A function that it refuses: only the check tells where such a request ends.
+            # An unknown function, to be refused: only the check shows where such a request ends.
             ends = (end for end in range(4, len(head) + 1) if crc16(head[: end - 2]) == head[end - 2 : end])
             return next(ends, len(head) + 1)
         if direction == "request" and needed and len(head) > _SHORTEST["request"]:
@@ -118,7 +118,7 @@ class DriveCodec(ModbusCodec):
 
 
 def length_of(head: bytes, direction: Direction) -> int:
-    """Return how long the telegram is with these first bytes, at least two; 0 where its function is not known."""
+    """Return the length of the telegram that begins with these bytes, at least two; 0 for an unknown function."""
     function = head[1]
     if direction == "reply" and function & 0x80:
         return 5 if function > 0x80 else 0
@@ -142,14 +142,14 @@ def _length_of_identification(head: bytes) -> int:
 
 
 def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
-    """Build a message from fields as test vectors name them; the kind goes without saying, it is the function."""
+    """Return a message from fields with the names that test vectors use; the function determines the kind."""
     kind: type[Any] = Request if direction == "request" else Reply
     message: Message = message_of(kind, given, f"a {direction}")
     return message
 
 
 def mismatch(request: Message, reply: Message) -> str:
-    """Name the first field in which a sound reply does not belong to a request; nothing when it belongs."""
+    """Return the first field in which a sound reply does not belong to a request; empty if it belongs."""
     if not isinstance(request, Request) or not isinstance(reply, Reply):
         return "kind"
     if request.address == BROADCAST:
@@ -160,7 +160,7 @@ def mismatch(request: Message, reply: Message) -> str:
         return "transaction"
     if reply.exception is not None:
         return ""
-    # Bits come in whole bytes.
+    # Bits are padded to whole bytes.
     step, count = 8 if request.function in (fn.READ_COILS, fn.READ_INPUTS) else 1, request.count or 0
     if reply.values is not None and len(reply.values) != -(-count // step) * step:
         return "byte_count"
@@ -175,7 +175,7 @@ def mismatch(request: Message, reply: Message) -> str:
 
 
 def transaction_of(request: Request) -> int:
-    """Return the transaction of a request over TCP: the one it has, else its cyclic check, which tells what it asks."""
+    """Return the transaction number of a request over TCP; without one, its CRC, which depends on its content."""
     if request.transaction is not None:
         return request.transaction
     return int.from_bytes(_EVERY.encode(request)[-2:], "big")
@@ -185,7 +185,7 @@ _EVERY = ModbusCodec(EVERY_ADDRESS)
 
 
 def intent(message: Message) -> Intent:
-    """Return what a request is for; diagnostics can restart the communication or clear counters, but for the echo."""
+    """Return the intent of a request; diagnostics except the echo can restart the communication or clear counters."""
     if not isinstance(message, Request):
         return Intent()
     if message.function in fn.READS:

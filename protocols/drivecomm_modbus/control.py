@@ -1,4 +1,4 @@
-"""How drives of a series are commanded and store: the table [control] of their model, and nothing in Python."""
+"""Commands and storage of the drives of a series, defined only by the table [control] of their model."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Control(ControlTable):
 
 @kept
 def control_of(model: Model | None, options: ModbusOptions) -> Control:
-    """Return how drives of a model are commanded; not at all without one. Raises UsageError for a wrong table."""
+    """Return the commands of drives of a model; empty without a model. Raises UsageError for an invalid table."""
     if model is None:
         return Control()
     given, entries = model.control, control_entries(model, lambda address: place_of(address, options))

@@ -1,4 +1,4 @@
-"""Requests to one Modbus drive: by whichever function it knows, and behind the echo of an adapter."""
+"""Requests to one Modbus drive, by a function that it knows, and with protection against an adapter's echo."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Conversation(RegisterConversation):
         self._modbus, self._lacking = dialect, memory.lacking
 
     def raw(self, wanted: Target) -> Exchange[int | str]:
-        """Read what the registers of a parameter hold."""
+        """Read the raw value of a parameter."""
         if not wanted.wide:
             return (yield from super().raw(wanted))
         request = Request(address=self._modbus.address, function=fn.READ_LONG, start=wanted.place.start)
@@ -40,9 +40,9 @@ class Conversation(RegisterConversation):
         return self.write(goal, wanted.format.words_of(raw), wanted.address, **how)
 
     def write(self, place: Place, words: Sequence[int], called: str, **how: Any) -> Exchange[None]:
-        """Write registers, or a coil, from a place on; told only where nobody answers. how: see `Ask`.
+        """Write consecutive registers or a coil; at the broadcast address, send only. how: see `Ask`.
 
-        A single register or coil is written by whichever function the drive knows. Raises RefusedError.
+        A single register or coil is written by a function that the drive knows. Raises RefusedError.
         """
         ways = self._ways(place, words)
         if not self.answers:
@@ -68,24 +68,24 @@ class Conversation(RegisterConversation):
         raise RefusedError(called, fn.UNKNOWN_FUNCTION, reason)
 
     def _write(self, ask: Ask, called: str) -> Exchange[None]:
-        # Another reply names no value: that to a write that was given up passes for it, until a read has been answered.
+        # A reply to another function names no value, so a late one could match until a read has been answered.
         is_late = self._memory.unanswered and not ask.mirrored
         if is_late and not ask.urgent:
             yield self._probing()
         yield from self.asked(ask, called)
         if not self.is_there or (is_late and ask.urgent):
-            # The echo of an adapter passes for a mirrored reply, and not for that to a read; a stop is out by now.
+            # An adapter's echo could be the mirrored reply, but not the reply to a read. A stop has already been sent.
             yield self._probing()
             self.is_there = True
             if ask.urgent:
-                # The drive itself confirms this one.
+                # Repeat the stop, so that the drive itself confirms it.
                 yield from self.asked(ask, called)
 
     def _probing(self) -> Ask:
         return self._modbus.reading(self._modbus.probe, 1)
 
     def _ways(self, place: Place, words: Sequence[int]) -> list[Ask]:
-        """Return the requests that write these words, the one that the drive is known or likely to take first."""
+        """Return the requests that write these words, beginning with the one that the drive most likely accepts."""
         modbus = self._modbus
         if modbus.options.wide_functions and len(words) == 2:
             value = words[0] << 16 | words[1]
@@ -98,7 +98,7 @@ class Conversation(RegisterConversation):
         return sorted(ways, key=lambda each: _function(each) in self._lacking)
 
     def _coils_of(self, place: Place, words: Sequence[int]) -> Ask | None:
-        """Return the request that writes a register by the coils that are its bits, None if the model has none."""
+        """Return the request that writes a register as coils, one for each bit; None if the model has none."""
         modbus = self._modbus
         if modbus.model is None or place.is_bit or len(words) != 1:
             return None

@@ -1,4 +1,4 @@
-"""How registers and coils stand in Modbus telegrams."""
+"""Registers and coils in Modbus telegrams."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 _READS = {"": fn.READ_REGISTERS, "i": fn.READ_INPUT_REGISTERS, "c": fn.READ_COILS, "d": fn.READ_INPUTS}
 _EXCEPTIONS = {"function": 1, "sub_function": 1, "unknown": 2, "read only": 2, "limits": 3, "count": 3, "running": 4}
-"""Where the model of a series gives no others."""
+"""Exception codes for refusals if the model of a series gives no others."""
 
 
 class ModbusDialect(Dialect):
-    """The registers and coils of one Modbus drive, by its options and the table [control] of its model."""
+    """The registers and coils of one Modbus drive, defined by its options and the table [control] of its model."""
 
     title = "Modbus"
     broadcast_address = BROADCAST
@@ -44,55 +44,55 @@ class ModbusDialect(Dialect):
 
     @cached_property
     def control(self) -> Control:
-        """How the drive is commanded and stores."""
+        """The commands and storage of the drive."""
         return control_of(self.model, self.options)
 
     def place_of(self, address: str) -> Place:
-        """Return where an address as the manual prints it is. Raises ParameterAddressError."""
+        """Return the place of an address as the manual prints it. Raises ParameterAddressError."""
         return parameters.place_of(address, self.options)
 
     def address_at(self, place: Place) -> str:
-        """Return how a message calls a place: as the model does, else as the manual counts it."""
+        """Return the address of a place as the model gives it, or else in the numbering of the manual."""
         known = self.places.get(place)
         return known.address if known else parameters.address_at(place, self.options)
 
     def allowed(self, place: Place) -> range | None:
-        """Return what a coil can hold."""
+        """Return the values of a coil; None for a register."""
         return range(2) if place.is_bit else None
 
     def is_wide(self, place: Place, type: str) -> bool:
-        """Whether functions 64H and 65H read and write it."""
+        """Whether functions 64H and 65H read and write a place."""
         return type.endswith("32") and not place.kind and bool(self.options.wide_functions)
 
     def reading(self, place: Place, count: int, /) -> Ask:
-        """Return the request that reads registers from a place on."""
+        """Return the request that reads consecutive registers."""
         message = Request(address=self.address, function=_READS[place.kind], start=place.start, count=count)
-        # The reply names nothing of the request: a late one would pass for the next.
+        # The reply repeats nothing of the request, so a late one could be mistaken for the next.
         return Ask(message=message, nameless=True)
 
     def writing(self, place: Place, words: Sequence[int], /) -> Ask:
-        """Return the request that writes registers by a function that names how many."""
+        """Return the request that writes registers by a function that contains their number."""
         function = fn.WRITE_COILS if place.is_bit else fn.WRITE_REGISTERS
         message = Request(address=self.address, function=function, start=place.start, values=tuple(words))
         return Ask(message=message, distinct=True)
 
     def writing_one(self, place: Place, word: int) -> Ask:
-        """Return the request that writes one register, or coil, and is its own reply."""
+        """Return the request that writes one register or coil, and that equals its reply."""
         function = fn.WRITE_COIL if place.is_bit else fn.WRITE_REGISTER
         message = Request(address=self.address, function=function, start=place.start, value=word)
         return Ask(message=message, distinct=True, mirrored=True)
 
     def words(self, reply: Any, _place: Place, /) -> tuple[int, ...]:
-        """Return the words that the reply to a read tells."""
+        """Return the words in the reply to a read."""
         return reply.values or (0,)
 
     def refusal(self, reply: Any) -> int | None:
-        """Return the exception of a reply."""
+        """Return the exception code of a reply; None if there is none."""
         code: int | None = reply.exception
         return code
 
     def refusal_text(self, code: int, called: str) -> str:
-        """Return what an exception means; without a model, also how the manual may count its registers."""
+        """Return the meaning of an exception; without a model, also a hint about how the manual numbers registers."""
         text = super().refusal_text(code, called)
         hint = self.model is None and code == fn.UNKNOWN_ADDRESS and parameters.counting_hint(called, self.options)
         return f"{text}; {hint}" if hint else text

@@ -1,7 +1,8 @@
-"""What tells the drives of one series from those of the others: registers and functions that only they have.
+"""Evidence for the series of a drive: registers and functions that only drives of that series have.
 
-No drive names itself at its control word, and one register has several dialects (2000H := 1 stops a Delta and starts an
-INVT). So before the first command a drive is asked for what its model has and models of the same registers lack.
+A control word does not identify a drive, and the same register means different things (2000H := 1 stops a Delta and
+starts an INVT). So before the first command, a drive is asked for registers that its model has and that models with the
+same command registers lack.
 """
 
 from __future__ import annotations
@@ -27,11 +28,11 @@ _SURE = ("drive", "printed", "derived", "field")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Evidence:
-    """What to ask a drive for.
+    """Requests that identify the series of a drive.
 
-    present: parameters that it must have. absent: those of other series that it must refuse. knows: the function that
-    must tell its identity, 0 for none. lacks: one that it must refuse, 0 for none. open: the models that all this does
-    not rule out. titled: of these and its own, the models by their title, where function 2BH may tell it.
+    present: parameters that it must have. absent: parameters of other series that it must refuse. knows: function that
+    must return its identity, 0 for none. lacks: function that it must refuse, 0 for none. open: models that all these
+    requests cannot rule out. titled: models by title, its own and the open ones, if function 2BH may return the title.
     """
 
     present: tuple[Target, ...]
@@ -43,7 +44,7 @@ class Evidence:
 
 
 class Series:
-    """The registers of one series, as its model knows them. options: of its drives; those of the model if None."""
+    """The registers of one series, as defined by its model. options: of its drives; None for those of the model."""
 
     def __init__(self, model: Model, options: ModbusOptions | None = None) -> None:
         known = {each.name for each in fields(ModbusOptions)}
@@ -59,12 +60,12 @@ class Series:
 
     @property
     def status(self) -> tuple[Target, ...]:
-        """The register, or coil, that says how a drive is."""
+        """The register or coil that holds the status."""
         places = [Place.named(condition.place) for condition in self.control.status.values()]
         return tuple(self._dialect.target(self._dialect.address_at(place)) for place in places[:1])
 
     def in_order(self) -> list[Target]:
-        """Return its readable parameters, those that every drive of the series has for its commands first."""
+        """Return its readable parameters, first those that every drive of the series has for its commands."""
         control, model = self.control, self.model
         named = [*model.quantities.values(), *(getattr(control, each) for each in _FIRST), *control.needs]
         infos = [info for each in named if each and (info := model.find(each)) is not None]
@@ -75,12 +76,12 @@ class Series:
         return [each for each in found if not each.place.part]
 
     def may_answer(self, wanted: Target) -> bool:
-        """Whether its drives may answer for a parameter of another series."""
+        """Whether drives of this series may answer for a parameter of another series."""
         spots = wanted.spots if self.control.unused != "zero" else wanted.spots[:1]
         return self.held.issuperset(spots)
 
     def knows(self, function: int) -> bool:
-        """Whether its drives know a function that tells what they are."""
+        """Whether drives of this series know a function that returns their identity."""
         listed = self.control.functions
         return function in listed if listed else self.control.identification == function
 
@@ -92,9 +93,9 @@ def _series(model: Model) -> Series:
 
 @kept
 def evidence_for(model: Model, options: ModbusOptions, others: tuple[Model, ...]) -> Evidence:
-    """Return what to ask a drive of a model for, so that drives of others are told that its words could start.
+    """Return the requests that distinguish a drive from those of other models that its command words could start.
 
-    Whatever the others are, its status is looked at.
+    The status is always read, whatever the other models are.
     """
     own = Series(model, options)
     chosen, parameters = list(own.status), own.in_order()
@@ -135,9 +136,9 @@ def _by_title(known: Iterable[Series]) -> Mapping[str, str]:
 
 
 def candidates(models: Iterable[Model], answered: Sequence[Target], refused: Target | None = None) -> tuple[str, ...]:
-    """Return the models whose status a drive answered for, and whose drives may lack what it refused.
+    """Return the models that have the status among the answered parameters, and that may lack the refused one.
 
-    Nothing is said of a drive that answered for nothing.
+    Models that may not answer one of the answered parameters are left out. Without an answer no model is returned.
     """
     spots = {spot for each in answered for spot in each.spots}
     known = [_series(each) for each in models]

@@ -1,4 +1,4 @@
-"""The verbs of a master for a Modbus drive, by what the table [control] of its model says."""
+"""Verbs of a master for a Modbus drive, defined by the table [control] of its model."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _OBJECTS = {0: "vendor", 1: "product", 2: "software"}
 
 
 class ModbusOperations(RegisterOperations):
-    """The verbs of one drive, or, at address 0, the stop of all drives of a series on the line."""
+    """Verbs of one drive, or at address 0 the stop of all drives of a series on the line."""
 
     def __init__(
         self, address: int, options: ModbusOptions, model: Model | None, memory: ModbusMemory | None = None
@@ -43,7 +43,7 @@ class ModbusOperations(RegisterOperations):
         return reading
 
     def identify(self, only: Collection[str] = ()) -> Exchange[Mapping[str, str]]:
-        """Read what the model says identifies the drive; without one, the standard identification or function 11H."""
+        """Read the identity as the model defines it; without a model, the standard identification or function 11H."""
         found = dict((yield from super().identify(only)))
         if only and self._dialect.identity.keys() >= set(only):
             return found
@@ -51,13 +51,13 @@ class ModbusOperations(RegisterOperations):
         for function in filter(None, tried):
             told = yield from unless_refused(self._identification(function), ReplyError)
             if told is None:
-                break  # it is silent about a strange function
+                break  # it does not answer unknown functions
             if told:
                 return {**found, **told}
         return found
 
     def check_series(self, others: Sequence[Model]) -> Exchange[SeriesFound]:
-        """Read the status and what the model has and the others lack; a refusal speaks against the model."""
+        """Read the status and registers that distinguish the model from others; a refusal is evidence against it."""
         model = self._model
         if model is None:
             return SeriesFound()
@@ -93,7 +93,7 @@ class ModbusOperations(RegisterOperations):
         return SeriesFound(open=plan.open)
 
     def _identification(self, function: int) -> Exchange[dict[str, str]]:
-        """Return what the drive tells, nothing where it refuses."""
+        """Return the identity that the drive reports; empty if it refuses."""
         code, first = (1, 0) if function == fn.IDENTIFICATION else (None, None)
         request = Request(address=self._address, function=function, read_code=code, object_id=first)
         reply = yield Ask(message=request, attempts=1, nameless=True)

@@ -1,8 +1,8 @@
-"""The framings of Modbus beside RTU: the same content between other marks, in ASCII and over TCP.
+"""The other framings of Modbus, ASCII and TCP, which carry the same content as RTU.
 
 ASCII (Modbus over serial line V1.02, 2.5.2): a colon, each byte of address, function and data as two hexadecimal
 digits, the longitudinal check likewise, CR and LF. TCP (Modbus messaging on TCP/IP V1.0b, 3.1.3): the number of the
-transaction, 0000 for Modbus, how many bytes follow, the unit, function and data; the reply repeats the transaction.
+transaction, 0000 for Modbus, number of following bytes, the unit, function and data; the reply repeats the transaction.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ _MOST_FOLLOWING = 254
 
 
 def lrc(content: bytes) -> int:
-    """Return the longitudinal check: what makes the sum of all bytes 0."""
+    """Return the longitudinal check, which makes the sum of all bytes 0."""
     return -sum(content) & 0xFF
 
 
 class AsciiCodec(ModbusCodec):
-    """Telegrams in ASCII. Digits above 9 are capitals, as the standard has it."""
+    """Codec for ASCII telegrams. Digits above 9 are capitals, as the standard requires."""
 
     def measure(self, head: bytes, direction: Direction) -> int:
-        """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
+        """Return the length of the telegram that begins with these bytes, see `Codec.measure`."""
         least = _ascii_length(_SHORTEST[direction])
         if not head:
             return least
@@ -49,7 +49,7 @@ class AsciiCodec(ModbusCodec):
         if not self._can_begin(content, direction):
             return 0
         if len(content) > 1 and not length_of(content, direction):
-            # A function that is not known: the end mark tells where such a telegram ends.
+            # For an unknown function, the end mark shows where the telegram ends.
             end = head.find(_END)
             return end + len(_END) if end >= 0 else len(head) + 1
         needed = least if len(content) < 2 else _ascii_length(length_of(content, direction) - _CHECK_BYTES)
@@ -59,7 +59,10 @@ class AsciiCodec(ModbusCodec):
         return needed
 
     def decode(self, data: bytes, direction: Direction) -> Message:
-        """Return the content of one telegram: its marks and length are judged first, then its LRC, then the fields."""
+        """Return the content of one telegram.
+
+        Raises TelegramError: marks and length are checked first, then LRC, then fields.
+        """
         content = self.content(data)
         needed = length_of(content, direction) - _CHECK_BYTES
         if needed > 0 and needed != len(content):
@@ -74,10 +77,10 @@ class AsciiCodec(ModbusCodec):
         return b"%b%b%02X%b" % (_START, content.hex().upper().encode(), lrc(content), _END)
 
     def content(self, data: bytes) -> bytes:
-        """Return address, function and data of one telegram. Raises TelegramError for wrong marks."""
+        """Return the address, function and data of one telegram. Raises TelegramError for wrong marks."""
         digits = data[1:-2]
         if len(data) < _ascii_length(2) or not len(data) % 2:
-            raise TelegramError("length", f"{len(data)} characters are no telegram; the shortest has 9")
+            raise TelegramError("length", f"{len(data)} characters are not a telegram; the shortest has 9")
         if data[:1] != _START or data[-2:] != _END or not _DIGITS.fullmatch(digits):
             raise TelegramError("framing", "it is not a colon, capital hexadecimal digits, CR and LF")
         return bytes.fromhex(digits[:-2].decode())
@@ -87,14 +90,13 @@ class AsciiCodec(ModbusCodec):
 
 
 class TcpCodec(ModbusCodec):
-    """Telegrams over TCP, each with the number of its transaction.
+    """Codec for telegrams over TCP, each with a transaction number.
 
-    A request that has none gets one that is made of its content, so that a reply to a different request is told from
-    one to this.
+    A request without a number gets one that is derived from its content, so that replies to different requests differ.
     """
 
     def measure(self, head: bytes, direction: Direction) -> int:
-        """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
+        """Return the length of the telegram that begins with these bytes, see `Codec.measure`."""
         if head[2 : _HEADER - 1].strip(b"\0"):
             return 0
         if len(head) < _HEADER:
@@ -104,7 +106,7 @@ class TcpCodec(ModbusCodec):
         return _HEADER + head[_HEADER - 1]
 
     def decode(self, data: bytes, direction: Direction) -> Message:
-        """Return the content of one telegram: its length is judged first, then the fields."""
+        """Return the content of one telegram. Raises TelegramError: length is checked first, then fields."""
         content = self.content(data)
         message: Any = super().decode(content + crc16(content), direction)
         return replace(message, transaction=self.transaction(data))  # type: ignore[no-any-return]
@@ -120,7 +122,7 @@ class TcpCodec(ModbusCodec):
         return transaction.to_bytes(2, "big") + b"\0\0" + len(content).to_bytes(2, "big") + content
 
     def content(self, data: bytes) -> bytes:
-        """Return unit, function and data of one telegram. Raises TelegramError for a wrong header."""
+        """Return the unit, function and data of one telegram. Raises TelegramError for a wrong header."""
         if len(data) < _HEADER + 2 or int.from_bytes(data[4:6], "big") != len(data) - _HEADER:
             raise TelegramError("length", f"{len(data)} bytes are not as many as its header says")
         if data[2:4] != b"\0\0":
@@ -128,7 +130,7 @@ class TcpCodec(ModbusCodec):
         return data[_HEADER:]
 
     def transaction(self, data: bytes) -> int | None:
-        """Return the transaction of a telegram."""
+        """Return the transaction number of a telegram."""
         return int.from_bytes(data[:2], "big")
 
 
@@ -136,24 +138,24 @@ _CODECS: dict[str, type[ModbusCodec]] = {"rtu": ModbusCodec, "ascii": AsciiCodec
 
 
 def codec_of(options: ModbusOptions) -> ModbusCodec:
-    """Return the telegrams of drives with these options."""
+    """Return the codec for drives with these options."""
     return _CODECS[options.framing](options.addresses)
 
 
 def drive_codec(options: ModbusOptions) -> ModbusCodec:
-    """Return the telegrams as a drive hears them; where their beginning is marked, those of others are none to it."""
+    """Return the codec as a drive uses it; in framings with a start mark, it ignores the replies of other drives."""
     kind = DriveCodec if options.framing == "rtu" else _CODECS[options.framing]
     return kind(EVERY_ADDRESS)
 
 
 def blind_spots(data: bytes, _direction: Direction) -> frozenset[int]:
-    """Return the places where a wrong bit goes unnoticed: over TCP all behind the header, since TCP checks them."""
+    """Return the positions where a wrong bit is not detected: over TCP all behind the header; TCP checks these."""
     is_tcp = data[2:5] == b"\0\0\0" and len(data) == _HEADER + data[_HEADER - 1] and crc16(data[:-2]) != data[-2:]
     return frozenset({0, 1, *range(_HEADER, len(data))}) if is_tcp else frozenset()
 
 
 def _ascii_length(content: int) -> int:
-    """Return how many characters a telegram has whose address, function and data are so many bytes."""
+    """Return the number of characters in a telegram with this many bytes of address, function and data."""
     return len(_START) + 2 * (content + 1) + len(_END)
 
 

@@ -1,4 +1,4 @@
-"""The functions of Modbus that drives know, and the limits of the Modbus application protocol."""
+"""Modbus functions that drives know, and the limits of the Modbus application protocol."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ WRITE_COILS, WRITE_REGISTERS = 0x0F, 0x10
 REPORT_ID, READ_WRITE = 0x11, 0x17
 IDENTIFICATION = 0x2B
 READ_LONG, WRITE_LONG = 0x64, 0x65
-"""Bonfiglioli's own: 32 bits in one telegram (Modbus/TCP manual ACU 10/13, p. 35, 36)."""
+"""Bonfiglioli's own functions for 32 bits in one telegram (Modbus/TCP manual ACU 10/13, p. 35, 36)."""
 
 NAMES = {
     0x01: "read_coils", 0x02: "read_inputs", 0x03: "read_registers", 0x04: "read_input_registers", 0x05: "write_coil",
@@ -18,7 +18,7 @@ NAMES = {
 }  # fmt: skip
 
 BROADCASTS = (WRITE_COIL, WRITE_REGISTER, WRITE_COILS, WRITE_REGISTERS, WRITE_LONG)
-"""What can be said to all drives at once: nothing that asks for a reply."""
+"""Functions that may be sent to all drives, because they do not request data."""
 
 READS = (READ_COILS, READ_INPUTS, READ_REGISTERS, READ_INPUT_REGISTERS, READ_LONG)
 
@@ -26,10 +26,10 @@ MOST_BITS_READ, MOST_REGISTERS_READ = 2000, 125
 MOST_BITS_WRITTEN, MOST_REGISTERS_WRITTEN, MOST_WRITTEN_WITH_A_READ = 1968, 123, 121
 
 UNKNOWN_FUNCTION, UNKNOWN_ADDRESS, BUSY = 1, 2, 6
-"""Exceptions of the standard that decide what is sent next."""
+"""Standard exceptions that determine the next request."""
 
 EXCEPTIONS = {
     1: "unknown function", 2: "unknown address", 3: "invalid value", 4: "the drive failed to do it",
     5: "accepted, still working on it", 6: "busy",
 }  # fmt: skip
-"""Codes of the standard; the model of a series has those of its maker."""
+"""Standard exception codes; the model of a series has those of its manufacturer."""

@@ -1,4 +1,4 @@
-"""What a master remembers of one Modbus drive."""
+"""State that a master keeps for one Modbus drive."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from drivecomm.profiles import OrderMemory
 
 
 class ModbusMemory(OrderMemory):
-    """The memory of one drive, shared by all that command it on one bus.
+    """The memory of one drive, shared by all callers that command it on one bus.
 
-    lacking: the functions for writing that the drive refused as unknown; they are tried last.
+    lacking: write functions that the drive refused as unknown; they are tried last.
     """
 
     def __init__(self) -> None:

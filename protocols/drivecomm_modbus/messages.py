@@ -1,7 +1,7 @@
-"""What a Modbus telegram says: one dataclass for requests and one for replies, since all functions share their fields.
+"""Content of a Modbus telegram: one dataclass for requests and one for replies, because functions share fields.
 
-A field that is None is not in the telegram. All numbers are as they stand in the telegram: addresses of registers
-count from 0, values are unsigned.
+A field that is None is not in the telegram. All numbers are as in the telegram: register addresses count from 0, and
+values are unsigned.
 """
 
 from __future__ import annotations
@@ -13,7 +13,10 @@ from drivecomm_modbus.functions import NAMES
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Telegram:
-    """What requests and replies have in common. transaction: over TCP, the number that a reply has of its request."""
+    """Fields that requests and replies have in common.
+
+    transaction: over TCP, the number that a reply repeats from its request.
+    """
 
     address: int
     function: int
@@ -27,14 +30,14 @@ class Telegram:
 
     @property
     def kind(self) -> str:
-        """The name of the function, or that it is refused."""
+        """The name of the function, or "exception" for a refusal."""
         refused = getattr(self, "exception", None) is not None
         return "exception" if refused else NAMES.get(self.function, "unknown")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request(Telegram):
-    """What the master sends. write_start: of the written part of function 17, whose data are `values`."""
+    """A telegram of the master. write_start: first written register of function 17, whose data are `values`."""
 
     write_start: int | None = None
     object_id: int | None = None
@@ -42,7 +45,7 @@ class Request(Telegram):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reply(Telegram):
-    """What a drive answers. exception: why it refuses the function. data: of function 11, as hexadecimal text."""
+    """A telegram of a drive. exception: code of a refusal. data: of function 11, as hexadecimal text."""
 
     exception: int | None = None
     status: int | None = None

@@ -1,4 +1,4 @@
-"""What differs between Modbus drives before a model says anything of their parameters."""
+"""Differences between Modbus drives that are independent of a model's parameters."""
 
 from __future__ import annotations
 
@@ -17,25 +17,26 @@ Hertz: TypeAlias = Decimal | int | float | str
 class ModbusOptions:
     """Options of a Modbus drive; the model of a series sets them.
 
-    framing: how telegrams are framed: "rtu", "ascii" (at 7 data bits and even parity by the standard, which a bus does
-    not choose by itself), or "tcp" for a drive on Ethernet or a gateway; its unit number is the address.
-    register_base: what the manual calls the register that has address 0 in a telegram: 0 where it prints telegram
-    addresses (Delta 2000H), 1 (Danfoss 50000 is C34FH), 40001 (ABB, Siemens V20). coil_base: the same for coils.
-    word_order: which half of a 32-bit value has the lower register, "high" or "low". write_function: which is tried
-    first, 16, with 15 for coils, or 6, with 5; the reply to 5 and 6 is the request byte for byte, so that the echo of a
-    two-wire adapter passes for it. wide_functions: 32 bits are read and written by functions 64H and 65H (Bonfiglioli)
-    instead of two registers. max_registers: how many one telegram reads at most, 1 for one parameter at a time.
-    bridged_registers: how many that nobody asked for may lie between two that are read together; only for drives that
-    answer for registers which they do not have. highest_address: 247 by the standard; a model that says so may allow up
-    to 255 (Delta 254).
+    framing: framing of the telegrams: "rtu", "ascii" (with 7 data bits and even parity by the standard, which a bus
+    does not choose by itself), or "tcp" for a drive on Ethernet or a gateway, whose unit number is the address.
 
-    reference_maximum_hz: the frequency of a reference of 100 % (Danfoss 3-03, ABB 1105), for drives that take their
-    reference in one form only and tell no range for the other; it goes before what the drive tells, and is the highest
-    reference in either form. reference_minimum_hz: the frequency of 0 % where that is another than 0 Hz (Danfoss 3-02),
-    for drives that take per cent only.
+    register_base: number in the manual for the register with address 0 in a telegram: 0 if it prints telegram addresses
+    (Delta 2000H), 1 (Danfoss 50000 is C34FH), 40001 (ABB, Siemens V20). coil_base: the same for coils. word_order: the
+    half of a 32-bit value that has the lower register, "high" or "low". write_function: the function that is tried
+    first: 16, with 15 for coils, or 6, with 5. The reply to 5 and 6 equals the request byte for byte, so the echo of a
+    two-wire adapter can be mistaken for it. wide_functions: whether 32 bits are read and written by functions 64H and
+    65H (Bonfiglioli) instead of two registers. max_registers: largest number of registers read by one telegram, 1 for
+    one parameter at a time. bridged_registers: largest number of unneeded registers between two that are read in one
+    telegram; only for drives that answer for registers which they do not have. highest_address: 247 by the standard; a
+    model may allow up to 255 (Delta 254).
 
-    state_timeout_s: how long a drive has to obey a start, which is taken back otherwise. reply_delay_s: how soon a
-    virtual drive answers.
+    reference_maximum_hz: the frequency of a reference of 100 % (Danfoss 3-03, ABB 1105), for drives that accept their
+    reference in only one form and report no range for the other; it overrides the range that the drive reports, and is
+    the highest reference in either form. reference_minimum_hz: the frequency of 0 % if it is not 0 Hz (Danfoss 3-02),
+    for drives that accept per cent only.
+
+    state_timeout_s: seconds in which a drive must obey a start; otherwise the start is withdrawn. reply_delay_s: reply
+    delay of a virtual drive, in seconds.
     """
 
     framing: Literal["rtu", "ascii", "tcp"] = "rtu"
@@ -67,11 +68,11 @@ class ModbusOptions:
 
     @property
     def addresses(self) -> range:
-        """The addresses that a drive can have."""
+        """Valid addresses of a drive."""
         return range(1, self.highest_address + 1)
 
     @property
     def reference_range(self) -> tuple[Decimal, Decimal | None]:
-        """The frequencies of a reference of 0 and of 100 %, the latter None where it is not given."""
+        """The frequencies of a reference of 0 % and 100 %; the latter is None if not given."""
         lowest, highest = exact(self.reference_minimum_hz, "reference_minimum_hz"), self.reference_maximum_hz
         return lowest, None if highest is None else exact(highest, "reference_maximum_hz")

@@ -1,4 +1,4 @@
-"""What Modbus gives to drivecomm."""
+"""The plug-in for Modbus drives."""
 
 from __future__ import annotations
 

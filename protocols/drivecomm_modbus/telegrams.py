@@ -1,13 +1,13 @@
-"""The telegrams of Modbus RTU.
+"""Telegrams of Modbus RTU.
 
     address  function  data ...  CRC low  CRC high
 
 The cyclic check is CRC-16, polynomial A001H reflected, start FFFFH, its low byte first (Danfoss FC 111 guide p. 114).
-Nothing marks where a telegram begins or ends but silence; how long it is follows from its function and the byte count
-that some have. A refusal is the function with bit 7 set, and one byte that says why.
+Only silence marks where a telegram begins and ends; its length follows from its function and, for some functions, from
+a byte count. A refusal is the function with bit 7 set, and one byte with the reason.
 
-Faults to expect: our own request handed back by a two-wire adapter, which for 05, 06 and 08 is the reply byte for byte;
-a late reply, since a reply to a read repeats nothing of the request but its length.
+Faults to expect: our own request handed back by a two-wire adapter, which for 05, 06 and 08 equals the reply byte for
+byte; a late reply, because a reply to a read repeats only the length that its request implies.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _MOST_BYTES = 251
 
 
 def _written_bits(quantity: int, size: int, content: str) -> tuple[int, ...]:
-    """Return the coils that are written; Hitachi rounds the byte count up to an even number."""
+    """Return the coils that a request writes; Hitachi rounds the byte count up to an even number."""
     needed = (quantity + 7) // 8
     if size not in (needed, needed + needed % 2):
         raise schema.wrong_field("byte_count", f"{size} bytes do not hold {quantity} coils")
@@ -50,7 +50,7 @@ def _written_words(quantity: int, size: int, content: str) -> tuple[int, ...]:
 def _values(
     most: int, step: int, cut: Callable[[str], tuple[int, ...]], packed: Callable[[object], str]
 ) -> dict[str, Any]:
-    """Return how the values of a reply are read and written. most: bytes; step: bytes of a value, or of eight bits."""
+    """Return the conversions for the values of a reply. most: bytes. step: bytes of a value, or of eight bits."""
 
     def read(size: int, content: str) -> tuple[int, ...]:
         if size % step or not 0 < size <= most:
@@ -60,7 +60,7 @@ def _values(
     def written(message: Reply) -> tuple[int, str]:
         data, count = packed(message.values), len(message.values or ())
         if not 0 < len(data) <= most or len(cut(data)) != count:
-            raise schema.wrong_field("values", f"{count} of them are no reply to any request")
+            raise schema.wrong_field("values", f"{count} of them do not answer any request")
         return len(data), data
 
     return {"reads": {"values": read}, "writes": {"size content": written}}
@@ -107,11 +107,13 @@ def _count(most: int, name: str = "count") -> Any:
 def _form(
     message: type[Any], addresses: range, codes: Sequence[int], *leaves: Any, bit_7: int = 0, **made: Any
 ) -> Form[Any]:
-    """Return the form of telegrams with these functions. made: how fields of the message are read and written."""
+    """Return the form of telegrams with these functions. made: conversions between fields and leaves."""
 
     def check(given: Any) -> None:
         if given.address == BROADCAST and isinstance(given, Request) and given.function not in fn.BROADCASTS:
-            raise schema.wrong_field("address", "nobody answers a broadcast, so only writes can be sent to all drives")
+            raise schema.wrong_field(
+                "address", "no drive answers a broadcast, so only writes can be sent to all drives"
+            )
 
     known = range(addresses.stop) if message is Request else addresses
     return Form(
@@ -133,7 +135,7 @@ _COILS = {"reads": {"values": _written_bits}, "writes": {"quantity size content"
 _REGISTERS = {"reads": {"values": _written_words}, "writes": {"quantity size content": _counted(schema.words_as)}}
 _Forms = dict[str, tuple[Sequence[int], tuple[Any, ...], dict[str, Any]]]
 
-# By title: the functions, the leaves between function and CRC, and how fields of the message are made of them.
+# By title: functions, leaves between function and CRC, and conversions between these and the message's fields.
 _REQUESTS: _Forms = {
     "Read bits": ((1, 2), (_START, _count(fn.MOST_BITS_READ)), {}),
     "Read registers": ((3, 4), (_START, _count(fn.MOST_REGISTERS_READ)), {}),
@@ -174,7 +176,7 @@ _REPLIES: _Forms = {
 
 @cache
 def identification_reply(addresses: range, size: int) -> Form[Any]:
-    """Return the form of an identification whose objects have so many bytes, their numbers and lengths with them."""
+    """Return the form of an identification whose objects have this size in bytes, including numbers and lengths."""
     return _form(
         Reply,
         addresses,
@@ -197,7 +199,7 @@ def identification_reply(addresses: range, size: int) -> Form[Any]:
 
 @cache
 def titled_forms(addresses: range = ADDRESSES) -> Mapping[str, Form[Any]]:
-    """Return the forms of all telegrams by title; of identifications, one of the many lengths."""
+    """Return the forms of all telegrams by title; for identifications, only one of their many lengths."""
     tables: tuple[tuple[type[Any], _Forms], ...] = (Request, _REQUESTS), (Reply, _REPLIES)
     forms = {
         title: _form(kind, addresses, codes, *leaves, **fields)
@@ -211,4 +213,4 @@ TITLES = {
     direction: {code | fields.get("bit_7", 0): title for title, (codes, _, fields) in table.items() for code in codes}
     for direction, table in (("request", _REQUESTS), ("reply", _REPLIES))
 }
-"""By the function as it stands in a telegram."""
+"""Titles of the forms, by direction and by the function as it appears in a telegram."""

@@ -1,4 +1,4 @@
-"""How a Modbus drive answers, made from the model of its series: the table [control] read from the drive's side."""
+"""A virtual Modbus drive, defined by the table [control] of its series' model."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
 _KINDS = {1: "c", 2: "d", 3: "", 4: "i", 5: "c", 6: "", 0x0F: "c", 0x10: "", 0x64: "", 0x65: "", 0x17: ""}
 _HEARD, _DAMAGED, _REFUSED, _OWN = 11, 12, 13, 14
-"""What is counted, by the sub-function of 08 that tells it."""
+"""Counters, by the sub-function of 08 that returns them."""
 _RESTART, _CLEAR, _EVENTS = 1, 10, -1
 
 
 class VirtualModbusDrive(VirtualRegisterDrive):
-    """A drive at one address. A command is obeyed when its last step is written and the others came before it."""
+    """A drive at one address. It obeys a command when its last step is written and the earlier ones came before it."""
 
     def __init__(self, address: int, options: ModbusOptions, model: Model) -> None:
         dialect = ModbusDialect(address, options, model)
@@ -35,12 +35,12 @@ class VirtualModbusDrive(VirtualRegisterDrive):
         usual = [each for each in _KINDS if options.wide_functions or each not in (fn.READ_LONG, fn.WRITE_LONG)]
         self._functions = self._control.functions or [*usual, fn.DIAGNOSTICS, self._control.identification or 0]
         self._counts: Counter[int] = Counter()
-        # Where 32 bits have one address, a telegram is for one parameter, whole.
+        # If an address holds 32 bits, a telegram is for exactly one parameter.
         wide = self._targets.values() if options.wide_functions else ()
         self._sizes = {each.place.name: each.format.size for each in wide}
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
-        """Act on a telegram: silence for what is broken or not for this drive, an exception for what is refused."""
+        """Act on a telegram: silence for damaged telegrams and those to others, an exception for refused requests."""
         if isinstance(find, Damaged):
             self._counts[_DAMAGED] += find.error.category == "checksum"
         else:
@@ -50,14 +50,14 @@ class VirtualModbusDrive(VirtualRegisterDrive):
         return super().hear(find, now)
 
     def answer(self, request: Any, now: float) -> Reply:
-        """Do what a request says, and return the reply. Raises RegisterRefusal."""
+        """Carry out a request, and return the reply. Raises RegisterRefusal."""
         reply = self._reply(request, now)
         if reply.exception is None and request.function != fn.EVENT_COUNTER:
             self._counts[_EVENTS] += 1
         return replace(reply, transaction=request.transaction)
 
     def complain(self, find: Damaged) -> Reply | None:
-        """Answer exception 1 or 3 to a sound telegram with a wrong function or field, silence to all else."""
+        """Return exception 1 or 3 for a sound telegram with a wrong function or field, None for any other damage."""
         if find.error.category != "field":
             return None
         content = self._frames.content(find.data)
@@ -67,11 +67,11 @@ class VirtualModbusDrive(VirtualRegisterDrive):
         return replace(refusing, transaction=self._frames.transaction(find.data))
 
     def refuse(self, request: Any, why: str) -> Reply:
-        """Return the exception of a function."""
+        """Return the exception for a refused request."""
         return replace(self._refusing(request.function, why), transaction=request.transaction)
 
     def refusing(self, find: Framed, code: int, now: float) -> VirtualReply | None:
-        """Answer a request with this exception."""
+        """Refuse a request with this exception."""
         self.follow(now)
         request: Any = find.message
         self._counts[_REFUSED] += 1
@@ -116,7 +116,7 @@ class VirtualModbusDrive(VirtualRegisterDrive):
             return self._refusing(message.function, "sub_function")
         if asked in (_RESTART, _CLEAR):
             self._counts.clear()
-        # The diagnostic register, 2, has no bit that this drive would set.
+        # The diagnostic register, 2, has no bit that this drive sets.
         told = message.value if asked in (0, _RESTART, _CLEAR) else self._counts[asked] & 0xFFFF
         return Reply(**same, sub_function=asked, value=told)
 
@@ -140,7 +140,7 @@ class VirtualModbusDrive(VirtualRegisterDrive):
         if kind in ("", "i") and count > self._options.max_registers:
             raise RegisterRefusal("count")
         if kind == "i" and f"i{start}" not in self._machine.words:
-            kind = ""  # most drives have no input registers of their own
+            kind = ""  # most drives have no separate input registers
         return self._machine.read(f"{kind}{place}" for place in range(start, start + count))
 
     def _write(self, kind: str, start: int, values: tuple[int, ...], now: float, *, for_all: bool) -> None:

@@ -1,10 +1,10 @@
-"""The telegrams of MOVILINK over RS-485 (MOVIDRIVE MDX60B/61B communication manual, p. 21 to 28).
+"""Telegrams of MOVILINK over RS-485 (MOVIDRIVE MDX60B/61B communication manual, p. 21 to 28).
 
     02 or 1D  ADR  TYP  [parameter channel, 8 bytes]  [1 to 3 process words]  BCC
 
-02 begins the master's telegrams, 1D those of a drive. BCC is the exclusive-or of all bytes before it (p. 27). TYP says
-the length. Bit 7 of TYP makes a telegram acyclic; only cyclic ones arm a drive's timeout (p. 21). The parameter
-channel stands before the process data (PROFIBUS interface DFP21B, section 5.2).
+02 begins the master's telegrams, 1D those of a drive. BCC is the exclusive-or of all bytes before it (p. 27). TYP
+determines the length. Bit 7 of TYP makes a telegram acyclic; only cyclic ones arm a drive's timeout (p. 21). The
+parameter channel comes before the process data (PROFIBUS interface DFP21B, section 5.2).
 """
 
 from __future__ import annotations
@@ -18,10 +18,13 @@ from drivecomm.protocol.schema import unsigned, wrong_field
 ADDRESSES, NO_GROUP, BROADCAST = range(100), 100, 255
 _REPLYING = (*ADDRESSES, 254)
 _CALLED = (*_REPLYING, *range(NO_GROUP, 200), BROADCAST)
-"""p. 23: 100 + n is group n, 254 any drive that hears it, 255 all. 253 is for programs inside a drive."""
-PARAMETER, CYCLIC = 0x86, {2: 0x03, 3: 0x05}  # TYP: acyclic, commands nothing; process data by the number of words
+"""Valid addresses of a request (p. 23): 100 + n is group n, 254 any drive that hears it, 255 all.
+
+253 is for programs inside a drive.
+"""
+PARAMETER, CYCLIC = 0x86, {2: 0x03, 3: 0x05}  # TYP: acyclic, without a command; process data by the number of words
 _CONTENTS = {0x00: (8, 1), 0x01: (0, 1), 0x02: (8, 2), 0x03: (0, 2), 0x04: (8, 3), 0x05: (0, 3), 0x06: (8, 0)}
-"""Bytes of the parameter channel and number of process words, by TYP without bit 7 (p. 27)."""
+"""Size of the parameter channel in bytes and number of process words, by TYP without bit 7 (p. 27)."""
 _CHANNEL = (
     "management" / unsigned(1, "management: service, length, handshake, error"),
     "subindex" / unsigned(1, "subindex"),
@@ -32,7 +35,10 @@ _CHANNEL = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Telegram:
-    """What both sides send. pd: process words. The four last fields are the parameter channel, None without one."""
+    """Fields of both directions. pd: process words.
+
+    The last four fields are the parameter channel, None without one.
+    """
 
     address: int
     type: int
@@ -49,15 +55,15 @@ class Telegram:
 
 
 class Request(Telegram):
-    """What the master sends. pd: control word, speed, ramp."""
+    """A telegram of the master. pd: control word, speed, ramp."""
 
 
 class Reply(Telegram):
-    """What a drive answers. pd: status word 1 and two values that the drive is set to."""
+    """A telegram of a drive. pd: status word 1 and two values that are selected at the drive."""
 
     @property
     def status_word(self) -> int:
-        """Status word 1; the low word of the value if that was read as a parameter."""
+        """Status word 1; the low word of the value if it was read as a parameter."""
         return self.pd[0] if self.pd else (self.value or 0) & 0xFFFF
 
 

@@ -1,4 +1,4 @@
-"""Toshiba drives that speak Toshiba's own inverter protocol, for drivecomm."""
+"""Toshiba drives over Toshiba's own inverter protocol, for drivecomm."""
 
 from drivecomm.profiles import CONTROL_KEYS, register_protocol
 from drivecomm.protocol import LineFacts, Timing

@@ -1,7 +1,7 @@
-"""Where the values of a Toshiba drive are, and the telegrams for them.
+"""Places of the values of a Toshiba drive, and the telegrams for them.
 
-An address is a communication number in four hexadecimal digits: `0012`, `FD00`. F829, as the panel has it, is 0829
-(E6581913 p. 5). `FD00.tripped` is what the letters of the reply to FD00 tell (E6581913 p. 8).
+An address is a communication number in four hexadecimal digits: `0012`, `FD00`. F829, as printed on the panel, is 0829
+(E6581913 p. 5). `FD00.tripped` is the state shown by the letters of the reply to FD00 (E6581913 p. 8).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Damaged, Message, Model, VirtualReply
 
 SETTINGS = LineSettings(baudrate=9600, bytesize=8, parity="E")
-_RAM, _COMMANDS = 1 << 16, range(0xFA00, 0xFB00)  # above _RAM, and to the commands, a write goes to RAM only
+_RAM, _COMMANDS = 1 << 16, range(0xFA00, 0xFB00)  # a write above _RAM, or to the commands, goes to RAM only
 _ADDRESS = re.compile(r"([0-9A-F]{4})(\.tripped)?")
 _DAMAGED = re.compile(rb"\(([0-9]{2})?[RWP]|/([\x00-\x3f])?[RWPGX]", re.DOTALL)
 
@@ -29,8 +29,8 @@ _DAMAGED = re.compile(rb"\(([0-9]{2})?[RWP]|/([\x00-\x3f])?[RWPGX]", re.DOTALL)
 class ToshibaDialect(Dialect):
     """The communication numbers of one drive.
 
-    The place `s` is the number whose replies tell the state: the value, and by their letters whether it is tripped.
-    named: whether a virtual drive's replies have its number, as their request has.
+    Place `s` is the number whose replies show the state: its value, and whether the drive is tripped, by their letters.
+    named: whether a virtual drive's replies carry its number, as their request does.
     """
 
     title = "Toshiba"
@@ -53,7 +53,7 @@ class ToshibaDialect(Dialect):
         self.probe = self.place_of("FD00")
 
     def place_of(self, address: str) -> Place:
-        """Return where a communication number is. Raises ParameterAddressError."""
+        """Return the place of a communication number. Raises ParameterAddressError."""
         found = _ADDRESS.fullmatch(address)
         number = int(found[1], 16) if found else -1
         number -= 0xF000 if 0xF000 <= number < _COMMANDS.start else 0
@@ -65,19 +65,22 @@ class ToshibaDialect(Dialect):
         return Place("s", 1 if found[2] else 0) if number == self._telling else Place("", number)
 
     def address_at(self, place: Place) -> str:
-        """Return a place as a communication number."""
+        """Return the communication number of a place."""
         return f"{self._number(place):04X}" + (".tripped" if place.kind and place.start else "")
 
     def _number(self, place: Place) -> int:
         return self._telling if place.kind else place.start & (_RAM - 1)
 
     def reading(self, place: Place, _count: int, /) -> Ask:
-        """Return the request that reads a number; a refusal, which may come, names no number."""
+        """Return the request that reads a number; a refusal of it names no number."""
         request = Request(address=self.address, command="R", communication_number=self._number(place))
         return Ask(message=request, nameless=True)
 
     def writing(self, place: Place, words: Sequence[int], /) -> Ask:
-        """Return the request that writes a number: P into RAM, since W wears the EEPROM (E6581222, first pages)."""
+        """Return the request that writes a number.
+
+        It uses P, which writes to RAM only, for volatile values, because W wears the EEPROM (E6581222, first pages).
+        """
         if place.kind:
             raise NotSupported(f"{self.address_at(place)} can only be read")
         known = self.places.get(place)
@@ -88,15 +91,18 @@ class ToshibaDialect(Dialect):
         return Ask(message=request, nameless=True, mirrored=True)
 
     def words(self, reply: Any, place: Place, /) -> tuple[int, ...]:
-        """Return the value, and of the number that tells the state whether the drive is tripped."""
+        """Return the value, and for the number that shows the state, whether the drive is tripped."""
         return (reply.data, int(reply.tripped))[place.start :] if place.kind else (reply.data,)
 
     def refusal(self, reply: Any) -> int | None:
-        """Return the code of N."""
+        """Return the error code of N; None for any other reply."""
         return reply.error_code  # type: ignore[no-any-return]
 
     def mismatch(self, request: Any, reply: Any) -> str:
-        """Name the first field in which a reply does not belong to a request; to a wild card, the smallest answers."""
+        """Return the first field in which a reply does not belong to a request.
+
+        A wild card is answered by the smallest number that matches it.
+        """
         if not isinstance(reply, Reply) or request.mode != reply.mode:
             return "mode"
         if smallest(request.number) != reply.number:
@@ -105,7 +111,7 @@ class ToshibaDialect(Dialect):
         return "" if reply.command == "N" else difference(request, reply, *repeated)
 
     def meant(self, request: Any) -> Access:
-        """Return what a request does; a block is refused, since what it writes is known to the drive alone."""
+        """Return the access that a request makes; a block is refused, because only the drive knows what it writes."""
         if request.kind == "block":
             raise RegisterRefusal("running")
         place = self.place_of(f"{request.communication_number:04X}")
@@ -130,7 +136,7 @@ class ToshibaDialect(Dialect):
         return self._reply(request, command="N", communication_number=None, error_code=code)
 
     def damaged(self, find: Damaged) -> Reply | None:
-        """Return the refusal of a wrong sum; whatever else is wrong is left without a reply (E6581315 p. 20)."""
+        """Return the refusal of a wrong sum; other damage is left without a reply (E6581315 p. 20)."""
         found = _DAMAGED.match(find.data) if find.error.category == "checksum" else None
         number = found and (int(found[1]) if found[1] else found[2][0] if found[2] else None)
         if not found or number not in (None, self.address):
@@ -139,14 +145,17 @@ class ToshibaDialect(Dialect):
 
 
 class VirtualToshibaDrive(VirtualRegisterDrive):
-    """A drive at one address: it answers in lower case while it is tripped, and wild cards of which it is the first."""
+    """A drive at one address.
+
+    It answers in lower case while it is tripped, and answers wild cards of which it is the first match.
+    """
 
     def __init__(self, address: int, options: ToshibaOptions, model: Model) -> None:
         self._own = ToshibaDialect(address, options, model)
         super().__init__(self._own, codec_for(options), SETTINGS)
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
-        """Take a telegram without a number, or with a wild card that this drive answers, as one to this drive."""
+        """Handle a telegram without a number, or with a wild card that this drive answers, as one to this drive."""
         if isinstance(find, Framed) and isinstance(request := find.message, Request):
             self._own.named = request.number is not None
             if request.number is None or (request.number != "**" and smallest(request.number) == self.address):

@@ -1,14 +1,15 @@
-"""The telegrams of Toshiba's inverter protocol, in ASCII and in binary.
+"""Telegrams of Toshiba's inverter protocol, in ASCII and in binary.
 
     ASCII     "(" [number] command communication-number [data] ["&" sum] ")" CR
     binary    "/" [number] command communication-number [data] sum
 
 ASCII: VF-S15 manual E6581913 p. 7 (requests), 8 (replies); VF-S11 manual E6581222 p. 9. The sum is the low byte of the
-sum of all from "(" to "&", in two hexadecimal digits; it goes with its "&" (VF-AS1 manual E6581315 p. 7). Binary:
-E6581222 p. 11, 12; a drive tells the two by their first character (E6581913 p. 6). R reads, W writes RAM and EEPROM,
-P writes RAM, G is a binary R with dummy data; X is a block of written and read data (E6581913 p. 13), and is never sent
-from here. A reply repeats its request, in lower case while the drive is tripped (E6581913 p. 8). N refuses, with a code
-and no communication number (E6581315 p. 16, 20). Wild cards: "*2" is 02, 12, 22 and so on, "**" is all drives.
+sum of all characters from "(" to "&", in two hexadecimal digits; it is omitted together with its "&" (VF-AS1 manual
+E6581315 p. 7). Binary: E6581222 p. 11, 12; a drive distinguishes the two by their first character (E6581913 p. 6). R
+reads, W writes RAM and EEPROM, P writes RAM, G is a binary R with dummy data; X is a block of written and read data
+(E6581913 p. 13), and is never sent from here. A reply repeats its request, in lower case while the drive is tripped
+(E6581913 p. 8). N refuses, with a code and no communication number (E6581315 p. 16, 20). Wild cards: "*2" is 02, 12, 22
+and so on, "**" is all drives.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ KINDS = {"R": "read", "G": "read", "W": "write", "P": "write", "X": "block", "N"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ToshibaOptions:
-    """Options of a drive. sum: whether telegrams in ASCII have a check sum; without one, damage can pass unseen."""
+    """Options of a drive. sum: whether ASCII telegrams have a check sum; without it, damage can go undetected."""
 
     sum: bool = True
 
@@ -41,7 +42,7 @@ class ToshibaOptions:
 class Telegram:
     """One telegram.
 
-    number: of the drive, None where it is omitted, a wild card as text. address: the same as a number; 255 is all
+    number: number of the drive; None if omitted, a text for a wild card. address: the same as a number; 255 is all
     drives, 200 + n and 210 + n are those that end and begin with n. command: R, W, P, G, X or N.
     """
 
@@ -61,13 +62,17 @@ class Telegram:
 
     @property
     def kind(self) -> str:
-        """What it is about: read, write, block or refused."""
+        """The kind of the telegram: read, write, block or refused."""
         return KINDS.get(self.command, "")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request(Telegram):
-    """What the master sends. digits: of the data, four from here. written, answers: what a block writes and reads."""
+    """A telegram of the master.
+
+    digits: number of digits of the data, four in requests from here. written, answers: the data that a block writes,
+    and how many it reads.
+    """
 
     digits: int = 4
     written: tuple[int, ...] | None = None
@@ -76,19 +81,19 @@ class Request(Telegram):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reply(Telegram):
-    """What a drive answers. tripped: whether it is in lower case. error_code: why it refuses."""
+    """A reply of a drive. tripped: whether it is in lower case. error_code: code of a refusal."""
 
     tripped: bool = False
     error_code: int | None = None
 
 
 def address_of(number: Any) -> Any:
-    """Return the address that a number in a telegram stands for."""
+    """Return the address for a number in a telegram."""
     return _WILD.get(number) if isinstance(number, str) else number
 
 
 def smallest(number: Any) -> Any:
-    """Return the drive that answers a wild card: the one with 0 for each of them (E6581913 p. 8)."""
+    """Return the number of the drive that answers a wild card: 0 in place of each `*` (E6581913 p. 8)."""
     return int(number.replace("*", "0")) if number in _WILD else number
 
 
@@ -104,7 +109,10 @@ def _as_hex(request: Any) -> str:
 
 
 def _pair(mode: str, title: str, message: type[Any], commands: str, *leaves: Any, **how: Any) -> dict[str, Form[Any]]:
-    """Return a form with a number, and one without. commands: those that are written so, in lower case if tripped."""
+    """Return the two forms with and without a number.
+
+    commands: those of the form; a reply may have them in lower case.
+    """
     start, numbers = (b"(", _ASCII_NUMBERS) if mode == "ascii" else (b"/", _BINARY_NUMBERS)
     cases = [(each, False) for each in commands] + [(each, True) for each in commands if message is Reply]
     told = {(each.lower() if tripped else each).encode(): (each, tripped) for each, tripped in cases}
@@ -135,7 +143,7 @@ def _pair(mode: str, title: str, message: type[Any], commands: str, *leaves: Any
 
 @cache
 def codec_for(options: ToshibaOptions) -> schema.Telegrams:
-    """Return the codec of telegrams with or without a sum; binary ones always have theirs."""
+    """Return the codec of ASCII telegrams with or without a sum; binary ones always have one."""
     check = schema.Check(2, 0, lambda covered: b"%02X" % (sum(covered) & 0xFF), meaning="sum of all to &")
     end = (*((constant(b"&", "&"), check) if options.sum else ()), constant(b")", ")"), constant(b"\r", "CR"))
     text = "text" / characters(until(b"&" if options.sum else b")", most=4), meaning="data")

@@ -1,4 +1,4 @@
-"""The telegrams that carry tasks and control words to one drive."""
+"""Telegrams that carry tasks and control words to one drive."""
 
 from __future__ import annotations
 
@@ -23,16 +23,19 @@ if TYPE_CHECKING:
 
 _MARK = 0x5A5A
 _REPLY_S = 0.100
-"""A reply has come by then: within 20 ms (A-9), and through the adapter."""
+"""Time within which a reply arrives: the drive takes up to 20 ms (A-9), and an adapter adds a delay."""
 _REPORT = frozenset({"report"})
 _NOT_YET = frozenset({"pending", "ak", "parameter", "index"})
-"""What a drive answers while it works on a task, and may still answer to the one before (C-15)."""
+"""Differences of replies that a drive sends while it works on a task; they may answer the one before (C-15)."""
 _REPEATS, _AGAIN_S = 50, 0.010
-"""For half a second at least; no drive has so many parameter change reports to tell in a row."""
+"""Limit and interval of repetitions, half a second or more in total.
+
+No drive sends this many change reports in a row.
+"""
 
 
 class Frames:
-    """What goes to one drive. read: reads a parameter, as a word."""
+    """Telegrams to one drive. read: reads a parameter as a word."""
 
     keeps_start = False
 
@@ -44,7 +47,7 @@ class Frames:
         self._read = read
 
     def block(self, word: int, reference: int, /, **task: Any) -> Request:
-        """Return a telegram with these words and this task, or with none."""
+        """Return a telegram with these words, and with this task if one is given."""
         options = self._options
         if task and not options.pkw_words:
             raise NotSupported("this drive's telegrams have no PKW area, so its parameters cannot be reached")
@@ -52,10 +55,11 @@ class Frames:
         return self.request(**fields, **options.process_words(control_word=word, reference=reference))
 
     def answer(self, ask: Ask) -> Exchange[Reply]:
-        """Ask, and ask again where the reply could be an echo: with no process words, or zeros, both can be the same.
+        """Return the reply to a request; repeat the request in another form if the reply may be an echo.
 
-        Words that a task does not need make the difference, which drives do not look at (C-38, C-39); where there are
-        none, a special telegram before it, which no drive answers (A-4), shows whether there is an echo.
+        Request and reply can be equal if the process words are missing or zero. Then the task gets words that it does
+        not need and that drives ignore (C-38, C-39). If it has no such words, a special telegram is sent first, which
+        no drive answers (A-4), so that its return reveals an echo.
         """
         message: Any = ask.message
         task = TASKS["request"][message.ak or 0]
@@ -63,7 +67,7 @@ class Frames:
             return (yield from self._acknowledging(ask))
         reply = yield from self._acknowledging(replace(ask, mirrored=True))
         if reply.value or reply.status_word != message.control_word:
-            # As nearly always.
+            # The usual case: no echo.
             return reply
         if self._codec.encode(replace(reply, spm=None)) != self._codec.encode(message):
             return reply
@@ -75,9 +79,10 @@ class Frames:
         return (yield from self._acknowledging(replace(ask, mirrored=True)))
 
     def _acknowledging(self, ask: Ask) -> Exchange[Reply]:
-        """Ask until the reply comes (C-15), and acknowledge change reports before it by their toggle bit (C-16, C-17).
+        """Send a request until its reply comes (C-15).
 
-        A new command is not repeated here: how often it may go out is the link's affair. Raises UnexpectedReplyError.
+        Change reports before the reply are acknowledged by their toggle bit (C-16, C-17). A new command is not repeated
+        here: the link decides how often it may be sent. Raises UnexpectedReplyError.
         """
         message: Any = ask.message
         besides = _REPORT if ask.command == "new" else _REPORT | _NOT_YET
@@ -88,7 +93,7 @@ class Frames:
             differs = mismatch(message, reply)
             if differs == "report":
                 self._spm = reply.spm
-            # The process words of a report are good, and the next telegram acknowledges.
+            # The process words of a report are valid, and the next telegram acknowledges it.
             if not differs or (differs == "report" and not message.ak):
                 return reply
             if differs != "report":
@@ -98,7 +103,7 @@ class Frames:
         )
 
     def shown(self, word: str) -> Exchange[int | None]:
-        """Read the reference that the drive has from the bus; it shows no control word."""
+        """Read the reference that the drive received from the bus; None if unknown, and for any other word."""
         address = self._options.reference_parameter if word == "reference" and self._options.pkw_words else ""
         reading = (yield from unless_refused(self._read(address))) if address else None
         return None if reading is None else int(reading.raw)

@@ -1,4 +1,4 @@
-"""The verbs of a drive that speaks USS."""
+"""Verbs of a drive that speaks USS."""
 
 from __future__ import annotations
 
@@ -45,14 +45,17 @@ if TYPE_CHECKING:
 BROADCAST = 32
 
 _TO_ALL = {Stop.RAMP: 0x043E, Stop.COAST: 0x0404, Stop.QUICK: 0x042A}
-"""Stops of all drives. Danfoss drives whose addresses are 1 to 31 hear them, too, and the words that stop one USS drive
-have bits 3 to 6, which start a motor by the FC profile."""
+"""Control words that stop all drives.
+
+Danfoss drives with addresses 1 to 31 hear them too, and the words that stop a single USS drive have bits 3 to 6 set,
+which start a motor in the FC profile.
+"""
 
 
 class UssOperations:
-    """The verbs of one drive, or of all drives at address 32.
+    """Verbs of one drive, or of all drives at address 32.
 
-    extra: `control_word(word)`, and `release()`: stop repeating the command.
+    extra: `control_word(word)`, and `release()`, which stops repeating the command.
     """
 
     def __init__(
@@ -75,7 +78,7 @@ class UssOperations:
 
     @property
     def capabilities(self) -> Capabilities:
-        """What the drive can be asked to do; its settings and its series decide."""
+        """The abilities of the drive, which depend on its settings and its series."""
         options, limit = self._options, reference_limit_of(self._options.reference_limit)
         return Capabilities(
             stops=frozenset(profile().stops),
@@ -107,9 +110,9 @@ class UssOperations:
         index: int | None = None,
         parameter_set: int = 1,
     ) -> Exchange[Reading | None]:
-        """Write a parameter, to RAM, or with store to EEPROM too; returns what the drive reports.
+        """Write a parameter to RAM, with `store` also to EEPROM; return the value that the drive reports.
 
-        type, index, parameter_set: as of `read`. EEPROM cells wear: never store in a cycle.
+        type, index, parameter_set: as in `read`. EEPROM cells wear: never store in a cycle.
         """
         wanted = self._target(parameter, type=type, index=index, parameter_set=parameter_set)
         kept = self._options.eeprom_tasks
@@ -126,13 +129,13 @@ class UssOperations:
         return self._write(wanted, task, raw)
 
     def address_of(self, parameter: str, *, index: int | None = None, parameter_set: int = 1, **_: Any) -> str:
-        """Return number and index of a parameter; the parameter set of a NORD drive, from 2 on, goes before."""
+        """Return number and index of a parameter; set 2 and above of a NORD drive precede these."""
         wanted = self._target(parameter, index=index, parameter_set=parameter_set)
         return wanted.address if parameter_set == 1 else f"P{parameter_set}:{wanted.address}"
 
     @needs_answer
     def status(self) -> Exchange[DriveStatus]:
-        """Read status word and actual value; where a telegram off time is on, what was commanded is repeated."""
+        """Read status word and actual value; this repeats the present command if a telegram off time is active."""
         self._must_have_words("status", 1)
         reply: Reply = yield from self._talk.status()
         actual, hertz = reply.actual, self._options.hertz
@@ -146,7 +149,7 @@ class UssOperations:
 
     @needs_answer
     def start(self, *, reverse: bool = False) -> Exchange[None]:
-        """Start the motor; the reference is the one that was set, or the one the drive shows."""
+        """Start the motor with the reference that was set here, or else with the one that the drive shows."""
         self._must_have_words("start", 1)
         if reverse and self._options.reverse_bit < 0:
             raise NotSupported("no bit of this series' control word reverses")
@@ -161,21 +164,22 @@ class UssOperations:
 
     @needs_answer
     def reset(self) -> Exchange[None]:
-        """Acknowledge a fault by one edge; a drive without one is left alone."""
+        """Acknowledge a fault by one edge; do nothing for a drive without a fault."""
         self._must_have_words("reset", 1)
         return self._commander().reset()
 
     @needs_answer
     def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
-        """Set the main setpoint, a share of P2000, to the nearest step of 0.0061 %."""
+        """Set the main setpoint as a percentage of P2000, rounded to steps of 0.0061 %."""
         self._must_have_words("set_reference", 2)
         return self._talk.set_reference(profile().steps_of(exact(percent, "reference")))
 
     @needs_answer
     def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
-        """Set the main setpoint as a frequency, by that of 100 %: the one of the options, or else what the drive holds.
+        """Set the main setpoint as a frequency.
 
-        Raises ValueRefusedError for one above the reference_limit, as a share of what the drive holds.
+        The frequency of 100 % comes from the options, or else from a parameter of the drive. In the latter case, a
+        frequency above the reference_limit raises ValueRefusedError.
         """
         self._must_have_words("set_reference", 2)
         if self._options.hertz is None and not self._full_scale:
@@ -203,10 +207,11 @@ class UssOperations:
 
     @needs_answer
     def probe(self) -> Exchange[None]:
-        """Ask once for a telegram back that the drive does not evaluate (A-11), or for nothing where it knows none.
+        """Request a mirror telegram once, which the drive does not evaluate (A-11).
 
-        The special telegram before it is one that no drive here answers (A-4). If it comes back, so would the other one
-        from any address, by an adapter that echoes.
+        Without mirror support, send an empty task. The special telegram before the mirror telegram is one that no drive
+        here answers (A-4). If it comes back, an adapter echoes, and the mirror telegram would come back from any
+        address.
         """
         pkw, pzd = self._options.pkw_words, self._options.pzd_words
         if not self._options.mirror:
@@ -218,7 +223,7 @@ class UssOperations:
 
     @needs_answer
     def identify(self, only: Collection[str] = ()) -> Exchange[Mapping[str, str]]:
-        """Read those parameters of the model that say what the drive is."""
+        """Read the parameters of the model that identify the drive."""
         found = {}
         for name in ("drive_type", "software_version"):
             address = self._model.quantities.get(name) if self._model else None
@@ -229,14 +234,17 @@ class UssOperations:
 
     @needs_answer
     def control_word(self, word: int) -> Exchange[None]:
-        """Send this control word once, with the reference that is set."""
+        """Send this control word once, with the present reference."""
         self._must_have_words("control_word", 1)
         if type(word) is not int or word not in range(0x10000):
             raise ValueRefusedError(f"control word {word!r} does not exist; they are 0 to 65535")
         yield from self._talk.command(word, attempts=1, urgent=not profile().lets_run(word))
 
     def release(self) -> Exchange[None]:
-        """Stop repeating the control word; sends nothing. Refused where the next telegram without it would trip."""
+        """Stop repeating the control word; sends nothing.
+
+        Raises NotSupported if the next telegram without the control word would make the drive trip.
+        """
         if self._options.running_needs_control and self._talk.runs:
             raise NotSupported("this drive trips when it runs and the control word goes; stop it first")
         return self._talk.release()
@@ -246,13 +254,13 @@ class UssOperations:
         word = arguments.get("word")
         return verb == "control_word" and (not isinstance(word, int) or profile().may_start(word))
 
-    # Conversations
+    # Exchanges
 
     def _read(self, wanted: Target) -> Exchange[Reading]:
         return _reading(wanted, (yield from self._task(wanted, 1 if wanted.index is None else 6)))
 
     def _write(self, wanted: Target, task: int, raw: int) -> Exchange[Reading]:
-        # A reply with another value can be that to an earlier task for the parameter; behind no task there is none.
+        # A reply with another value may answer an earlier task for the parameter; an empty task rules that out.
         for is_last in (False, False, True):
             if is_last:
                 yield from self._talk.ask()
@@ -270,7 +278,7 @@ class UssOperations:
         task, said = {"ak": ak, **place, **value}, self._said
         another = self._asked != task and {**self._asked, **place} == self._asked
         if another and (said is None or said.value is None or value.get("value") in (None, said.value)):
-            # The reply to the task before could pass for that to this one; behind no task (AK 0) there is none.
+            # The reply to the previous task could match this one; an empty task (AK 0) in between rules that out.
             yield from self._talk.ask()
         self._asked, self._said = task, None
         reply: Reply = yield from self._talk.ask(acts=bool(value), pwe=words, **task)
@@ -283,13 +291,13 @@ class UssOperations:
         return reply
 
     def _commander(self, direction: int = 0) -> Commander:
-        """Return who commands by the profile. direction: bits that each word which lets the motor run gets."""
+        """Return the commander for the profile. direction: bits to add to each word that lets the motor run."""
         known = profile()
         start = tuple(replace(step, word=step.word | direction * known.lets_run(step.word)) for step in known.start)
         return self._talk.commander(replace(known, start=start), state_timeout_s=self._options.state_timeout_s)
 
     def _tell_all(self, how: Stop) -> Exchange[None]:
-        """Send a control word to all drives; the enable array lets only the bits through that stop (Appendix 2-4)."""
+        """Send a control word to all drives; the enable array passes only the bits that stop (Appendix 2-4)."""
         options = self._options
         if how not in profile().stops:
             raise NotSupported(f"these drives cannot stop by {how.value}")

@@ -1,11 +1,11 @@
-"""What the telegrams of USS say.
+"""Contents of USS telegrams.
 
-special, mirror, broadcast and address are the parts of ADR. data is what a special or a mirror telegram carries, in
-hexadecimal, and enable the broadcast enable array, in place of everything else. ak, spm and pnu are the parts of PKE:
-task or reply identifier, toggle bit, parameter number; index and page, or parameter_set, text_field and text_write, the
-parts of IND. value, values, error and text are the content of PWE, unsigned; pwe are its words as they stand, where AK
-says nothing of them, or where there are more of them, or others, than the content needs. pzd are the process words from
-the third on. What is None is not in the telegram.
+special, mirror, broadcast and address are the parts of ADR. data is the content of a special or mirror telegram, in
+hexadecimal, and enable the broadcast enable array, in place of all other fields. ak, spm and pnu are the parts of PKE:
+task or reply identifier, toggle bit, parameter number; index and page, or parameter_set, text_field and text_write, are
+the parts of IND. value, values, error and text are the content of PWE, unsigned; pwe holds its words unchanged, if AK
+does not define them, or if they differ from the words that the content needs. pzd are the process words from the third
+on. A field that is None is not in the telegram.
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ class _Telegram:
 
     @property
     def kind(self) -> str:
-        """Which telegram it is: special, mirror, broadcast, parameter (with a PKW area) or process (without one)."""
+        """The kind of telegram: special, mirror, broadcast, parameter (with a PKW area) or process (without one)."""
         for name in ("special", "mirror", "broadcast"):
             if getattr(self, name):
                 return name
         return "process" if self.ak is None and self.pnu is None else "parameter"
 
     def must_have_only(self, names: Collection[str]) -> None:
-        """Refuse content beyond these fields. Raises TelegramError."""
+        """Raise TelegramError for content in other fields than these."""
         for field in fields(self)[4:]:
             if field.name not in names and getattr(self, field.name) is not None:
                 raise wrong_field(
@@ -70,7 +70,7 @@ class Request(_Telegram):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reply(_Telegram):
-    """A telegram of a drive; error is why it cannot do what it was asked (AK 7)."""
+    """A telegram of a drive. error: reason why it cannot carry out the task (AK 7)."""
 
     error: int | None = None
     status_word: int | None = None

@@ -1,4 +1,4 @@
-"""What differs between USS drives and is therefore configurable."""
+"""Differences between USS drives, which are configurable for that reason."""
 
 from __future__ import annotations
 
@@ -18,24 +18,26 @@ VARIABLE: Literal[127] = 127
 class UssOptions:
     """Options of a drive that speaks USS; the models set those of their series.
 
-    pkw_words, pzd_words: how many words the parameter area and the process data have, settings of the drive (P2013 and
-    P2012 on MICROMASTER 4, p2023 and p2022 on G120): 0, 3, 4 or 127 for variable, and 0 to 16. No telegram shows them,
-    and a drive does not answer telegrams of another length. ind: how the index word is read: "page" (MICROMASTER 4,
-    G110, V20, G120, S110), "masterdrives", "nord", "plain", or "word" as it stands. index_base: the index of an array's
-    first element.
-    eeprom_tasks: which tasks keep what they write over power-off, 11 to 14 as the USS specification says, 2 to 8 as
-    NORD has it, or none, where the tables of a series end at 8.
+    pkw_words, pzd_words: number of words of the parameter area and of the process data, which are settings of the drive
+    (P2013 and P2012 on MICROMASTER 4, p2023 and p2022 on G120): 0, 3, 4 or 127 for variable, and 0 to 16. No telegram
+    shows them, and a drive does not answer telegrams of another length. ind: layout of the index word: "page"
+    (MICROMASTER 4, G110, V20, G120, S110), "masterdrives", "nord", "plain", or "word" for the whole word. index_base:
+    the index of an array's first element.
 
-    mirror: the drive sends mirror telegrams back, so that `probe` needs nothing that it evaluates. broadcast: it obeys
-    broadcasts, as far as its lengths allow, see `obeys_broadcasts`. reverse_bit: the bit of the
-    control word that reverses, -1 for none. right_bit: the bit that is set for the other direction, where there is one.
-    running_needs_control: a running motor trips when control word bit 10 is 0 (F07220 on G120), so that every telegram
-    repeats the command that holds, also those that only read. reference_parameter: where the drive shows the reference
-    it has from the bus, empty for nowhere. error_family: whose error numbers above 100 are meant.
+    eeprom_tasks: the tasks whose values survive power-off: 11 to 14 by the USS specification, 2 to 8 on NORD drives, or
+    none if the tables of a series end at 8.
+
+    mirror: the drive sends mirror telegrams back, so that `probe` sends nothing that it evaluates. broadcast: it obeys
+    broadcasts, as far as its lengths allow, see `obeys_broadcasts`. reverse_bit: the bit of the control word that
+    reverses, -1 for none. right_bit: the bit that is set for the other direction, -1 for none. running_needs_control: a
+    running motor trips if control word bit 10 is 0 (F07220 on G120), so every telegram repeats the present command,
+    even one that only reads. reference_parameter: the parameter that shows the reference from the bus, empty for none.
+    error_family: the manufacturer whose error numbers above 100 apply.
+
     reference_frequency_hz: the frequency of 100 % (P2000 on MICROMASTER 4), for `set_reference(hz=)` and for the output
-    frequency of a status. reference_limit: the largest share of P2000 that `set_reference` sends, 200 % at most, for
-    drives whose maximum frequency (P1082) is above it. state_timeout_s: how long a commanded state may take to come.
-    reply_delay_s: of a virtual drive.
+    frequency of a status. reference_limit: the largest percentage of P2000 that `set_reference` sends, at most 200 %,
+    for drives whose maximum frequency (P1082) is above P2000. state_timeout_s: seconds in which a commanded state must
+    be reached. reply_delay_s: reply delay of a virtual drive, in seconds.
     """
 
     pkw_words: Literal[0, 3, 4, 127] = VARIABLE
@@ -64,20 +66,21 @@ class UssOptions:
 
     @property
     def obeys_broadcasts(self) -> bool:
-        """Whether a broadcast reaches it: the broadcast enable array takes 4 words of PKW area (Appendix 2 to 4).
+        """Whether a broadcast reaches the drive.
 
-        NORD drives also obey without a PKW area (BU 0050 p. 42).
+        The broadcast enable array takes 4 words of PKW area (Appendix 2 to 4). NORD drives also obey without a PKW area
+        (BU 0050 p. 42).
         """
         without = self.ind == "nord" and not self.pkw_words
         return self.broadcast and (without or self.pkw_words in (4, VARIABLE))
 
     @property
     def hertz(self) -> Decimal | None:
-        """The frequency of 100 %, exactly, None where it is not known."""
+        """The exact frequency of 100 %; None if unknown."""
         given = self.reference_frequency_hz
         return None if given is None else exact(given, "reference_frequency_hz")
 
     def process_words(self, **words: int) -> dict[str, Any]:
-        """Return these words of the process data, as far as the drive has them, and zeros for its others."""
+        """Return these words of the process data, as far as the drive has them, and zeros for its other words."""
         own: dict[str, Any] = dict(list(words.items())[: self.pzd_words])
         return own | ({"pzd": (0,) * (self.pzd_words - 2)} if self.pzd_words > 2 else {})

@@ -2,17 +2,18 @@
 
 PKE: AK in bits 12 to 15, the toggle bit SPM in 11, PNU in 0 to 10.
 
-IND: array index, and what the makers put beside it (C-18 to C-21).
-page          index in bits 0-7, page of 2000 parameters in bits 15-10 with the weights 1 8 4 2 32 16
-              (CU240S Operating Instructions 11/2006 p. 8-31; MICROMASTER 420 Operating Instructions p. 115)
-masterdrives  index in bits 0-7, page in bit 15; with AK 15 bit 8 writes a text and bit 9 means the second text field
-              (Compendium Motion Control p. 8.1-14)
-nord          parameter set 1 to 4 in bits 0-1, array element in bits 2-7 (BU 0050 p. 41)
-plain         index in bits 0-7
-word          the whole word is the index
+IND: array index, and additions of the manufacturers (C-18 to C-21).
 
-PWE: a word stands in the last word of an area of 3 or 4 words, and in the first one of a variable area. Double words
-and the elements of whole arrays (index 255) go high word first.
+    page          index in bits 0-7, page of 2000 parameters in bits 15-10 with the weights 1 8 4 2 32 16
+                  (CU240S Operating Instructions 11/2006 p. 8-31; MICROMASTER 420 Operating Instructions p. 115)
+    masterdrives  index in bits 0-7, page in bit 15; with AK 15 bit 8 writes a text and bit 9 selects the second text
+                  field (Compendium Motion Control p. 8.1-14)
+    nord          parameter set 1 to 4 in bits 0-1, array element in bits 2-7 (BU 0050 p. 41)
+    plain         index in bits 0-7
+    word          the whole word is the index
+
+PWE: a word is in the last word of an area of 3 or 4 words, and in the first word of a variable area. Double words and
+the elements of whole arrays (index 255) have the high word first.
 """
 
 from __future__ import annotations
@@ -40,33 +41,33 @@ _INDEX_WORDS: dict[str, dict[str, dict[int, int]]] = {
     "plain": {"index": _BYTE},
     "word": {"index": {bit: 1 << bit for bit in range(16)}},
 }
-"""By layout and part of the index word: what each of its bits counts."""
+"""Weight of each bit, by layout and part of the index word."""
 _FIRST = {"parameter_set": 1, "text_field": 1}
-"""Parts of the index word that are not counted from 0."""
+"""Parts of the index word that do not count from 0."""
 PAGE = 2000
 
 
 def numbers_of(ind: Ind) -> range:
-    """Return the numbers of parameters that telegrams can name: by page and PNU, or by the eleven bits of PNU alone."""
+    """Return the parameter numbers that telegrams can express: by page and PNU, or by the eleven bits of PNU alone."""
     return range(PAGE * values_of("page", ind).stop if "page" in _INDEX_WORDS[ind] else 2048)
 
 
 def values_of(part: str, ind: str) -> range:
-    """Return what a part of the index word can say: of one that it does not have, nothing but the first value."""
+    """Return the values that a part of the index word can hold; only the first value if the word lacks that part."""
     first = _FIRST.get(part, 0)
     return range(first, first + sum(_INDEX_WORDS[ind].get(part, {}).values()) + 1)
 
 
 @dataclass(frozen=True, slots=True)
 class ParameterArea:
-    """How the area is read and written: in which direction, how many words it has, how its index word is laid out."""
+    """Conversion of the parameter area. direction: of the telegram. size: in words. ind: layout of the index word."""
 
     direction: Direction
     size: int
     ind: Ind
 
     def read(self, pke: int, ind: int, words: str) -> tuple[Any, ...]:
-        """Return what is in the area, by the names of FIELDS and error. Raises ValueError."""
+        """Return the content of the area as a tuple in the order of `names`. Raises ValueError."""
         ak, pnu, pwe = pke >> 12, pke & 0x7FF, words_in(words)
         if pnu >= self._highest:
             raise ValueError(f"parameter number {pnu} is beyond {self._highest - 1}")
@@ -88,7 +89,9 @@ class ParameterArea:
         """Return PKE, IND and the words of PWE. Raises TelegramError."""
         ak = message.ak
         if type(ak) is not int or ak not in TASKS[self.direction] or TASKS[self.direction][ak].reserved:
-            raise wrong_field("ak", "it is missing" if ak is None else f"{ak!r} is no identifier of a {self.direction}")
+            raise wrong_field(
+                "ak", "it is missing" if ak is None else f"{ak!r} is not an identifier of a {self.direction}"
+            )
         pnu, layout = _number("pnu", message.pnu, range(self._highest)), self._layout(ak)
         if message.spm not in (None, True, False):
             raise wrong_field("spm", f"{message.spm!r} is neither true nor false")
@@ -105,7 +108,7 @@ class ParameterArea:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The fields of a message that are in the area."""
+        """Fields of a message that are in the area."""
         index = ("index", "page", "parameter_set", "text_field", "text_write")
         error = () if self.direction == "request" else ("error",)
         return "ak", "spm", "pnu", *index, "value", "values", "text", "pwe", *error
@@ -118,7 +121,7 @@ class ParameterArea:
         return "masterdrives text" if ak == _TEXT and self.ind == "masterdrives" else self.ind
 
     def _carried(self, ak: int, index: int, text_write: object) -> tuple[str, Task]:
-        """Return the name of what PWE carries, empty for nothing, and its task."""
+        """Return the name of the field that PWE carries, empty for none, and its task."""
         task = TASKS[self.direction].get(ak, Task())
         if task.array and task.carries and index == _WHOLE_ARRAY and self.size == VARIABLE:
             return "values", task
@@ -135,7 +138,7 @@ class ParameterArea:
         return None
 
     def _plain(self, content: Any, name: str, task: Task) -> Words:
-        """Return the words that carry a content, and no more."""
+        """Return the words that carry a content, without additional ones."""
         if name == "text":
             return _words_of_text(content)
         if name in ("", "pwe"):
@@ -165,7 +168,7 @@ class ParameterArea:
 
 
 def _joined(words: Words, bits: int) -> Words:
-    """Return the numbers of so many bits that words make. Raises ValueError where one is not whole."""
+    """Return the numbers of 16 or 32 bits in these words. Raises ValueError for an incomplete one."""
     if bits == 16:
         return words
     if not words or len(words) % 2:
@@ -179,7 +182,7 @@ def _halves(values: Words, bits: int) -> Words:
 
 def _words_of_text(text: object) -> Words:
     if not isinstance(text, str) or len(text) % 2 or not text or any(ord(each) > 0xFF for each in text):
-        raise wrong_field("text", f"{text!r} is no even number of characters of ISO 8859-1")
+        raise wrong_field("text", f"{text!r} is not an even number of characters of ISO 8859-1")
     return words_in(text)
 
 

@@ -1,4 +1,4 @@
-"""Parameter addresses and values: what `2000`, `P0700`, `2014[0]` and `output_frequency` mean, and how values look."""
+"""Parameter addresses such as `2000`, `P0700`, `2014[0]` and `output_frequency`, and the conversion of their values."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ if TYPE_CHECKING:
 RANGES = {"U16": range(2**16), "I16": range(-(2**15), 2**15), "U32": range(2**32), "I32": range(-(2**31), 2**31)}
 _TYPES = (*RANGES, "Float")
 DOUBLE = frozenset({"U32", "I32", "Float"})
-"""Types that take a double word."""
+"""Types that need a double word."""
 _ADDRESS = re.compile(r"[PpRr]?(?P<number>\d{1,6})(?:\[(?P<index>\d{1,3})\])?", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Target:
-    """A parameter with what is known about it; index is None for one that is no array and was named without one."""
+    """A parameter with its model data. index: None for one that is not an array and was named without an index."""
 
     number: int
     index: int | None
@@ -51,7 +51,7 @@ class Target:
         return str(self.number) if self.index is None else f"{self.number}[{self.index}]"
 
     def place_in(self, options: UssOptions) -> dict[str, Any]:
-        """Return the fields of a telegram that name this parameter."""
+        """Return the telegram fields that name this parameter."""
         paged = len(values_of("page", options.ind)) > 1
         page, pnu = divmod(self.number, PAGE) if paged else (None, self.number)
         parameter_set = self.parameter_set if options.ind == "nord" else None
@@ -59,7 +59,10 @@ class Target:
 
 
 def words_of(raw: int, type: str, options: UssOptions) -> Words | None:
-    """Return the words of PWE where they are more than the value: of negative words on NORD drives (p. 42)."""
+    """Return all words of PWE if there are more than the value, as for negative words on NORD drives (p. 42).
+
+    Return None if the value is enough.
+    """
     negative = type == "I16" and raw >= 2**15
     return (0xFFFF, raw) if negative and options.ind == "nord" and options.pkw_words == 4 else None
 
@@ -73,12 +76,12 @@ def target(
     index: int | None = None,
     parameter_set: int = 1,
 ) -> Target:
-    """Return what a parameter address or a name of the model means. Raises ParameterAddressError."""
+    """Return the target of a parameter address or of a name in the model. Raises ParameterAddressError."""
     name, opening, rest = parameter.partition("[")
     known = model.find(name) if model else None
     match = _ADDRESS.fullmatch((known.address if known else name) + opening + rest)
     if match is None:
-        raise ParameterAddressError(f"{parameter!r} is no USS parameter address such as 2000, P0700 or 2014[0]")
+        raise ParameterAddressError(f"{parameter!r} is not a USS parameter address such as 2000, P0700 or 2014[0]")
     number, written = int(match["number"]), match["index"]
     _must_be("parameter number", number, numbers_of(options.ind))
     info = known or (model.find(str(number)) if model else None)
@@ -89,12 +92,12 @@ def target(
     if index is None and info is not None and "elements" in info.extra:
         index = options.index_base
     if index is not None:
-        # 255 asks for all elements at once.
+        # Index 255 requests all elements in one telegram.
         _must_be("index", index, range(min(255, values_of("index", options.ind).stop)))
     _must_be("parameter set", parameter_set, values_of("parameter_set", options.ind))
     chosen = type or (info.type if info else "")
     if chosen not in ("", *_TYPES):
-        raise UsageError(f"{chosen!r} is no type of USS parameters; they are {', '.join(_TYPES)}")
+        raise UsageError(f"{chosen!r} is not a type of USS parameters; they are {', '.join(_TYPES)}")
     return Target(number=number, index=index, parameter_set=parameter_set, type=chosen, info=info)
 
 
@@ -104,13 +107,13 @@ def _must_be(what: str, given: object, allowed: range) -> None:
 
 
 def element_addresses(info: ParameterInfo, options: UssOptions) -> tuple[str, ...]:
-    """Return the addresses of a parameter's values: of each element of an array, or the one there is."""
+    """Return the addresses of a parameter's values: of each element of an array, or its only one."""
     count = int(info.extra.get("elements", 0))
     return tuple(f"{info.address}[{options.index_base + place}]" for place in range(count)) or (info.address,)
 
 
 def reading_of(wanted: Target, raw: int, bits: int) -> Reading:
-    """Return the reading of an unsigned value of so many bits, as AK of the reply says."""
+    """Return the reading of an unsigned value. bits: its size, as AK of the reply gives it."""
     info, type_, unit, text = wanted.info, wanted.type, "", ""
     value: Value = raw
     note = doubt = ""
@@ -141,14 +144,14 @@ def reading_of(wanted: Target, raw: int, bits: int) -> Reading:
 
 
 def number_of(raw: int, type: str) -> int | Decimal | None:
-    """Return what an unsigned number of the wire means, unscaled; None for a float that is no number."""
+    """Return the unscaled number for an unsigned number from the wire; None for a float that is not a number."""
     if type == "Float":
         return float_of(raw)
     return raw if raw in RANGES[type] else raw - len(RANGES[type])
 
 
 def raw_for(wanted: Target, value: Value | float) -> int:
-    """Return the unsigned number that carries a value. Raises ValueRefusedError for one that does not fit."""
+    """Return the unsigned number that carries a value. Raises ValueRefusedError for a value that does not fit."""
     info = wanted.info
     must_know_type(wanted.type, _TYPES, wanted.address)
     if wanted.type != "Float":
@@ -161,12 +164,12 @@ def raw_for(wanted: Target, value: Value | float) -> int:
     bits = float_bits(float(number / factor))
     back = None if bits is None else number_of(bits, "Float")
     if bits is None or back is None or back * factor != number:
-        raise ValueRefusedError(f"{value} for parameter {wanted.address} is no 32-bit float; it is not rounded")
+        raise ValueRefusedError(f"{value} for parameter {wanted.address} is not a 32-bit float; it is not rounded")
     return bits
 
 
 def address_space(options: UssOptions, _model: Model | None) -> AddressSpace:
-    """Return what addresses a drive of this series can hold; the table of pages that is printed ends with 29999."""
+    """Return the addresses that a drive of this series can hold; the printed table of pages ends with 29999."""
     return AddressSpace(
         addresses=lambda: map(str, numbers_of(options.ind)[:30_000]),
         absent=frozenset({NO_NUMBER, NO_INDEX, NO_ARRAY}),

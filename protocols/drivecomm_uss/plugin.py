@@ -1,4 +1,4 @@
-"""What USS gives to drivecomm."""
+"""The plug-in for USS drives."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Tasks and replies: what they carry, which answers which, and what the error numbers mean; tasks.toml has the tables.
+"""Tasks and replies: their contents, the replies to each task, and the error numbers; tasks.toml has the tables.
 
-AK 0, the reply to an earlier task and a parameter change report mean "not yet", and the task is repeated until its own
-reply comes (USS specification C-15).
+AK 0, the reply to an earlier task and a parameter change report all mean "not yet", and the task is repeated until its
+own reply comes (USS specification C-15).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 NO_NUMBER, READ_ONLY, LIMIT, NO_INDEX, NO_ARRAY, WRONG_TYPE = range(6)
 HOW_MANY, INDEXED = 24, 105
-"""Error numbers of reply 7, of those that tasks.toml explains; those that differ between makers are in ANSWERS."""
+"""Error numbers of reply 7 that tasks.toml explains; those that differ between manufacturers are in ANSWERS."""
 
 _TABLES = tables_beside(__file__, "tasks.toml")
 ANSWERS = _TABLES["answers"]
@@ -29,7 +29,7 @@ ANSWERS = _TABLES["answers"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """What is known of a task or a reply, by the words of tasks.toml."""
+    """Properties of a task or a reply, named as in tasks.toml."""
 
     carries: str = ""
     bits: int = 0
@@ -49,30 +49,30 @@ TASKS: dict[Direction, dict[int, Task]] = {
 
 
 def profile() -> ControlProfile:
-    """Return the control profile; read from its file by who commands a drive, and not by who reads a parameter."""
+    """Return the control profile; its file is read only when a drive is commanded, not when a parameter is read."""
     return profiles.control_profile("profidrive")
 
 
 def task_that_writes(*, array: bool, double: bool, stored: bool) -> int:
-    """Return the task that writes such a value."""
+    """Return the task that writes a value of this kind."""
     wanted = ("write", array, 32 if double else 16, stored)
     tasks = TASKS["request"].items()
     return next(ak for ak, each in tasks if (each.access, each.array, each.bits, each.stored) == wanted)
 
 
 def error_text(code: int, family: str) -> str:
-    """Return the manuals' words for an error number; above 100 they differ between makers."""
+    """Return the manuals' text for an error number; numbers above 100 differ between manufacturers."""
     return error_texts(family).get(code, f"unlisted error {code}")
 
 
 def error_texts(family: str) -> Mapping[int, str]:
-    """Return the manuals' words for all error numbers of a family."""
+    """Return the manuals' texts for all error numbers of a family."""
     errors = _TABLES["errors"]
     return {int(code): str(text) for code, text in (errors["all"] | errors[family]).items()}
 
 
 def mismatch(request: Message, reply: Message) -> str:
-    """Name the first field in which a sound reply does not belong to a request; nothing when it belongs."""
+    """Return the first field in which a sound reply does not belong to a request; empty if it belongs."""
     if not isinstance(request, Request) or not isinstance(reply, Reply):
         return "kind"
     if reply.address != request.address:
@@ -97,9 +97,9 @@ def mismatch(request: Message, reply: Message) -> str:
 
 
 def intent(request: Message) -> Intent:
-    """Tell by AK what a request reads or writes, and by bit 10 of its control word whether it commands, too.
+    """Return the intent of a request: AK shows reads and writes, bit 10 of the control word shows a command.
 
-    A special telegram is passed over by all drives that know none (A-4, A-11), as those of all models here.
+    A special telegram is ignored by all drives that support none (A-4, A-11), which includes those of all models here.
     """
     if not isinstance(request, Request) or request.broadcast:
         return Intent(commands=True)

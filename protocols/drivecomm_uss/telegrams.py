@@ -1,13 +1,13 @@
-"""The telegrams of USS (USS specification E20125-D0001-S302-A1-7600, 09.94, A-3 to A-11).
+"""Telegrams of USS (USS specification E20125-D0001-S302-A1-7600, 09.94, A-3 to A-11).
 
     STX LGE ADR PKE IND PWE...  PZD1 PZD2 ...  BCC     PKW area of 3, 4 or a variable number of words, 0 to 16 PZD words
     STX LGE ADR                 PZD1 PZD2 ...  BCC     without PKW area
     STX LGE ADR enable array    PZD1 PZD2 ...  BCC     to all drives
     STX LGE ADR data ...                       BCC     mirror (sent back unchanged) and special telegrams
 
-STX is 02H. LGE counts the bytes behind itself. Words go high byte first. BCC is the exclusive-or of everything before
-it, STX included. Nothing is escaped: 02H may stand anywhere, so reception goes by LGE and by silence. How many words
-the two areas have is a setting of the drive, which no telegram shows.
+STX is 02H. LGE counts the bytes behind itself. Words have the high byte first. BCC is the exclusive-or of everything
+before it, STX included. Nothing is escaped: 02H may occur anywhere, so reception relies on LGE and on silence. The
+number of words in the two areas is a setting of the drive, which no telegram shows.
 """
 
 from __future__ import annotations
@@ -48,20 +48,23 @@ if TYPE_CHECKING:
 _STX = b"\x02"
 _SPECIAL, _MIRROR, _BROADCAST = 0x80, 0x40, 0x20
 _LONGEST = 252
-"""Net bytes, an even number (A-3)."""
+"""Largest number of net bytes, an even number (A-3)."""
 _LENGTHS = range(0, _LONGEST + 1, 2)
 _HEAD = 3
 _FORMS: dict[Direction, dict[int, str]] = {
     "request": {0b000: "", 0b001: "broadcast", 0b010: "data", 0b100: "data", 0b101: "data"},
     "reply": {0b000: "", 0b010: "data", 0b100: "data"},
 }
-"""Forms by bits 7 to 5 of ADR: of a plain telegram, empty, the settings of the drive decide. Others are not defined."""
+"""Forms by bits 7 to 5 of ADR; empty for a plain telegram, whose form depends on the settings of the drive.
+
+Other combinations of these bits are not defined.
+"""
 _UNDEFINED = "ADR {:02X} means no telegram of this form: mirror, special and broadcast do not go together so"
 
 
 def _net_bytes(lge: bytes) -> int:
     if lge[0] - 2 not in _LENGTHS:
-        raise ValueError(f"LGE {lge[0]} is no even number from 2 to {_LONGEST + 2}")
+        raise ValueError(f"LGE {lge[0]} is not an even number from 2 to {_LONGEST + 2}")
     return lge[0] - 2
 
 
@@ -155,10 +158,10 @@ def _process_words(direction: Direction, count: int) -> tuple[Any, ...]:
 
 
 def _takes(direction: Direction, adr: int, net: int, pkw: int, pzd: int) -> bool:
-    """Whether a telegram may have so many bytes of net data with these settings of a drive (A-8, C-36).
+    """Whether a telegram may have this many bytes of net data with these settings of a drive (A-8, C-36).
 
-    Special telegrams have other net data. A drive takes only mirror telegrams of its own lengths, so that this is what
-    the reply has; one of another length is no reason not to look whose it is.
+    Special telegrams may have any net data. A drive accepts only mirror telegrams of its own lengths, so its replies
+    have these; a mirror reply of another length is still decoded, to find its sender.
     """
     if adr & _SPECIAL or (adr & _MIRROR and direction == "reply"):
         return net in _LENGTHS
@@ -170,7 +173,7 @@ def _takes(direction: Direction, adr: int, net: int, pkw: int, pzd: int) -> bool
 
 
 class UssCodec:
-    """Telegrams to bytes and back, for one drive's settings."""
+    """Codec of the telegrams, for one drive's settings."""
 
     def __init__(self, options: UssOptions) -> None:
         pkw, pzd, ind = self._pkw, self._pzd, _ = options.pkw_words, options.pzd_words, options.ind
@@ -182,7 +185,7 @@ class UssCodec:
         }
 
     def measure(self, head: bytes, direction: Direction) -> int:
-        """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
+        """Return the length of the telegram that begins with these bytes, see `Codec.measure`."""
         if not head:
             return _HEAD + 1
         if head[:1] != _STX or (len(head) > 1 and head[1] - 2 not in _LENGTHS):
@@ -192,7 +195,7 @@ class UssCodec:
         return head[1] + 2 if _takes(direction, head[2], head[1] - 2, self._pkw, self._pzd) else 0
 
     def decode(self, data: bytes, direction: Direction) -> Message:
-        """Return the content of one telegram."""
+        """Return the content of one telegram. Raises TelegramError."""
         if len(data) < _HEAD or len(data) != data[1] + 2:
             raise TelegramError("length", f"{len(data)} bytes are not as many as LGE says")
         if not _takes(direction, data[2], data[1] - 2, self._pkw, self._pzd):
@@ -214,7 +217,7 @@ class UssCodec:
 
 
 def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
-    """Build a message from fields as test vectors name them."""
+    """Return a message from fields with the names that test vectors use."""
     message: Request | Reply = message_of(Request if direction == "request" else Reply, given, f"a {direction}")
     if given.get("kind", message.kind) != message.kind:
         raise wrong_field("kind", f"these are the fields of a {message.kind} telegram, not of {given['kind']!r}")
@@ -222,7 +225,7 @@ def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
 
 
 def titled_forms() -> dict[str, Form[Any]]:
-    """Return the forms of all telegrams by the titles that people know them by, as most drives are set."""
+    """Return the forms of all telegrams by their usual titles, for the settings of most drives."""
     titles = {
         "With parameter area, master": ("request", "parameter", VARIABLE),
         "With parameter area, drive": ("reply", "parameter", VARIABLE),

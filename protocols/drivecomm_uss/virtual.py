@@ -1,7 +1,7 @@
-"""How a USS drive answers (USS specification A-8, A-9, C-15, C-26 to C-31; MICROMASTER 420 Reference Manual p. 46-49).
+"""A virtual USS drive (USS specification A-8, A-9, C-15, C-26 to C-31; MICROMASTER 420 Reference Manual p. 46-49).
 
-What no page says is chosen: the control word acts before nothing but the reply; ON needs an edge; a broadcast is obeyed
-with the bits that it lets through.
+Some behaviour is on no page and was chosen here: the control word takes effect only after the reply has been made; ON
+needs an edge; a broadcast is obeyed with the bits that its enable array passes.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ if TYPE_CHECKING:
     from drivecomm_uss.tasks import Task
 
 Place: TypeAlias = tuple[int, int, int]
-"""Of one value: number of the parameter, parameter set, index."""
+"""Place of one value: parameter number, parameter set, index."""
 
 SILENT, NO_CONTROL = 70, 7220
-"""Faults: telegram off time over, where the model names none (F0070); control lost while running (F07220)."""
+"""Fault codes: telegram off time exceeded, if the model gives none (F0070); control lost while running (F07220)."""
 
 _WARNING, _AT_SETPOINT = 7, 8
 """Bits of the status word (C-31)."""
 
 
 class VirtualUssDrive(DriveRepr):
-    """A drive at one address: parameters, control word with its consequences, motor."""
+    """A drive at one address, with parameters, control word and motor."""
 
     def __init__(self, address: int, options: UssOptions, model: Model) -> None:
         self.address = address
@@ -73,7 +73,7 @@ class VirtualUssDrive(DriveRepr):
             self._store.put(shown, address, stored=True)
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
-        """Act on a telegram: silence for what is broken, not for this drive, or for all."""
+        """Act on a telegram: silence for damaged telegrams, for those to other drives, and for broadcasts."""
         message, refused = (find.message, None) if isinstance(find, Framed) else self._strange(find)
         if not isinstance(message, Request) or message.special:
             return None
@@ -87,7 +87,7 @@ class VirtualUssDrive(DriveRepr):
         return self._send(self._reply(message, refused, now), self.codec if refused is None else self._any_index)
 
     def refusing(self, find: Framed, code: int, now: float) -> VirtualReply | None:
-        """Refuse the task of a telegram; its process data are obeyed."""
+        """Refuse the task of a telegram with this code; its process data are obeyed."""
         message: Any = find.message
         if not isinstance(message, Request) or message.special or message.broadcast or message.mirror or not message.ak:
             return None
@@ -95,12 +95,12 @@ class VirtualUssDrive(DriveRepr):
         return self._send(self._reply(message, code, now), self.codec)
 
     def _reply(self, message: Request, refused: int | None, now: float) -> dict[str, Any]:
-        """Act on a telegram for this drive and return the fields of its reply."""
+        """Act on a telegram for this drive, and return the fields of its reply."""
         reply = self._answer(message, refused)
         reply |= self._options.process_words(status_word=self._status_word(), actual=self._actual())
         self._control(message.control_word or 0, message.reference or 0, now)
         if self._options.ind in ("masterdrives", "plain"):
-            # There any good telegram will do (C-5).
+            # In these families any valid telegram feeds the telegram off time (C-5).
             self._fed_at = now
         return reply
 
@@ -114,7 +114,7 @@ class VirtualUssDrive(DriveRepr):
         return self._held(self._place(parameter))
 
     def poke(self, parameter: str, raw: int | str) -> None:
-        """Set what a parameter holds; one that the drive measures is not measured any more."""
+        """Set the value of a parameter; a measured parameter then keeps this value."""
         place, value = self._place(parameter), int(raw)
         if value not in range(2**32 if self._infos[place[0]].type in DOUBLE else 2**16):
             raise ValueError(f"parameter {parameter} has no room for {value}")
@@ -122,29 +122,29 @@ class VirtualUssDrive(DriveRepr):
         self._store.put(place, value)
 
     def trip(self, code: int, now: float) -> None:
-        """Trip with a fault; the time may be over."""
+        """Trip with a fault, and stop the telegram off time."""
         self._fed_at = None
         self._machine.trip(code, now)
 
     def power_cycle(self, now: float) -> None:
-        """Switch mains off and on: RAM values, process data and the fault are gone."""
+        """Switch the mains off and on: RAM values, process data and the fault are lost."""
         self.follow(now)
         self._store.power_cycle()
         self._reference, self._fed_at = 0, None
         self._machine.power_up(now)
 
     def follow(self, now: float) -> None:
-        """Let time pass, and trip when the telegram off time was over, which may be some time ago."""
+        """Advance the drive's time; trip if the telegram off time has been exceeded, perhaps some time ago."""
         limit_s = self._set_to(self._off_time)
         if limit_s and self._fed_at is not None and now > self._fed_at + limit_s and not self.motor.fault:
             watchdog = self._model.watchdog
             self.trip((watchdog and watchdog.fault) or SILENT, self._fed_at + limit_s)
         self._machine.follow(now)
 
-    # The process data
+    # Process data
 
     def _control(self, word: int, reference: int, now: float) -> None:
-        """Obey a control word; without bit 10 the process data stay as they were."""
+        """Obey a control word; without bit 10, the process data keep their earlier values."""
         if tasks.profile().commands(word):
             self._fed_at, self._reference = now, reference
             self._show(self._received, reference & 0xFFFF)
@@ -169,7 +169,7 @@ class VirtualUssDrive(DriveRepr):
         return share * self._full_hz()
 
     def _full_hz(self) -> float:
-        """The frequency of 100 %."""
+        """Return the frequency of 100 %."""
         return self._set_to(self._full) or float(self._options.hertz or 50)
 
     def _actual(self) -> int:
@@ -179,14 +179,17 @@ class VirtualUssDrive(DriveRepr):
         motor, options = self.motor, self._options
         word = self._machine.status_word() | motor.warning << _WARNING | motor.at_reference << _AT_SETPOINT
         if options.right_bit >= 0:
-            # The bits for the direction stand at the same place as in the control word (NORD p. 45).
+            # The bits for the direction have the same positions as in the control word (NORD p. 45).
             word |= 1 << (options.reverse_bit if motor.output_hz < 0 else options.right_bit)
         return word
 
     # Parameters
 
     def _strange(self, find: Damaged) -> tuple[Message | None, int | None]:
-        """Return a sound telegram with a task that cannot be, as one without a task, and the error number of that."""
+        """Return a sound telegram with an impossible task as one without a task, and the error number for the task.
+
+        Return None twice for other damage.
+        """
         data, size = find.data, len(find.data) // 2 - 4 - self._options.pzd_words
         if find.error.category != "field" or data[2] != self.address or not self._options.pkw_words:
             return None, None
@@ -224,7 +227,7 @@ class VirtualUssDrive(DriveRepr):
             return {"ak": 3, "pwe": self._description(info, index)}
         if ak == 9:
             return {"ak": 6, "value": int(info.extra.get("elements", 1))}
-        # Where the tables end with 8, tasks 6 to 8 are 1 to 3 (G110M Function Manual p. 198).
+        # If the tables end with 8, tasks 6 to 8 correspond to 1 to 3 (G110M Function Manual p. 198).
         if task.array and "elements" not in info.extra and options.eeprom_tasks != "none":
             raise Refusal(tasks.NO_ARRAY)
         if not task.array and "elements" in info.extra and options.ind == "masterdrives":
@@ -245,7 +248,7 @@ class VirtualUssDrive(DriveRepr):
         return {"ak": reply, "value": values[0], "pwe": words_of(values[0], info.type, options)}
 
     def _write(self, places: Sequence[Place], task: Task, values: Words | None) -> None:
-        """Set all of these values, or none. Raises Refusal for one that the parameter does not take."""
+        """Set all of these values, or none. Raises Refusal for a value that the parameter does not accept."""
         info = self._infos[places[0][0]]
         if (info.type in DOUBLE) is not (task.bits == 32):
             raise Refusal(tasks.WRONG_TYPE)
@@ -262,10 +265,10 @@ class VirtualUssDrive(DriveRepr):
             self._store.put(place, value, stored=kept)
 
     def _description(self, info: ParameterInfo, element: int) -> Words:
-        """Return a description element: 2 is the number of elements, 7 and 8 the limits, where they are known.
+        """Return a description element: 2 is the number of elements, 7 and 8 are the limits, if known.
 
-        The USS specification asks for element 7 (C-39); the VLT 5000 Design Guide MG.52.B2.02, p. 95 to 98, tells what
-        the elements are in a description of the same form.
+        The USS specification uses element 7 (C-39); the VLT 5000 Design Guide MG.52.B2.02, p. 95 to 98, lists the
+        elements of a description in the same form.
         """
         limit = {7: info.minimum, 8: info.maximum}.get(element)
         if element != 2 and limit is None:
@@ -283,13 +286,13 @@ class VirtualUssDrive(DriveRepr):
         return self._store.held[place] if shown is None else _raw(info, shown)
 
     def _places(self, number: int) -> list[Place]:
-        """Return what a parameter consists of: a value for each parameter set and each element."""
+        """Return the places of a parameter: one for each parameter set and each element."""
         base, elements = self._options.index_base, self._infos[number].extra.get("elements")
         indices = range(1) if elements is None else range(base, base + int(elements))
         return [(number, each, index) for each in values_of("parameter_set", self._options.ind) for index in indices]
 
     def _found(self, parameter: str) -> Place | None:
-        """Return the place of a parameter, in the first set; None where the drive holds none."""
+        """Return the place of a parameter in the first set; None if the drive does not hold it."""
         wanted = target(parameter, self._model, self._options) if parameter else None
         place = wanted and (wanted.number, 1, wanted.index or 0)
         return place if place in self._store.held else None
@@ -301,7 +304,7 @@ class VirtualUssDrive(DriveRepr):
         return place
 
     def _set_to(self, place: Place | None) -> float:
-        """Return what a parameter holds, physically, 0 where there is none."""
+        """Return the physical value of a parameter; 0 if there is none."""
         if place is None:
             return 0.0
         info = self._infos[place[0]]
@@ -313,6 +316,6 @@ class VirtualUssDrive(DriveRepr):
 
 
 def _raw(info: ParameterInfo, value: Any) -> int:
-    """Return the unsigned number that is nearest to a physical value; of an unknown type it is a word."""
+    """Return the unsigned number nearest to a physical value; an unknown type counts as a word."""
     number = float(value) / float(info.factor)
     return float_bits(number) or 0 if info.type == "Float" else round(number) % len(RANGES[info.type or "U16"])

@@ -1,4 +1,4 @@
-"""Asking one VABus drive and telling it: enquiry, select, error register; what carries the words of its profile.
+"""Exchanges with one VABus drive: enquiry, select, error register, and the words of its control profile.
 
 Short description sections 6.1, 6.2, 6.5; timing and error handling Agile VABus manual p. 26-33.
 """
@@ -27,21 +27,21 @@ CONTROL_WORD, STATE_WORD, LOCAL_REMOTE, CURRENT_FAULT = 410, 411, 412, 260
 
 _CLOSING = Tell(message=Eot(), pause_s=0.0)
 
-# In this time a drive has answered a stop that was told without waiting for its answer: two bytes after its delay.
+# Time for the two-byte answer to a stop that was sent without waiting for it, including the drive's delay.
 _ANSWERED_S = 0.05
 
 
 profile = partial(profiles.control_profile, "drivecom")
-"""The control profile; read from its file by who commands a drive, and not by who reads a parameter."""
+"""The control profile; its file is read only when a drive is commanded, not when a parameter is read."""
 
 
 @dataclass(slots=True, kw_only=True)
 class VabusMemory:
-    """What a master remembers of one drive, shared by all who command it on a bus.
+    """State that a master keeps for one drive, shared by all callers that command it on one bus.
 
     maybe_locked: the drive may refuse every write until its error register is read. unanswered: a request was not
-    answered, so that the next NAK may be meant for it. runs: the last control word that the drive confirmed is 000F of
-    a start, so that any word of a stop only takes bits away from it.
+    answered, so the next NAK may be meant for it. runs: the last confirmed control word is 000F of a start, so that
+    every control word of a stop only clears bits.
     """
 
     maybe_locked: bool = False
@@ -49,20 +49,20 @@ class VabusMemory:
     runs: bool = False
 
     def forget(self) -> None:
-        """What was commanded holds no longer. A lock of the register does not end by that."""
+        """Forget that the drive runs. The write lock of the error register remains."""
         self.runs = False
 
     def watch(self, silence_s: float | None) -> None:
-        """Do nothing: whatever is sent to a drive feeds its watchdog."""
+        """Do nothing, because every telegram to a drive feeds its watchdog."""
 
 
 class Conversation:
-    """Enquiries and selects to one drive, selects to all at address 32.
+    """Enquiries and selects to one drive, and selects to all drives at address 32.
 
-    After a NAK the drive refuses every write until its error register is read, so every NAK is followed by reading it
-    (short description section 6.5). When that could not be done, or when it is open whether a select was refused, the
-    register is read before the next select. A NAK does not say what it refuses: the first one after a request that was
-    not answered may be that one's, so the question is put once more before it is believed.
+    After a NAK the drive refuses every write until its error register is read, so the register is read after every NAK
+    (short description section 6.5). If that failed, or if it is unknown whether a select was refused, the register is
+    read before the next select. A NAK does not name the request that it refuses. The first NAK after an unanswered
+    request may belong to that one, so the present request is repeated once before the NAK is accepted.
     """
 
     def __init__(self, address: int, options: VabusOptions, memory: VabusMemory) -> None:
@@ -76,19 +76,19 @@ class Conversation:
         )
 
     def enquire(self, number: int, dataset: int, name: str) -> Exchange[Value]:
-        """Ask for a parameter's value. Raises RefusedError."""
+        """Read the data characters of a parameter. Raises RefusedError."""
         return self._answer(self._enquiry(number, dataset), name)
 
     def number(self, number: int, type: ValueType, name: str, *, dataset: int = 0) -> Exchange[int]:
-        """Ask for a number. Raises RefusedError, and UnexpectedReplyError for what is no such number."""
+        """Read a number. Raises RefusedError, and UnexpectedReplyError for data that is not such a number."""
         reply = yield from self.enquire(number, dataset, name)
         try:
             return number_of(reply.data, type, lower_case_hex=self._options.lower_case_hex)
         except ValueError as error:
-            raise UnexpectedReplyError(f"{name} is no {type}: {error}") from error
+            raise UnexpectedReplyError(f"{name} is not of type {type}: {error}") from error
 
     def held(self, number: int, type: ValueType, name: str) -> Exchange[Mapping[int, int]]:
-        """Ask what a parameter holds, by data set: under 0 where all are alike; empty where the drive has none such."""
+        """Read the values of a parameter by data set, under 0 if all are equal; empty if the drive lacks it."""
         try:
             return {0: (yield from self.number(number, type, name))}
         except RefusedError as error:
@@ -118,20 +118,20 @@ class Conversation:
         return self.select(CONTROL_WORD, 0, f"{word:04X}", **how)
 
     def look(self) -> Exchange[Words]:
-        """Return the state word."""
+        """Read the state word."""
         return {profiles.ONLY: (yield from self.number(STATE_WORD, "uint", "411, the state word"))}
 
     def send(self, step: Step, *, urgent: bool) -> Exchange[Words | None]:
-        """Write a control word of the profile; its answer does not tell the state."""
+        """Write a control word of the profile; its answer does not contain the state."""
         yield from self.command(step.word, attempts=None if step.repeats else 1, urgent=urgent)
         return None
 
     def tell(self, word: int) -> Tell:
-        """Return the command to write the control word at once, whatever else is open: no answer is waited for."""
+        """Return a telegram that writes the control word without waiting for an answer, even with a request open."""
         return Tell(message=self._select(CONTROL_WORD, 0, f"{word:04X}"), pause_s=_ANSWERED_S)
 
     def error_register(self) -> Exchange[int | None]:
-        """Read the register, which clears it and the write lock; None when the drive does not tell.
+        """Read the error register, which clears it and the write lock; None if the drive does not return it.
 
         It belongs to the interface: system-bus node 0, data set 0. Decoded as uint, eight digits accepted.
         """
@@ -151,7 +151,7 @@ class Conversation:
             return None
 
     def probe(self, number: int) -> Exchange[None]:
-        """Ask for a parameter once; a NAK is an answer as well as a value is."""
+        """Read a parameter once; a NAK proves the drive as well as a value does."""
         reply = yield replace(self._enquiry(number, 0), attempts=1)
         if self._closes(reply):
             yield _CLOSING
@@ -159,7 +159,7 @@ class Conversation:
             yield from self.error_register()
 
     def _answer(self, ask: Ask, name: str) -> Exchange[Any]:
-        """Return the reply that is no NAK. Raises RefusedError."""
+        """Return the reply if it is not a NAK. Raises RefusedError for a NAK."""
         memory = self._memory
         for last in (False, True):
             try:
@@ -180,7 +180,7 @@ class Conversation:
         raise AssertionError  # pragma: no cover
 
     def _closes(self, reply: Message) -> bool:
-        """Whether an exchange ends with an EOT of its own, and not with the one that the next request begins with."""
+        """Whether an EOT of its own ends the exchange, rather than the one with which the next request begins."""
         return self._closes_values if isinstance(reply, Value) else bool(self._options.trailing_eot)
 
     def _select(self, number: int, dataset: int, data: str) -> Select:

@@ -1,4 +1,4 @@
-"""The error register, parameter 11: why the drive answered NAK; errors.toml has all codes and their source."""
+"""The error register, parameter 11, with the reason of a NAK; errors.toml has all codes and their source."""
 
 from __future__ import annotations
 
@@ -17,4 +17,4 @@ WRONG_LENGTH = 14
 SYSTEM_BUS_UNREACHABLE = 20
 
 LINE_FAULTS = frozenset([CHECKSUM_ERROR, SYNTAX_ERROR])
-"""What a disturbed line can cause, so that asking once more makes sense."""
+"""Codes that a disturbed line can cause, for which one repetition makes sense."""

@@ -1,9 +1,9 @@
-"""The verbs of a VABus master: read, write, control, status.
+"""Verbs of a VABus master: read, write, control, status.
 
-The control word, parameter 410, means commands only while parameter 412 is 1. While it is 2, and perhaps with other
-values that no page names, bits 0 to 5 switch the contacts S1 to S6, and which of them starts the motor is up to the
-drive's configuration: 0007 and 0002, which stop by the state machine, may then start it. 0000 stops in every mode, and
-is the only word that switches no contact on. Agile Modbus manual VEC 691 p. 70; ACT/ACU Modbus manual VEC 383 p. 72;
+The control word, parameter 410, is a command only while parameter 412 is 1. While 412 is 2, and perhaps with other
+values that no page lists, bits 0 to 5 switch the contacts S1 to S6, and the drive's configuration decides which of them
+starts the motor: 0007 and 0002, which stop by the state machine, may then start it. 0000 stops in every mode, and is
+the only word that switches no contact on. Agile Modbus manual VEC 691 p. 70; ACT/ACU Modbus manual VEC 383 p. 72;
 contacts: ACT fieldbus manual 06/05 p. 41.
 """
 
@@ -44,7 +44,10 @@ if TYPE_CHECKING:
     from drivecomm_vabus.options import VabusOptions
 
 STATE_MACHINE = 1
-"""Parameter 412: the control word commands; with 2 its bits 0 to 5 are contacts, other values are in no page."""
+"""Value of parameter 412 with which the control word commands; with 2 its bits 0 to 5 are contacts.
+
+Other values are on no page.
+"""
 
 DISABLE_VOLTAGE = 0x0000
 
@@ -53,7 +56,7 @@ BLOCK_TO_WRITE = 18
 
 
 class VabusOperations:
-    """The verbs of one VABus drive, or of all drives at address 32."""
+    """Verbs of one VABus drive, or of all drives at address 32."""
 
     def __init__(
         self, address: int, options: VabusOptions, model: Model | None, memory: VabusMemory | None = None
@@ -68,7 +71,7 @@ class VabusOperations:
 
     @property
     def capabilities(self) -> Capabilities:
-        """What a VABus drive can be asked to do."""
+        """The abilities of a VABus drive."""
         return Capabilities(
             stops=frozenset(profile().stops) if self.answers else frozenset({Stop.COAST}),
             reverse=self._options.ram_datasets,
@@ -82,7 +85,7 @@ class VabusOperations:
 
     @property
     def extra(self) -> Mapping[str, Callable[..., Exchange[Any]]]:
-        """One more verb: control_word(word=) writes parameter 410 as it stands, once."""
+        """An additional verb: control_word(word=) writes parameter 410 unchanged, once."""
         return {"control_word": self.control_word}
 
     @needs_answer
@@ -112,22 +115,22 @@ class VabusOperations:
         return self._talk.select(wanted.number, dataset_sent, characters_for(wanted, value), attempts=attempts)
 
     def address_of(self, parameter: str, *, dataset: int | None = None, **_: Any) -> str:
-        """Return number and data set of a parameter; data set 0 is the one that is meant without any."""
+        """Return number and data set of a parameter; data set 0 is the default and is left out."""
         wanted = target(parameter, self._model, "", dataset)
         return wanted.address if wanted.dataset else str(wanted.number)
 
     @needs_answer
     def status(self) -> Exchange[DriveStatus]:
-        """Read the state word, and the fault code if it says fault."""
+        """Read the state word, and the fault code if the state is a fault."""
         return self._commander().status(self._model)
 
     @needs_answer
     def start(self, *, reverse: bool = False) -> Exchange[None]:
-        """Walk the state machine to "operation enabled": 0006, 0007, 000F, each state awaited.
+        """Step the state machine to "operation enabled": 0006, 0007, 000F, waiting for each state.
 
-        The control word has no bit for the direction, the sign of the references says it (Agile VABus manual p. 41), so
-        they get the sign of this direction first, in RAM. Raises StateError where the state machine is not in charge
-        (parameter 412), or where the motor would turn the other way all the same.
+        The control word has no bit for the direction; the sign of the references determines it (Agile VABus manual
+        p. 41). So the references get the sign of this direction first, in RAM. Raises StateError if the state machine
+        is not in charge (parameter 412), or if the motor would still turn the other way.
         """
         if reverse and not self._options.ram_datasets:
             raise NotSupported(
@@ -140,10 +143,10 @@ class VabusOperations:
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
         """Stop: 0007 (disable operation), 0000 (coast) or 0002 (quick stop).
 
-        In remote contacts (parameter 412) 0007 and 0002 could start a motor, so every stop is 0000 then, and how the
-        motor runs down is up to the drive. 412 is read once. If no reply comes, 0000 goes out at once, unless this
-        program has started the motor: then the word that was asked for only takes bits away. All drives at once cannot
-        be asked, and get 0000.
+        In remote contacts (parameter 412) 0007 and 0002 could start a motor, so every stop is 0000 then, and the drive
+        decides how the motor runs down. 412 is read once. If no reply comes, 0000 is sent immediately, unless this
+        program has started the motor: then the requested word only clears bits. A broadcast cannot read 412, so all
+        drives get 0000.
         """
         if how not in profile().stops:
             raise NotSupported(f"VABus has no {how.value} stop; use ramp, coast or quick")
@@ -153,7 +156,7 @@ class VabusOperations:
 
     @needs_answer
     def reset(self) -> Exchange[None]:
-        """Acknowledge a fault with a rising edge of bit 7; does nothing on a drive without a fault."""
+        """Acknowledge a fault with a rising edge of bit 7; do nothing for a drive without a fault."""
         try:
             yield from self._commander().reset()
         except StateError as error:
@@ -161,26 +164,29 @@ class VabusOperations:
 
     @needs_answer
     def set_reference_percent(self, percent: ParameterValue | float) -> Exchange[None]:
-        """Turn at a share of the maximum frequency, 0.01 % steps; the reference frequency is set to zero.
+        """Set the speed as a share of the maximum frequency, in 0.01 % steps; the reference frequency is set to zero.
 
-        It is written to RAM and has no sign: the motor goes on turning the way it was started. What the drive makes of
-        it is read back, with StateError when that is another frequency.
+        The value is written to RAM and has no sign: the motor keeps the direction in which it was started. The drive's
+        reference is then read back. Raises StateError if it is another frequency.
         """
         return self._references.set_percent(percent)
 
     @needs_answer
     def set_reference_hz(self, hz: ParameterValue | float) -> Exchange[None]:
-        """Turn at a frequency, 0.01 Hz steps; the reference percentage is set to zero. Else as by a percentage."""
+        """Set the speed as a frequency, in 0.01 Hz steps; the reference percentage is set to zero.
+
+        Otherwise the same as `set_reference_percent`.
+        """
         return self._references.set_hz(hz)
 
     @needs_answer
     def probe(self) -> Exchange[None]:
-        """Ask for the state word once; a NAK proves a drive as well as a value does."""
+        """Read the state word once; a NAK proves a drive as well as a value does."""
         return self._talk.probe(STATE_WORD)
 
     @needs_answer
-    def identify(self, only: Collection[str] = ()) -> Exchange[Mapping[str, str]]:  # noqa: ARG002 - one look tells all
-        """Read the state; no manual that was read names a parameter with the drive's type."""
+    def identify(self, only: Collection[str] = ()) -> Exchange[Mapping[str, str]]:  # noqa: ARG002 - one read returns everything
+        """Read the state; no known manual names a parameter with the drive's type."""
         words = yield from unless_refused(self._talk.look())
         if words is None:
             return {}
@@ -188,13 +194,13 @@ class VabusOperations:
         return {"state": state.name if state else f"0x{words[profiles.ONLY]:04X}"}
 
     def control_word(self, word: int) -> Exchange[None]:
-        """Write the control word, once: a repeated edge or start could act twice."""
+        """Write the control word once, because a repeated edge or start could act twice."""
         return self._talk.command(word, attempts=1)
 
     def may_start(self, verb: str, arguments: Mapping[str, Any]) -> bool:
-        """Whether a call may start the motor: any control word but 0000, or a block, which can carry one.
+        """Whether a call may start the motor: any control word but 0000, or a block, which can contain one.
 
-        Unless parameter 412 is 1 the bits of any other word may be contacts.
+        Unless parameter 412 is 1, the bits of any other word may be contacts.
         """
         if verb == "control_word":
             return arguments.get("word") != DISABLE_VOLTAGE
@@ -203,7 +209,7 @@ class VabusOperations:
         number = target(arguments["parameter"], self._model, "", None).number
         return number == BLOCK_TO_WRITE or (number == CONTROL_WORD and not _is_zero(arguments.get("value")))
 
-    # Conversations
+    # Exchanges
 
     def _read_target(self, wanted: Target) -> Exchange[Reading]:
         reply = yield from self._talk.enquire(wanted.number, wanted.dataset or 0, wanted.address)
@@ -250,8 +256,8 @@ class VabusOperations:
     def _stop(self, word: int, *, started_here: bool) -> Exchange[None]:
         """Stop by the state machine, or by 0000 unless the state machine is known to be in charge.
 
-        412 is read once before any word but 0000. Where an earlier request is still open, which would delay that, a
-        word that starts nothing in any mode goes out first.
+        412 is read once before any word but 0000. If an earlier request is still open, which would delay that, a word
+        that cannot start a motor in any mode is sent first.
         """
         self._memory.runs = False
         safe = word if started_here else DISABLE_VOLTAGE
@@ -262,11 +268,11 @@ class VabusOperations:
                 in_charge = yield from asked_once(self._state_machine_in_charge())
             except ReplyError as error:
                 if error.others_wait:
-                    # The drive may hear and not be heard; it is asked for its answer when the others have had a turn.
+                    # The drive may hear without being heard. Its answer is requested after the other drives' turn.
                     yield self._talk.tell(safe)
                     raise
-                # What follows asks something first, so that a late answer confirms nothing else, and whoever stops the
-                # drive again need not wait for one.
+                # The next exchange begins with a read, so a late answer cannot confirm anything else,
+                # and another stop of this drive need not wait for it.
                 yield from self._talk.command(safe, nameless=False)
                 return
             word = word if in_charge else DISABLE_VOLTAGE
@@ -281,7 +287,7 @@ class VabusOperations:
 
 
 def _is_zero(value: object) -> bool:
-    """Whether a value, given as a number or as text, is 0 for sure."""
+    """Whether a value, given as a number or as text, is certainly 0."""
     try:
         return Decimal(str(value)) == 0
     except ArithmeticError:

@@ -1,4 +1,4 @@
-"""Parameter addresses and values: what `481`, `520[2]` and `fixed_frequency_2` mean and how their values look."""
+"""Parameter addresses such as `481`, `520[2]` and `fixed_frequency_2`, and the conversion of their values."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _ADDRESS = re.compile(r"(?P<hundreds>\d{0,2}|[A-F])(?P<rest>\d{1,2})(?:\[(?P<dat
 
 @dataclass(frozen=True, kw_only=True)
 class Target:
-    """A parameter in a data set, with what is known about it. dataset is None where the address names none."""
+    """A parameter in a data set, with its model data. dataset: None if the address names none."""
 
     number: int
     dataset: int | None
@@ -30,14 +30,14 @@ class Target:
 
     @cached_property
     def address(self) -> str:
-        """The parameter address in its plainest form."""
+        """The parameter address in its simplest form."""
         return str(self.number) if self.dataset is None else f"{self.number}[{self.dataset}]"
 
 
 def target(parameter: str, model: Model | None, type: str, dataset: int | None) -> Target:
-    """Return what a parameter address or a name of the model means.
+    """Return the target of a parameter address or of a name in the model.
 
-    Numbers run from 0 to 1599, those from 1000 on may be written A00 to F99; the data set stands in brackets. Raises
+    Numbers run from 0 to 1599, and those from 1000 on may be written A00 to F99; the data set is in brackets. Raises
     ParameterAddressError for anything else.
     """
     name = parameter.partition("[")[0]
@@ -45,7 +45,7 @@ def target(parameter: str, model: Model | None, type: str, dataset: int | None) 
     match = _ADDRESS.fullmatch(known.address + parameter[len(name) :] if known else parameter)
     if match is None:
         remedy = f"nor a name of model {model.name}" if model else "such as 481, 520[2] or C00"
-        raise ParameterAddressError(f"{parameter!r} is no VABus parameter address {remedy}")
+        raise ParameterAddressError(f"{parameter!r} is not a VABus parameter address {remedy}")
     hundreds = match["hundreds"]
     number = int(hundreds, 16) * 100 + int(match["rest"]) if hundreds.isalpha() else int(hundreds + match["rest"])
     if number not in PARAMETERS:
@@ -59,22 +59,22 @@ def target(parameter: str, model: Model | None, type: str, dataset: int | None) 
     info = known or (model.find(str(number)) if model else None)
     chosen: Any = type or (info.type if info else "")
     if chosen not in ("", *VALUE_TYPES):
-        raise UsageError(f"{chosen!r} is no VABus type; they are {', '.join(VALUE_TYPES)}")
+        raise UsageError(f"{chosen!r} is not a VABus type; they are {', '.join(VALUE_TYPES)}")
     return Target(number=number, dataset=dataset, type=chosen, info=info)
 
 
 def element_addresses(info: ParameterInfo, _options: VabusOptions) -> tuple[str, ...]:
-    """Return the addresses of a parameter's values: in data sets 1 to 4, or the one there is."""
+    """Return the addresses of a parameter's values: in data sets 1 to 4, or its only one."""
     if info.extra.get("datasets") != 4:
         return (info.address,)
     return tuple(f"{info.address}[{dataset}]" for dataset in range(1, 5))
 
 
 def reading_of(wanted: Target, data: str, *, lower_case_hex: bool) -> Reading:
-    """Return the reading that a value's data characters give.
+    """Return the reading for a value's data characters.
 
-    Without a type the characters are all that is certain: 0x000003E8 in eight characters may be a long or a text.
-    Raises UnexpectedReplyError when the characters are no value of the type.
+    Without a type only the characters are certain: 0x000003E8 in eight characters may be a long or a text. Raises
+    UnexpectedReplyError if the characters are not a value of the type.
     """
     info, note, text = wanted.info, "", ""
     value: Value = data
@@ -84,7 +84,7 @@ def reading_of(wanted: Target, data: str, *, lower_case_hex: bool) -> Reading:
         try:
             value = raw = number_of(data, wanted.type, lower_case_hex=lower_case_hex)
         except ValueError as error:
-            raise UnexpectedReplyError(f"parameter {wanted.address} is no {wanted.type}: {error}") from error
+            raise UnexpectedReplyError(f"parameter {wanted.address} is not of type {wanted.type}: {error}") from error
         if info is not None:
             value, text = scaled(raw, info.factor), info.values.get(raw, "")
             note = info.note
@@ -101,9 +101,9 @@ def reading_of(wanted: Target, data: str, *, lower_case_hex: bool) -> Reading:
 
 
 def characters_for(wanted: Target, value: Value | float) -> str:
-    """Return the data characters that carry a value; physical where the model knows the scale.
+    """Return the data characters for a value; the value is physical if the model has the scale.
 
-    Raises ValueRefusedError for a value that does not fit, UsageError when the type is not known.
+    Raises ValueRefusedError for a value that does not fit, UsageError if the type is unknown.
     """
     must_know_type(wanted.type, VALUE_TYPES, wanted.address)
     if wanted.type == "string":
@@ -118,7 +118,7 @@ def characters_for(wanted: Target, value: Value | float) -> str:
 
 
 def address_space(_options: VabusOptions, _model: Model | None) -> AddressSpace:
-    """Return what addresses a drive can hold; no option and no model narrows them."""
+    """Return the addresses that a drive can hold; neither options nor model restrict them."""
     return AddressSpace(
         addresses=lambda: map(str, PARAMETERS),
         absent=frozenset({UNKNOWN_PARAMETER, DATASET_NOT_PERMITTED}),
@@ -129,7 +129,10 @@ def address_space(_options: VabusOptions, _model: Model | None) -> AddressSpace:
 
 
 def _data_sets(address: str, code: int | None) -> Elements:
-    """Of one whose four data sets differ: refused in data set 0, it answers in 0 to 4 only (the same pages)."""
+    """Return the data sets of a parameter whose four values differ.
+
+    Refused in data set 0, it answers in 0 to 4 only (the same pages).
+    """
     if code != DATASETS_DIFFER:
         return Elements()
     return Elements(runs=(tuple(f"{address}[{dataset}]" for dataset in range(1, 5)),))

@@ -1,4 +1,4 @@
-"""What VABus gives to drivecomm."""
+"""The plug-in for VABus drives."""
 
 from __future__ import annotations
 

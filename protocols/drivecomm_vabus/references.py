@@ -1,12 +1,12 @@
-"""How fast a motor turns, and which way: fixed frequency 1 (480), fixed percent 1 (520), and what comes of them (283).
+"""Speed and direction of a motor: fixed frequency 1 (480), fixed percent 1 (520), and the resulting reference (283).
 
-No page that was read says how frequency and percentage come together: parameters 475 and 476 choose their sources, by
-numbers that stand in no page, and the ramp gets a sum (ACU CM-PROFINET manual p. 75). So only one of them is ever left
-other than zero, and the drive is asked what its reference is then. No page says what 283 shows in standstill, so 0 of a
-motor that stands says nothing; any other value is believed.
+No known page describes how frequency and percentage are combined: parameters 475 and 476 select their sources by
+numbers that are on no page, and the ramp gets a sum (ACU CM-PROFINET manual p. 75). So at most one of them is left
+other than zero, and the drive's resulting reference is read afterwards. No page describes what 283 shows in standstill,
+so a 0 of a stopped motor proves nothing; any other value is accepted.
 
-The control word has no bit for the direction, the sign of the references says it (Agile VABus manual p. 41), and it
-belongs to the start: a reference that is set takes the sign that is there. Zero has none, so that of a motor that runs
+The control word has no bit for the direction; the sign of the references determines it (Agile VABus manual p. 41), and
+it belongs to the start: a new reference takes the present sign. Zero has no sign, so zero for a motor that runs
 backwards is written as the smallest step, -0.01.
 """
 
@@ -31,11 +31,14 @@ if TYPE_CHECKING:
 _MAXIMUM_FREQUENCY = 419
 
 _HUNDREDTH = Decimal("0.01")
-"""What is not in the model has two decimals, as all references and frequencies have (short description section 7)."""
+"""Step of a parameter without model data.
+
+All references and frequencies have two decimals (short description section 7).
+"""
 
 
 class References:
-    """The references of one drive; they are only ever written to its RAM."""
+    """The references of one drive, which are only written to its RAM."""
 
     def __init__(self, talk: Conversation, options: VabusOptions, model: Model | None) -> None:
         self._talk = talk
@@ -47,19 +50,22 @@ class References:
 
     @property
     def maximum(self) -> str:
-        """The parameter with the maximum frequency; empty without a model, which alone gives its unit."""
+        """The parameter with the maximum frequency; empty without a model, because only a model gives its unit."""
         return "" if self._maximum.info is None else self._maximum.address
 
     def set_hz(self, hz: Value | float) -> Exchange[None]:
-        """Turn at this frequency: ValueRefusedError at once, StateError when the drive then shows another."""
+        """Set a frequency.
+
+        Raises ValueRefusedError immediately, StateError if the drive then shows another frequency.
+        """
         return self._set(self._hz, self._percent, self._raw(self._hz, hz, "Hz"))
 
     def set_percent(self, percent: Value | float) -> Exchange[None]:
-        """Turn at this share of the maximum frequency; raises as `set_hz` does."""
+        """Set a share of the maximum frequency. Raises the same errors as `set_hz`."""
         return self._set(self._percent, self._hz, self._raw(self._percent, percent, "%"))
 
     def turn(self, *, backwards: bool) -> Exchange[None]:
-        """Give the references the sign of a direction. Raises StateError when the motor would turn the other way."""
+        """Give the references the sign of a direction. Raises StateError if the motor would turn the other way."""
         stands = True
         for wanted in (self._percent, self._hz):
             held = yield from self._held(wanted)
@@ -86,7 +92,7 @@ class References:
         backwards = signs == {True} or (len(signs) > 1 and ((yield from self._effective()) or 0) < 0)
         signed = -max(raw, 1) if backwards else raw
         meant = yield from self._meant_hz(wanted, signed)
-        # The other one first: should the line fail in between, the motor slows down.
+        # Write the other one first: if the line fails in between, the motor slows down.
         if any(others.values()):
             yield from self._write(other, 0)
         yield from self._write(wanted, signed)
@@ -99,7 +105,7 @@ class References:
         if shown is None or any(abs(shown - each) <= _HUNDREDTH for each in meant):
             return
         if shown or profile().status((yield from self._talk.look())).running:
-            # The new one first, because the other one adds to it.
+            # Restore the new one first, because the other one adds to it.
             yield from self._set_back(wanted, held, signed)
             yield from self._set_back(other, others, 0)
             raise StateError(
@@ -109,13 +115,13 @@ class References:
             )
 
     def _set_back(self, wanted: Target, held: Mapping[int, int], now: int) -> Exchange[None]:
-        """Write what a reference held, by data set, where it is something else now."""
+        """Restore the earlier values of a reference, by data set, where they differ from the present one."""
         for dataset, raw in held.items():
             if raw != now:
                 yield from self._write(wanted, raw, dataset)
 
     def _meant_hz(self, wanted: Target, raw: int) -> Exchange[list[Decimal]]:
-        """Return the frequencies that a reference may stand for: one for each maximum in the data sets."""
+        """Return the frequencies that a reference may represent: one for each maximum in the data sets."""
         value = raw * _factor(wanted)
         if wanted is self._hz or not self._shown.number:
             return [value]
@@ -127,7 +133,7 @@ class References:
         return [value / 100 * maximum * _factor(self._maximum) for maximum in maxima.values()]
 
     def _effective(self) -> Exchange[Decimal | None]:
-        """Read what the drive makes of its references; None where it is not to be asked. Raises RefusedError."""
+        """Read the drive's resulting reference; None if the options exclude that. Raises RefusedError."""
         if not self._shown.number:
             return None
         raw = yield from self._talk.number(self._shown.number, "long", self._shown.address)
@@ -143,7 +149,7 @@ class References:
                 "turn it round in; write it with store=True",
                 says="store=True",
             )
-        # The least number has no counterpart; no drive turns as fast as either.
+        # The smallest number has no positive counterpart; no drive turns as fast as either.
         highest = range_of(wanted.type)[-1]
         yield from self._talk.select(wanted.number, dataset + 5, data_of(min(raw, highest), wanted.type))
 
@@ -163,7 +169,7 @@ _REMEDY = "look at those, or, if it shows no reference in standstill, use the op
 
 
 def _turned(raw: int, *, backwards: bool) -> int:
-    """Return a reference for this direction; the smallest step backwards stands for zero."""
+    """Return a reference for this direction; the smallest step backwards represents zero."""
     if backwards:
         return -abs(raw)
     return 0 if raw == -1 else abs(raw)

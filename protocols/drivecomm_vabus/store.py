@@ -1,4 +1,4 @@
-"""What a virtual VABus drive holds: parameters in data sets, in RAM and in EEPROM."""
+"""Store of a virtual VABus drive: parameters in data sets, in RAM and in EEPROM."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ _CODES = {
 
 
 class Store(ParameterStore[int, tuple[int, int], str]):
-    """The parameters of one drive, as data characters by number and data set (0 for those that exist once).
+    """The parameters of one drive, as data characters by number and data set (0 for parameters that exist once).
 
-    measured: raw values, by number.
+    measured: functions that return measured raw values, by number.
     """
 
     def __init__(self, model: Model, *, ram_datasets: bool, lower_case_hex: bool) -> None:
@@ -35,7 +35,7 @@ class Store(ParameterStore[int, tuple[int, int], str]):
         self._lower_case_hex = lower_case_hex
 
     def fetch(self, number: int, dataset: int) -> str:
-        """Return a value as an enquiry gets it. Raises Refusal."""
+        """Return a value as an enquiry reads it. Raises Refusal."""
         info = self.readable(number)
         datasets = _datasets(info)
         if dataset > 4 or (dataset and datasets == (0,)):
@@ -49,7 +49,7 @@ class Store(ParameterStore[int, tuple[int, int], str]):
         return values.pop()
 
     def write(self, number: int, dataset: int, data: str, *, running: bool) -> None:
-        """Take a value as a select brings it. Raises Refusal."""
+        """Store a value as a select writes it. Raises Refusal."""
         info = self.writable(number, running=running)
         volatile, place = dataset > 4, dataset % 5
         if (volatile and not self._ram_datasets) or (place and _datasets(info) == (0,)):
@@ -61,12 +61,12 @@ class Store(ParameterStore[int, tuple[int, int], str]):
             self.put((number, each), data, stored=not volatile)
 
     def poke(self, number: int, dataset: int, data: str) -> None:
-        """Set a value without asking, as at the keypad, which stores it."""
+        """Set a value without checks, as at the keypad, which stores it permanently."""
         for each in (dataset,) if dataset else _datasets(self.info(number)):
             self.put((number, each), data)
 
     def number(self, number: int) -> int:
-        """Return a numeric parameter's raw value in the first data set that it has, 0 if it does not exist."""
+        """Return a numeric parameter's raw value in its first data set; 0 if the parameter does not exist."""
         if number not in self._infos:
             return 0
         info = self._infos[number]

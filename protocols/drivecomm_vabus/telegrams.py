@@ -1,18 +1,18 @@
-"""The telegrams of VABus.
+"""Telegrams of VABus.
 
 Short description of VABus for CM-232 / CM-485, sections 5 to 7; Agile VABus manual VEC 686 R0, pages 25-41.
 
     enquiry  EOT ADR SYS ds n n n ENQ                          master reads
     select   EOT ADR STX SYS ds n n n a a w...w ETX BCC        master writes
     value        ADR STX SYS ds n n n a a w...w ETX BCC        drive answers an enquiry
-    ack          ADR ACK                                       drive has taken a select
+    ack          ADR ACK                                       drive has accepted a select
     nak          ADR NAK                                       drive refuses an enquiry or a select
     eot      EOT                                               master closes the exchange
 
 ADR is 40H plus the node. SYS is the system-bus node behind the drive, 0 for the drive itself. ds is the data set, nnn
 the parameter, aa the number of data characters in decimal. BCC is the exclusive-or of everything after STX up to and
-including ETX: it covers neither ADR nor EOT, and it may be any 7-bit character, so reception goes by length and never
-looks for a control character inside a block.
+including ETX: it covers neither ADR nor EOT, and it may be any 7-bit character, so reception relies on the length and
+never looks for a control character inside a block.
 
 Faults to expect: a wrong BCC, a cut telegram, a reply of another drive, an ACK that belongs to an earlier select (ACK
 and NAK name no parameter).
@@ -68,14 +68,14 @@ class _OfParameter:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Enquiry(_OfParameter):
-    """The master asks for a parameter."""
+    """A read request for a parameter."""
 
     kind: ClassVar[str] = "enquiry"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Select(_OfParameter):
-    """The master sets a parameter; data are its characters."""
+    """A write request for a parameter. data: its characters."""
 
     kind: ClassVar[str] = "select"
     data: str
@@ -83,7 +83,7 @@ class Select(_OfParameter):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Value(_OfParameter):
-    """The drive gives a parameter's value; data are its characters."""
+    """A reply with a parameter's value. data: its characters."""
 
     kind: ClassVar[str] = "value"
     data: str
@@ -91,7 +91,7 @@ class Value(_OfParameter):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ack:
-    """The drive has taken a select."""
+    """A reply that accepts a select."""
 
     kind: ClassVar[str] = "ack"
     address: int
@@ -99,7 +99,7 @@ class Ack:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Nak:
-    """The drive refuses; its error register (parameter 11) says why."""
+    """A refusal; the error register of the drive (parameter 11) has the reason."""
 
     kind: ClassVar[str] = "nak"
     address: int
@@ -107,7 +107,7 @@ class Nak:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Eot:
-    """The master closes the exchange."""
+    """The end of an exchange, sent by the master."""
 
     kind: ClassVar[str] = "eot"
 
@@ -121,7 +121,7 @@ def _length(message: Select | Value) -> int:
 
 
 def _with_data(message: type[Any], *head: Any, covered_from: int, type: ValueType, lower_case_hex: bool) -> Form[Any]:
-    """Return the form of a telegram with data, which begins so; the BCC covers what stands from SYS on."""
+    """Return the form of a telegram with data and this beginning; the BCC covers everything from SYS on."""
 
     def checked(data: str) -> str:
         try:
@@ -150,7 +150,7 @@ def _with_data(message: type[Any], *head: Any, covered_from: int, type: ValueTyp
 
 def _not_to_all(enquiry: Enquiry) -> None:
     if enquiry.address == BROADCAST:
-        raise wrong_field("address", "an enquiry cannot be a broadcast, nobody would answer")
+        raise wrong_field("address", "an enquiry cannot be a broadcast, because no drive would answer")
 
 
 _NODES_BEHIND = {b"0": 0} | {bytes([0x40 + node]): node for node in range(1, 64)}
@@ -158,7 +158,7 @@ _NODES_BEHIND = {b"0": 0} | {bytes([0x40 + node]): node for node in range(1, 64)
 _PLACE = (
     "sys" / deciding(choice(_NODES_BEHIND, "system-bus node: `0`, or 40H + 1..63")),
     "dataset" / decimal_number(1, meaning="data set 0..9"),
-    # From 1000 on the hundreds are a letter, 1200 is C00 (Agile VABus manual p. 30).
+    # From 1000 on the hundreds are a letter; 1200 is C00 (Agile VABus manual p. 30).
     "parameter"
     / one_of(PARAMETERS, lambda number: b"%X%02d" % divmod(number, 100), "parameter 0..999, A00..F99 for 1000..1599"),
 )
@@ -168,10 +168,10 @@ _ANYBODY = frozenset([*NODES, BROADCAST])
 
 @cache
 def telegrams(type: ValueType = "", *, lower_case_hex: bool = False) -> Telegrams:
-    """Return the codec. An EOT alone is a telegram, too, where no enquiry and no select goes on behind it.
+    """Return the codec. An EOT on its own is also a telegram, unless an enquiry or a select follows it.
 
-    type: what the parameter table says of the data, so that they are checked: uint and int have four hexadecimal
-    digits, long has eight. lower_case_hex: accept a-f in them (never shown in a manual).
+    type: type of the data in the parameter table, so that they are checked: uint and int have four hexadecimal digits,
+    long has eight. lower_case_hex: accept a-f in them (never shown in a manual).
     """
     checked: dict[str, Any] = {"type": type, "lower_case_hex": lower_case_hex}
     return Telegrams(
@@ -190,9 +190,9 @@ def telegrams(type: ValueType = "", *, lower_case_hex: bool = False) -> Telegram
 
 
 def number_of(data: str, type: str, *, lower_case_hex: bool = False) -> int:
-    """Return the number that data characters stand for: two's complement for int and long.
+    """Return the number for data characters: two's complement for int and long.
 
-    Short description, section 6.6; Agile VABus manual p. 31, 39, 41. Raises ValueError when they are no such number.
+    Short description, section 6.6; Agile VABus manual p. 31, 39, 41. Raises ValueError if they are not such a number.
     """
     if len(data) != digits_of(type):
         raise ValueError(f"{data!r} has {len(data)} characters, a value of type {type} has {digits_of(type)}")
@@ -201,35 +201,38 @@ def number_of(data: str, type: str, *, lower_case_hex: bool = False) -> int:
 
 
 def data_of(value: int, type: str) -> str:
-    """Return the data characters for a number. Raises ValueError when it does not fit the type."""
+    """Return the data characters for a number. Raises ValueError if it does not fit the type."""
     allowed = range_of(type)
-    # A range looks for what is no int in each of its numbers.
+    # `in` on a range is slow for a Decimal, so convert to int first.
     if value != int(value) or int(value) not in allowed:
         raise ValueError(f"{value} is not a whole number from {allowed[0]} to {allowed[-1]}, the range of type {type}")
     return f"{int(value) % len(allowed):0{digits_of(type)}X}"
 
 
 def range_of(type: str) -> range:
-    """Return the numbers of this type; where none is known, those of an int."""
+    """Return the numbers of this type; those of an int for an unknown type."""
     return RANGES.get(type, RANGES["int"])
 
 
 def digits_of(type: str) -> int:
-    """Return how many hexadecimal digits a number of this type has."""
+    """Return the number of hexadecimal digits of a number of this type."""
     return 8 if type == "long" else 4
 
 
 def intent(request: Message) -> Intent:
-    """Tell what a request is for; control word and reference are parameters, too, and EOT only ends an exchange."""
+    """Return the intent of a request.
+
+    Control word and reference are parameters as well, and EOT only ends an exchange.
+    """
     if isinstance(request, Enquiry):
         return Intent(access="read")
     return Intent(access="write") if isinstance(request, Select) else Intent(commands=not isinstance(request, Eot))
 
 
 def mismatch(request: Message, reply: Message) -> str:
-    """Name the first field in which a sound reply does not belong to a request; nothing when it belongs.
+    """Return the first field in which a sound reply does not belong to a request; empty if it belongs.
 
-    Sections 4, 6 and 17 of the specification: ADR is outside the BCC, and an ACK says only who sends it.
+    Sections 4, 6 and 17 of the specification: ADR is outside the BCC, and an ACK names only its sender.
     """
     if not isinstance(request, Enquiry | Select):
         return "kind"
@@ -243,7 +246,7 @@ def mismatch(request: Message, reply: Message) -> str:
 
 
 def blind_spots(data: bytes, direction: Direction) -> frozenset[int]:
-    """Return the positions where one wrong bit can go unnoticed: ADR, and all of an enquiry between EOT and ENQ."""
+    """Return the positions where one wrong bit is not detected: ADR, and all of an enquiry between EOT and ENQ."""
     if direction == "reply":
         return frozenset([0])
     if len(data) == 1:

@@ -1,10 +1,11 @@
-"""How a VABus drive answers.
+"""A virtual VABus drive.
 
 Short description sections 6.3 and 6.5; Agile VABus manual p. 30-33; state machine Agile Modbus manual p. 70.
 
-Its watchdog (parameter 413): fault F2010 after so many seconds without a correct exchange (ACT/ACU Modbus manual VEC
-383, p. 35). What no page says is chosen: every sound telegram to its own node counts, whatever it answers, and none to
-all nodes; the time begins with the first of them; the fault comes to a motor at standstill, too; 0 is off.
+Its watchdog (parameter 413) raises fault F2010 after this many seconds without a correct exchange (ACT/ACU Modbus
+manual VEC 383, p. 35). Some behaviour is on no page and was chosen here: every sound telegram to its own node counts,
+whatever the answer, and no telegram to all nodes; the time begins with the first of them; the fault also occurs with a
+motor at standstill; 0 is off.
 """
 
 from __future__ import annotations
@@ -30,15 +31,18 @@ if TYPE_CHECKING:
 
 _BLOCK_LIST, _BLOCK_WRITE, _BLOCK_READ = 17, 18, 19
 _LONGEST_BLOCK = 80
-"""Characters of a block string (Agile VABus manual p. 35)."""
+"""Largest number of characters of a block string (Agile VABus manual p. 35)."""
 _WATCHDOG_TIME = 413
 
 _WARNING_BIT, _REMOTE_BIT, _REACHED_BIT = 7, 9, 10
-"""Of the state word (Agile Modbus manual VEC 691 p. 70)."""
+"""Bits of the state word (Agile Modbus manual VEC 691 p. 70)."""
 
 _START_CONTACTS = 0b000110
-"""S2 and S3. Which contact does what is up to the configuration; here either starts clockwise, and the release is given
-by the hardware enable, which is the worst for a master that takes bits of 410 for commands."""
+"""Contacts S2 and S3, either of which starts clockwise here.
+
+The configuration of a real drive assigns the contacts. The hardware enable gives the release. Both are the worst case
+for a master that takes bits of 410 for commands.
+"""
 
 WATCHDOG_FAULT = 0x2010
 
@@ -63,7 +67,7 @@ class VirtualVabusDrive(DriveRepr):
         self.store.poke(394, 0, data_of(address, "uint"))
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
-        """Act on a telegram: silence for what is broken or not for this drive, NAK for what is refused."""
+        """Act on a telegram: silence for damaged telegrams and those to other drives, NAK for refused requests."""
         if isinstance(find, Damaged):
             self.follow(now)
             return self._complain(find)
@@ -95,11 +99,11 @@ class VirtualVabusDrive(DriveRepr):
         self.store.poke(wanted.number, wanted.dataset or 0, data)
 
     def trip(self, code: int, now: float) -> None:
-        """Fault: output off, code in parameter 260, reset possible after the lock time."""
+        """Trip: output off, code in parameter 260, reset possible after the lock time."""
         self._machine.trip(code, now)
 
     def power_cycle(self, now: float) -> None:
-        """Switch mains off and on: the RAM side of the data sets, control word, error register and fault are gone."""
+        """Switch the mains off and on: the RAM data sets, control word, error register and fault are lost."""
         self.follow(now)
         self.store.power_cycle()
         with suppress(Refusal):
@@ -109,13 +113,13 @@ class VirtualVabusDrive(DriveRepr):
         self._spoken_to_at = None
 
     def follow(self, now: float) -> None:
-        """Let time pass: the motor turns, and the state follows one that has tripped or stopped."""
+        """Advance the drive's time: the motor turns, and the state follows a motor that has tripped or stopped."""
         self._watch(now)
         self._machine.follow(now)
 
     def _obey(self, message: Enquiry | Select, now: float) -> Value | Ack:
         asks_the_register = isinstance(message, Enquiry) and message.parameter == errorcodes.ERROR_REGISTER
-        # The register is that of the interface, before the system bus (Agile VABus manual p. 33).
+        # The register belongs to the interface, in front of the system bus (Agile VABus manual p. 33).
         if message.sys != self._options.sys and not (asks_the_register and message.sys == 0):
             raise Refusal(errorcodes.SYSTEM_BUS_UNREACHABLE)
         if isinstance(message, Enquiry):
@@ -186,23 +190,23 @@ class VirtualVabusDrive(DriveRepr):
         return self.store.number(419) / 100 or 50.0
 
     def _reference_hz(self) -> float:
-        """The sum of frequency and percentage, within the maximum.
+        """Return the sum of frequency and percentage, within the maximum.
 
-        No page says how the two come together (475, 476). That they add up is the worst for a master that means one.
+        No page describes how the two are combined (475, 476). A sum is the worst case for a master that sets only one.
         """
         maximum = self._maximum_hz()
         together = self.store.number(480) / 100 + self.store.number(520) / 10000 * maximum
         return max(-maximum, min(maximum, together))
 
     def _watch(self, now: float) -> None:
-        """Trip when the watchdog time was over, which may be some time ago."""
+        """Trip if the watchdog time has been exceeded, perhaps some time ago."""
         limit_s = self.store.number(_WATCHDOG_TIME)
         if not limit_s or self._spoken_to_at is None or self.motor.fault or now <= self._spoken_to_at + limit_s:
             return
         self.trip(WATCHDOG_FAULT, self._spoken_to_at + limit_s)
 
     def _measured(self) -> dict[int, Callable[[], float]]:
-        """Return what each parameter that shows a measured value gets it from when it is read."""
+        """Return the source of each parameter with a measured value, called when it is read."""
         motor, number = self.motor, self.store.number
         return {
             210: lambda: motor.output_hz * 100,
@@ -230,7 +234,7 @@ class VirtualVabusDrive(DriveRepr):
         return self._machine.status_word() | shown | remote << _REMOTE_BIT
 
     def _complain(self, find: Damaged) -> VirtualReply | None:
-        """A wrong BCC or text in a select for this drive is refused; a broken structure meets silence."""
+        """Refuse a wrong BCC or text in a select for this drive; answer a broken structure with silence."""
         to_us = len(find.data) > 2 and find.data[1] - 0x40 == self.address and find.data[2:3] == b"\x02"
         code = {"checksum": errorcodes.CHECKSUM_ERROR, "field": errorcodes.SYNTAX_ERROR}.get(find.error.category)
         if not to_us or code is None or find.error.field == "address":

@@ -1,4 +1,4 @@
-"""Messages from fields, what they are for, whether one answers another, and where a wrong bit goes unnoticed."""
+"""Messages made from fields, intents of requests, matching of replies, and undetected bit errors."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _CHECK = slice(19, 21)
 
 
 def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
-    """Build a message from fields as test vectors name them: exact decimals as text, an index as a list."""
+    """Return a message from fields with the names that test vectors use: exact decimals as text, an index as a list."""
     rest, kind = dict(given), given.get("kind")
     if rest.get("value") is not None:
         try:
@@ -34,7 +34,10 @@ def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
 
 
 def intent(request: Message) -> Intent:
-    """Tell what a request is for: U writes, R and I read, and all command unless bit 10 of their word is given as 0."""
+    """Return the intent of a request: U writes, R and I read.
+
+    Each request is also a command unless bit 10 of its control word is given as 0.
+    """
     if not isinstance(request, Request):
         return Intent(commands=True)
     given = request.control_mask is None or bool(request.control_mask & words.VALID)
@@ -45,12 +48,12 @@ def intent(request: Message) -> Intent:
 
 
 def mismatch(request: Message, reply: Message) -> str:
-    """Name what keeps a sound reply from belonging to a request; nothing when it belongs.
+    """Return the mismatch between a request and a sound reply; empty if the reply belongs to the request.
 
     A reply is a copy of its request with the status word in it (VLT 3500 manual, page 85). The value of an update may
-    differ, the drive rounds and limits. "sign": byte 13 of the reply has bit 7 set, and so may be a `-` that lost its
-    meaning without the sum telling. "checksum": the reply switches the check off and the request did not. "echo": the
-    reply is the request, handed back.
+    differ, because the drive rounds and limits. "sign": byte 13 of the reply has bit 7 set, so it may be a `-` with a
+    wrong bit that the sum does not detect. "checksum": the reply switches the check off and the request did not.
+    "echo": the reply is the request, handed back.
     """
     if not isinstance(request, Request) or not isinstance(reply, Reply | ControlReply):
         return "kind"
@@ -66,11 +69,12 @@ def mismatch(request: Message, reply: Message) -> str:
     return ""
 
 
-def blind_spots(data: bytes, direction: Direction) -> frozenset[int]:  # noqa: ARG001 - the same both ways
-    """Return the positions where one wrong bit can go unnoticed.
+def blind_spots(data: bytes, direction: Direction) -> frozenset[int]:  # noqa: ARG001 - same in both directions
+    """Return the positions where one wrong bit is not detected.
 
-    None while the sum is there: one bit changes it by 1, 2, 4, ... 64 or 128, never by a multiple of 100. With `??` all
-    between start and check characters, but for the control character, of which no two differ in one bit only.
+    There are none while the sum is present: one bit changes it by 1, 2, 4, ... 64 or 128, never by a multiple of 100.
+    With `??`, all positions between start and check characters, except the control character, because no two of these
+    differ in only one bit.
     """
     if data[_CHECK] != UNCHECKED:
         return frozenset()

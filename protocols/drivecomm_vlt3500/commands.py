@@ -1,14 +1,14 @@
-"""Asking and commanding one VLT: parameters, control words, and what a master remembers of them.
+"""Requests and commands to one VLT: parameters, control words, and the state that a master keeps of them.
 
 VLT Series 3500 manual, printed pages 87 and 91; VLT 3000 manual MG.30.A7.02, pages 75 and 78.
 
-Every telegram carries a control word. Reading, writing and asking for the status carry the idle word, whose bit 10 is
-0, always, also after a start: a drive ignores it and keeps the last valid word (VLT 3000 manual, page 75). So only what
-is meant to command does.
+Every telegram carries a control word. Reads, writes and status requests always carry the idle word, whose bit 10 is 0,
+also after a start: a drive ignores this word and keeps the last valid one (VLT 3000 manual, page 75). So only telegrams
+that are meant as commands are commands.
 
-No reply says which of two like requests it answers, and the value, the status or the index of one may be wrong for the
-other. Every request is therefore `nameless`: after a time-out the link lets a late reply pass before it asks for
-something else.
+No reply shows which of two similar requests it answers, and the value, the status or the index of one may be wrong for
+the other. Every request is therefore `nameless`: after a timeout the link waits for a late reply before it sends
+another request.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ _MOVING = words.START | words.JOG_1 | words.JOG_2
 
 
 class VltMemory:
-    """What a master remembers of one drive, shared by all who speak to it on one bus.
+    """State that a master keeps for one drive, shared by all callers that use it on one bus.
 
-    commanded: the last valid control word that the drive has confirmed; None while none was sent, and when it is open
+    commanded: the last valid control word that the drive has confirmed; None if none was sent, or if it is unknown
     whether one arrived. setup: the set-up that control words select, as their bits.
     """
 
@@ -47,15 +47,18 @@ class VltMemory:
         self.setup = 0
 
     def forget(self) -> None:
-        """Forget the last control word, which further ones would build on."""
+        """Forget the last control word, on which further ones would build."""
         self.commanded = None
 
     def watch(self, silence_s: float | None) -> None:
-        """Do nothing: nothing is repeated for a watchdog."""
+        """Do nothing, because nothing is repeated for a watchdog."""
 
 
 class Conversation:
-    """Words to one drive, or to all at address 0. seen: the status word of the last reply, 0 where nobody answers."""
+    """Exchanges with one drive, or commands to all drives at address 0.
+
+    seen: the status word of the last reply; 0 after a broadcast, which no drive answers.
+    """
 
     def __init__(self, address: int, options: VltOptions, memory: VltMemory) -> None:
         self.seen = 0
@@ -66,11 +69,11 @@ class Conversation:
         self._question = kept(self._new_question)
 
     def read(self, wanted: Target) -> Exchange[Decimal]:
-        """Ask for a parameter, or an element of an indexed one. Raises RefusedError."""
+        """Read a parameter, or one element of an indexed parameter. Raises RefusedError."""
         return _value(wanted, (yield from self._ask_idle(self._question(wanted.number, wanted.index))))
 
     def write(self, wanted: Target, value: Decimal, decimals: int, attempts: int) -> Exchange[Decimal | None]:
-        """Write a parameter and return what the drive reports then, None where nobody answers. Raises RefusedError."""
+        """Write a parameter; return the value that the drive reports, None for a broadcast. Raises RefusedError."""
         request = Update(**self._idle, parameter=wanted.number, value=value, decimals=decimals)
         if self._address == BROADCAST:
             yield Tell(message=request)
@@ -79,7 +82,7 @@ class Conversation:
         return _value(wanted, (yield from self._ask_idle(ask)))
 
     def status_word(self, *, attempts: int | None = None) -> Exchange[int]:
-        """Ask for the status word with a C telegram that commands nothing."""
+        """Read the status word with a C telegram that commands nothing."""
         ask = Ask(message=Control(**self._idle), attempts=attempts, nameless=True)
         reply: ControlReply = yield from self._ask_idle(ask)
         self.seen = reply.status_word
@@ -88,9 +91,9 @@ class Conversation:
     def command(
         self, word: int, *, mask: int | None = None, attempts: int | None = None, urgent: bool = False
     ) -> Exchange[int]:
-        """Send a control word and return the status word; nobody answers a broadcast, which gives 0.
+        """Send a control word and return the status word; 0 for a broadcast, which no drive answers.
 
-        urgent: for what stops the motor, see `Ask`.
+        urgent: for commands that stop the motor, see `Ask`.
         """
         before, self._memory.commanded = self._memory.commanded, None
         request, mask = self.request(word, mask), 0xFFFF if mask is None else mask
@@ -109,27 +112,30 @@ class Conversation:
         return self.seen
 
     def look(self) -> Exchange[Words]:
-        """Return the status word."""
+        """Read the status word."""
         return {profiles.ONLY: (yield from self.status_word())}
 
     def send(self, step: Step, *, urgent: bool) -> Exchange[Words]:
-        """Send a word in the set-up that is selected; its reply shows the status."""
+        """Send a word in the selected set-up; its reply contains the status."""
         word, attempts = step.word | self._memory.setup, None if step.repeats else 1
         return {profiles.ONLY: (yield from self.command(word, attempts=attempts, urgent=urgent))}
 
     def step(self, bit: int, verb: str) -> Exchange[None]:
-        """Set a bit of the last control word and take it away again."""
+        """Set a bit of the last control word and clear it again."""
         word = yield from self.confirmed(verb)
         try:
             yield from self.command(word | bit, attempts=1)
         except ReplyError:
-            # The drive may have it: take the bit away, or it could go on and on.
+            # The drive may have received the word. Clear the bit, or the change could continue indefinitely.
             yield from self.command(word)
             raise
         yield from self.command(word)
 
     def confirmed(self, verb: str) -> Exchange[int]:
-        """Return the last control word, if what it says still holds: a word sent again must not start a motor."""
+        """Return the last control word if it still holds, because a repeated word must not start a motor.
+
+        Raises StateError if there is none, or if the drive has stopped meanwhile.
+        """
         word = self._memory.commanded
         if word is None:
             raise StateError(
@@ -142,7 +148,7 @@ class Conversation:
         return word
 
     def request(self, word: int, mask: int | None) -> Control:
-        """Return the telegram that carries a control word, or those bits of it that a mask gives."""
+        """Return the telegram for a control word, or for those bits of it that the mask contains."""
         return Control(address=self._address, control_word=word, control_mask=None if mask == 0xFFFF else mask)
 
     def _new_question(self, number: int, index: tuple[int, ...] | None) -> Ask:
@@ -152,7 +158,7 @@ class Conversation:
         return Ask(message=ReadIndex(**self._idle, parameter=number, index=index, decimals=decimals), nameless=True)
 
     def _ask_idle(self, ask: Ask) -> Exchange[Any]:
-        """Ask with the idle word; where only a copy of the request came, say that it may have been the reply."""
+        """Send a request with the idle word; if only a copy of it returns, the error says that it may be the reply."""
         try:
             return (yield ask)
         except NoReplyError as error:

@@ -1,4 +1,4 @@
-"""The conversations of a master with a VLT: read, write, command, status.
+"""Verbs of a master for a VLT: read, write, command, status.
 
 VLT Series 3500 manual, printed pages 85 to 92; VLT 3000 manual MG.30.A7.02, pages 74 to 80.
 """
@@ -32,7 +32,7 @@ _EXTRA = ("jog", "slow_down", "catch_up", "hold", "select_setup", "control_word"
 
 
 class VltOperations:
-    """The verbs of one VLT, or of all at address 0. Reading, writing and asking for the status never command."""
+    """Verbs of one VLT, or of all drives at address 0. Reads, writes and status requests never command."""
 
     def __init__(self, address: int, options: VltOptions, model: Model | None, memory: VltMemory | None = None) -> None:
         self.answers = address != BROADCAST
@@ -44,9 +44,9 @@ class VltOperations:
 
     @property
     def capabilities(self) -> Capabilities:
-        """What a VLT can be asked to do.
+        """The abilities of a VLT.
 
-        Whether a write survives power-off is not known of any of them, so neither stored nor volatile writes are
+        No known source describes whether a write survives power-off, so neither stored nor volatile writes are
         promised. The bus reference, parameter 516, is meant to be written cyclically.
         """
         return Capabilities(
@@ -62,7 +62,7 @@ class VltOperations:
 
     @property
     def extra(self) -> Mapping[str, Callable[..., Exchange[Any]]]:
-        """Verbs beyond those that all drives have: bits 5, 8, 9, 11 to 14 of the control word, and the word itself."""
+        """Verbs beyond those of all drives: bits 5, 8, 9, 11 to 14 of the control word, and the word itself."""
         return {name: getattr(self, name) for name in _EXTRA}
 
     @needs_answer
@@ -79,12 +79,12 @@ class VltOperations:
         decimals: int | None = None,
         attempts: int = 1,
     ) -> Exchange[Reading | None]:
-        """Write a parameter (U) and return what the drive then reports, which it may have rounded or limited.
+        """Write a parameter (U) and return the value that the drive reports, perhaps rounded or limited.
 
-        decimals: how many digits after the point to send; the model's or the fewest that are exact unless given.
-        attempts: how often to send it while no reply comes. store=True is refused: no manual that was read says whether
-        a write survives power-off (parameter 517 of a VLT 2000, "save data values", suggests that it does not unless
-        that is on). Do not write cyclically, apart from 516.
+        decimals: number of digits after the point to send; None for the model's number or the fewest that are exact.
+        attempts: number of times to send it while no reply comes. store=True is refused, because no known manual
+        describes whether a write survives power-off (parameter 517 of a VLT 2000, "save data values", suggests that it
+        does not unless that is on). Do not write cyclically, apart from 516.
         """
         wanted = target(parameter, self._model)
         if wanted.index is not None:
@@ -101,23 +101,23 @@ class VltOperations:
 
     @needs_answer
     def status(self) -> Exchange[DriveStatus]:
-        """Ask for the status word with a C telegram that commands nothing."""
+        """Read the status word with a C telegram that commands nothing."""
         return self._commander(self._profile).status(self._model)
 
     @needs_answer
     def start(self, *, reverse: bool = False) -> Exchange[None]:
-        """Start with the reference that is set, and wait until the drive says that it runs.
+        """Start with the present reference, and wait until the drive reports that it runs.
 
-        Where "start not possible" is reported it is released first, 0x047E before 0x047F. A start that is not obeyed is
-        taken back with a ramp stop, so that it cannot take effect later. Raises StateError.
+        If the drive reports "start not possible", that is released first, 0x047E before 0x047F. A start that is not
+        obeyed is withdrawn with a ramp stop, so that it cannot take effect later. Raises StateError.
         """
         return self._commander(self._profile).start(reverse=reverse)
 
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
-        """Stop: bit 6 = 0 (ramp), OFF2 (coast), OFF3 (quick stop), or bit 4 = 0 where that is DC braking.
+        """Stop: bit 6 = 0 (ramp), OFF2 (coast), OFF3 (quick stop), or bit 4 = 0 if that is DC braking.
 
-        The quick stop is OFF3 and not bit 4: bit 4 may be given another meaning (514) or to a digital input (504).
-        Raises StateError when the drive does not report what it was told.
+        The quick stop is OFF3 and not bit 4, because bit 4 may have another meaning (514) or belong to a digital input
+        (504). Raises StateError if the drive does not report the commanded state.
         """
         if how not in self._profile.stops:
             remedy = "; VLT 2000 can with parameter 514 = 1, then use dc_brake=True" if how is Stop.DC_BRAKE else ""
@@ -126,13 +126,13 @@ class VltOperations:
 
     @needs_answer
     def reset(self) -> Exchange[None]:
-        """Acknowledge a trip: bit 7 from 0 to 1 and back, in words that stop the motor; nothing without a trip."""
+        """Acknowledge a trip: bit 7 from 0 to 1 and back, in words that stop the motor; do nothing without a trip."""
         return self._commander(self._profile).reset()
 
     def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
         """Write the bus reference, parameter 516: percent of the maximum frequency, negative for the other direction.
 
-        Raises StateError when the drive reports another value than the one sent.
+        Raises StateError if the drive reports another value than the one sent.
         """
         number = exact(percent, BUS_REFERENCE)
         limit = self._options.frequency("reference_limit")
@@ -154,18 +154,18 @@ class VltOperations:
 
     @needs_answer
     def probe(self) -> Exchange[None]:
-        """Ask once for the status word."""
+        """Read the status word once."""
         yield from self._talk.status_word(attempts=1)
 
     @needs_answer
-    def identify(self, only: Collection[str] = ()) -> Exchange[Mapping[str, str]]:  # noqa: ARG002 - one look tells all
-        """Read the state and, where the drive numbers its read-outs as VLT 2000 does, its software version."""
+    def identify(self, only: Collection[str] = ()) -> Exchange[Mapping[str, str]]:  # noqa: ARG002 - one read returns everything
+        """Read the state, and the software version if the drive numbers its read-outs as VLT 2000 does."""
         status = yield from self._talk.status_word()
         version = yield from unless_refused(self._read(target(SOFTWARE_VERSION, None)))
         state = {"state": ", ".join(profile().flags_of(status))}
         return state if version is None else {**state, "software": str(version.raw)}
 
-    # Verbs beyond the common ones
+    # Additional verbs
 
     @needs_answer
     def jog(self, *, number: int = 1) -> Exchange[None]:
@@ -178,31 +178,31 @@ class VltOperations:
 
     @needs_answer
     def slow_down(self) -> Exchange[None]:
-        """Lower the reference a step (bit 11 to 1 and back); the drive must have been commanded by this object."""
+        """Lower the reference by one step (bit 11 to 1 and back); requires an earlier command through this object."""
         return self._talk.step(words.SLOW_DOWN, "slow_down")
 
     @needs_answer
     def catch_up(self) -> Exchange[None]:
-        """Raise the reference a step (bit 12 to 1 and back); the drive must have been commanded by this object."""
+        """Raise the reference by one step (bit 12 to 1 and back); requires an earlier command through this object."""
         return self._talk.step(words.CATCH_UP, "catch_up")
 
     @needs_answer
     def hold(self) -> Exchange[None]:
-        """Keep the output frequency as it is (bit 5 = 0) until the next command; `start` goes on."""
+        """Freeze the output frequency (bit 5 = 0) until the next command; `start` releases it."""
         yield from self._talk.command((yield from self._talk.confirmed("hold")) & ~words.RAMP_ENABLED)
 
     @needs_answer
     def select_setup(self, *, number: int) -> Exchange[None]:
-        """Select set-up 1 to 4 (bits 13 and 14) in this and every further control word of this object."""
+        """Select set-up 1 to 4 (bits 13 and 14) in this and every later control word of this object."""
         if number not in range(1, self._options.setups + 1):
             raise UsageError(f"set-up {number!r} does not exist; this drive has 1 to {self._options.setups}")
         return self._select(number)
 
     @needs_answer
     def control_word(self, *, word: int, mask: int | None = None) -> Exchange[DriveStatus]:
-        """Send any control word, once. mask: the bits that are given, in groups of four; others stay as they are (`P`).
+        """Send any control word once. mask: the bits that it gives, in groups of four; the others stay unchanged (`P`).
 
-        It is sent as it stands: what it starts, starts. Raises UsageError for a word that no telegram can carry.
+        The word is sent unchanged, so it may start the motor. Raises UsageError for a word that no telegram can carry.
         """
         try:
             telegrams().encode(self._talk.request(word, mask))
@@ -217,7 +217,7 @@ class VltOperations:
             return self._profile.may_start(word)
         return verb in ("jog", "control_word")
 
-    # Conversations
+    # Exchanges
 
     def _read(self, wanted: Target) -> Exchange[Reading]:
         return reading_of(wanted, (yield from self._talk.read(wanted)))
@@ -271,6 +271,6 @@ class VltOperations:
             )
 
     def _select(self, number: int) -> Exchange[None]:
-        """Select a set-up in the last control word and in all that follow; bit 13 is low, as on later drives."""
+        """Select a set-up in the last control word and in all later ones; bit 13 is the low bit, as on later drives."""
         word = yield from self._talk.confirmed("set_up")
         yield from self._talk.command(word & ~words.SETUP | (number - 1) * words.SETUP_LOW)

@@ -1,7 +1,7 @@
-"""What the control word of a virtual VLT does to its motor, and the status word that comes of it.
+"""Effects of the control word on the motor of a virtual VLT, and its status word.
 
 VLT 3000 manual MG.30.A7.02, pages 75 and 78; VLT Series 3500 manual, printed pages 87 and 91. The steps of slow down
-and catch up are assumed, and so is the order coast, quick stop, ramp stop, hold where several are asked for at once.
+and catch up are assumed, and so is the order coast, quick stop, ramp stop, hold if several are requested in one word.
 Running (bit 11) lasts until a ramp has brought the motor to a standstill.
 """
 
@@ -28,7 +28,7 @@ _LOCAL = (1.0, 2.0)
 _LOWEST_V, _HIGHEST_V = 340.0, 480.0
 _HOT_C = 100.0
 _RATED_HZ = {0.0: 50.0, 1.0: 60.0, 2.0: 87.0, 3.0: 100.0}
-"""What the options of 105 stand for on a VLT 2000 (public program); anything else is taken as hertz."""
+"""Rated frequency for the options of 105 on a VLT 2000 (public program); any other value is taken as hertz."""
 
 
 class Machine:
@@ -46,7 +46,7 @@ class Machine:
         self.power_up(0.0)
 
     def power_up(self, now: float) -> None:
-        """Begin anew: no control word, no trip, set-up 1."""
+        """Reset the machine: no control word, no trip, set-up 1."""
         self._motor.stop(Command.OFF, now)
         self._motor.reset(now)
         self.word, self.overloaded, self.setup = 0, False, 1
@@ -54,7 +54,7 @@ class Machine:
         self.inhibited = self._has_inhibit()
 
     def obey(self, word: int, mask: int | None, now: float) -> None:
-        """Take a control word; it is ignored unless bit 10 is given and 1. Held groups keep their last valid value."""
+        """Process a control word, unless bit 10 is held or 0. Held groups keep their last valid value."""
         given = 0xFFFF if mask is None else mask
         if not word & given & words.VALID:
             return
@@ -81,7 +81,7 @@ class Machine:
         self._alarm = code
 
     def live(self, now: float) -> None:
-        """Let time pass, and follow changed parameters."""
+        """Advance the time, and apply changed parameters."""
         self._motor.advance(now)
         if self.inhibited and not self._has_inhibit():
             self.inhibited = False
@@ -119,7 +119,7 @@ class Machine:
         )
 
     def measured(self) -> dict[tuple[int, ...], Callable[[], float]]:
-        """Return what each actual value of 502 gets its value from when it is read, by the numbering of a VLT 2000."""
+        """Return the source of each actual value of 502, called when it is read; numbered as on a VLT 2000."""
         of_motor = tables_beside(__file__, "tables.toml")["measured"]
         return {
             **{(int(index),): partial(getattr, self._motor, name) for index, name in of_motor.items()},
@@ -151,7 +151,7 @@ class Machine:
         profiles.have_do(motor, does, lambda: direction * (jog or self._reference_hz()), now)
 
     def _jog_hz(self) -> float:
-        """Return the frequency of a jog bit that is 1, else 0; the parameter of jog 2 is likely 512."""
+        """Return the frequency of an active jog bit, else 0; the parameter of jog 2 is probably 512."""
         if self.word & words.JOG_1:
             return self._store.number(511, 5.0)
         return self._store.number(512, 10.0) if self.word & words.JOG_2 else 0.0

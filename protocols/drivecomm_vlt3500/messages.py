@@ -1,4 +1,4 @@
-"""What a VLT telegram says: one frozen dataclass for each kind and direction.
+"""Contents of VLT telegrams: one frozen dataclass for each kind and direction.
 
 VLT Series 3500 manual, printed page 86 (control characters U, R, C, I) and page 92 (byte 19 = 9). A field that is None
 is not in the telegram.
@@ -30,7 +30,7 @@ class Update(_Request):
     """U: store a value in a parameter, and obey the control word.
 
     decimals: byte 19; None for the fewest that are exact. control_mask: the bits of the control word that are given,
-    None for all. sign: byte 13 where it is neither `+` nor `-`. unchecked: sent with `??` instead of a checksum.
+    None for all. sign: byte 13 if it is neither `+` nor `-`. unchecked: sent with `??` instead of a checksum.
     """
 
     kind: ClassVar[ReplyKind] = "update"
@@ -42,7 +42,7 @@ class Update(_Request):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Read(_Request):
-    """R: ask for the value of a parameter, and obey the control word; its data are not looked at."""
+    """R: read the value of a parameter, and obey the control word; the drive ignores its data."""
 
     kind: ClassVar[ReplyKind] = "read"
     parameter: int
@@ -50,9 +50,10 @@ class Read(_Request):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadIndex(_Request):
-    """I: ask for one element of an indexed parameter, (n) or (x, y), and obey the control word.
+    """I: read one element of an indexed parameter, (n) or (x, y), and obey the control word.
 
-    decimals: byte 19, how many of the five digits are y; 0 for one dimension, always 2 for two when it is sent.
+    decimals: byte 19, the number of digits of y among the five; 0 for one dimension, always 2 for two in requests from
+    here.
     """
 
     kind: ClassVar[ReplyKind] = "read_index"
@@ -63,10 +64,10 @@ class ReadIndex(_Request):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Control(_Request):
-    """C: obey the control word and tell the status.
+    """C: obey the control word and return the status.
 
-    Parameter and data are not looked at; parameter is None where its characters are no number. filler: bytes 9 to 19
-    where they are anything but a number and `+000000`.
+    The drive ignores parameter and data; parameter is None if its characters are not a number. filler: bytes 9 to 19 if
+    they are anything but a number and `+000000`.
     """
 
     kind: ClassVar[str] = "control"
@@ -77,7 +78,7 @@ class Control(_Request):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reply:
-    """The answer to U, R or I: status word, and either the value now in the parameter or why there is none."""
+    """The answer to U, R or I: status word, and either the present value of the parameter or the cause of a refusal."""
 
     kind: ReplyKind
     address: int
@@ -92,7 +93,7 @@ class Reply:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ControlReply:
-    """The answer to C: the status word; the rest is a copy of the request and means nothing."""
+    """The answer to C: the status word; the rest is a copy of the request without meaning."""
 
     kind: ClassVar[str] = "control"
     address: int

@@ -1,4 +1,4 @@
-"""What differs between VLT drives, or is not known of them, and is therefore configurable."""
+"""Differences between VLT drives, and unknown facts about them, which are configurable for that reason."""
 
 from __future__ import annotations
 
@@ -18,22 +18,24 @@ if TYPE_CHECKING:
 class VltOptions:
     """Options of a VLT 2000, 3000 or 3500.
 
-    idle_word: the control word that commands nothing, bit 10 = 0. With 0x000F a reply can never look like an echo of
-    the request, since ready and tripped exclude each other; with 0x0000 (as the manuals say) a drive in local operation
-    could answer byte for byte what it was sent, which is taken for an echo. lenient_status: take the low four bits of
+    idle_word: the control word that commands nothing, bit 10 = 0. With 0x000F a reply can never equal the request,
+    because ready and tripped exclude each other. With 0x0000 (as in the manuals) the answer of a drive in local
+    operation can equal the request byte for byte, and then counts as an echo. lenient_status: use the low four bits of
     any character in a status word, not only of `@` to `O`. dc_brake: control bit 4 is DC braking (VLT 2000 with
-    parameter 514 = 1, from a public program). setups: how many set-ups the drive has, 4 or (VLT 2000) 2. maximum_hz:
-    the drive's maximum frequency, which `set_reference(hz=)` needs; minimum_hz: its minimum frequency. reference_span:
-    what 100 % in parameter 516 means, "maximum" for the maximum frequency, "span" for maximum minus minimum, counted
-    from the minimum; the manuals say it for a minimum of 0 only, where both are the same. reference_limit: the largest
-    percentage that `set_reference` sends; the drive's own range is not known. fault_parameter: what `status` reads of a
-    tripped drive to name the fault, such as "502[18]" (alarm word of a VLT 2000); empty for nothing, since alarm
-    numbers are not known. state_timeout_s: how long a commanded state may take to come.
+    parameter 514 = 1, from a public program). setups: number of set-ups of the drive, 4 or (VLT 2000) 2.
 
-    For a virtual drive: reply_delay_s, how long it takes to answer. copies_unchecked: a request with `??` for a
-    checksum is answered with `??`; otherwise with a checksum. start_inhibit: parameter 309 is set to 11, "start not
+    maximum_hz: the drive's maximum frequency, which `set_reference(hz=)` needs. minimum_hz: its minimum frequency.
+    reference_span: meaning of 100 % in parameter 516: "maximum" for the maximum frequency, "span" for maximum minus
+    minimum, counted from the minimum; the manuals define it for a minimum of 0 only, where both are the same.
+    reference_limit: the largest percentage that `set_reference` sends; the drive's own range is unknown.
+    fault_parameter: the parameter that `status` reads of a tripped drive to name the fault, such as "502[18]" (alarm
+    word of a VLT 2000); empty for none, because alarm numbers are unknown. state_timeout_s: seconds in which a
+    commanded state must be reached.
+
+    For a virtual drive: reply_delay_s: reply delay in seconds. copies_unchecked: whether a request with `??` for a
+    checksum is answered with `??`, otherwise with a checksum. start_inhibit: parameter 309 is set to 11, "start not
     possible". reference_decimals: decimals of parameter 516. answers_broken: broken telegrams are answered with cause
-    99 instead of silence (the manuals do not say what a drive does).
+    99 instead of silence (the manuals do not describe the behaviour of a drive).
     """
 
     idle_word: int = words.IDLE
@@ -60,11 +62,11 @@ class VltOptions:
             raise UsageError("minimum_hz is at least 0 and below maximum_hz")
 
     def frequency(self, name: str) -> Decimal:
-        """Return one of maximum_hz, minimum_hz and reference_limit as the exact number that was meant."""
+        """Return maximum_hz, minimum_hz or reference_limit as an exact number."""
         return exact(getattr(self, name), name)
 
     def percent_of(self, hz: Decimal) -> Decimal:
-        """Return the percentage of the bus reference for a frequency, exactly. Raises ValueRefusedError."""
+        """Return the exact percentage of the bus reference for a frequency. Raises ValueRefusedError."""
         highest, lowest = self.frequency("maximum_hz"), self.frequency("minimum_hz")
         if self.reference_span == "maximum":
             lowest = Decimal(0)
@@ -76,5 +78,5 @@ class VltOptions:
             above = (abs(hz) - lowest) * 100
             percent = (above / span).normalize()
             if percent * span != above:
-                raise ValueRefusedError(f"{hz} Hz of {highest} Hz is no exact percentage, and it is not rounded")
+                raise ValueRefusedError(f"{hz} Hz of {highest} Hz is not an exact percentage, and it is not rounded")
         return percent.copy_sign(hz)

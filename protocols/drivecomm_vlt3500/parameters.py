@@ -1,7 +1,7 @@
-"""Parameter addresses, values, and causes of a refusal: what `516`, `502[17]`, `602[13,5]` and `bus_reference` mean.
+"""Parameter addresses such as `516`, `502[17]`, `602[13,5]` and `bus_reference`, values, and causes of refusals.
 
-Values are exact (VLT Series 3500 manual, printed page 86, bytes 13 to 19): sign, five digits and a place for the point,
-so an integer and a power of ten; binary floating point never comes near them.
+Values are exact (VLT Series 3500 manual, printed page 86, bytes 13 to 19): sign, five digits and the position of the
+point, so an integer and a power of ten. They are never converted to binary floating point.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 DIGITS = 5
 DECIMALS = range(6)
 
-# Why a drive refuses: the cause in bytes 17 and 18 of a reply whose byte 19 is 9; tables.toml has their meaning.
+# Causes of a refusal, in bytes 17 and 18 of a reply whose byte 19 is 9; tables.toml has their meaning.
 UNKNOWN_PARAMETER, NOT_ACCESSIBLE, NO_SUCH_INDEX, NOT_INDEXED, READ_ONLY = range(5)
 NOT_WHILE_RUNNING, OUT_OF_RANGE, BAD_DECIMALS, TOO_LONG_TO_SEND, ANYTHING_ELSE = 5, 6, 7, 8, 99
 
@@ -33,7 +33,7 @@ _INDEX = re.compile(r"\s*(\d{1,5})\s*(?:,\s*(\d{1,2})\s*)?", re.ASCII)
 
 @dataclass(frozen=True, kw_only=True)
 class Target:
-    """A parameter, or one element of an indexed one, with what is known about it."""
+    """A parameter, or one element of an indexed one, with its model data."""
 
     number: int
     index: tuple[int, ...] | None
@@ -41,28 +41,28 @@ class Target:
 
     @cached_property
     def address(self) -> str:
-        """The parameter address in its plainest form: `516`, `502[17]`, `602[13,5]`."""
+        """The parameter address in its simplest form: `516`, `502[17]`, `602[13,5]`."""
         return written(self.number, self.index)
 
     @cached_property
     def doubt(self) -> str:
-        """What is not certain about its values."""
+        """Uncertain facts about its values, as a note."""
         if self.info is None:
             return "unit not known"
         return self.info.note
 
 
 def written(number: int, index: tuple[int, ...] | None) -> str:
-    """Return the parameter address of a number and an index: three digits at least, as the manuals print them."""
+    """Return the parameter address for a number and an index, with three digits or more as in the manuals."""
     return f"{number:03d}" + (f"[{','.join(map(str, index))}]" if index is not None else "")
 
 
 def target(parameter: str, model: Model | None, index: Any = None) -> Target:
-    """Return what a parameter address or a name of the model means.
+    """Return the target of a parameter address or of a name in the model.
 
-    Numbers run from 0 to 9999, leading zeros do not matter. An index stands in brackets, [n] or [x,y], or is given
-    apart: a number, a pair, or text such as "13,5". y counts in ones: [13,5] is 013.05 in the telegram. Raises
-    ParameterAddressError for anything else, UsageError when two indices are given.
+    Numbers run from 0 to 9999; leading zeros are ignored. An index is in brackets, [n] or [x,y], or a separate
+    argument: a number, a pair, or text such as "13,5". y counts in ones: [13,5] is 013.05 in the telegram. Raises
+    ParameterAddressError for anything else, UsageError for two different indices.
     """
     name = parameter.partition("[")[0]
     exactly = model.find(parameter) if model else None
@@ -74,7 +74,7 @@ def target(parameter: str, model: Model | None, index: Any = None) -> Target:
     match = _ADDRESS.fullmatch(text)
     if match is None:
         remedy = f"nor a name of model {model.name}" if model else "such as 516, 502[17] or 602[13,5]"
-        raise ParameterAddressError(f"{parameter!r} is no VLT parameter address {remedy}")
+        raise ParameterAddressError(f"{parameter!r} is not a VLT parameter address {remedy}")
     number = int(match[1])
     found = _pair(match[2], match[3])
     given = _index(index)
@@ -87,7 +87,8 @@ def target(parameter: str, model: Model | None, index: Any = None) -> Target:
 def element_addresses(info: ParameterInfo, _options: VltOptions) -> tuple[str, ...]:
     """Return the addresses of a parameter's values.
 
-    Of an indexed one with two dimensions all elements; those of one with one dimension are parameters of the model.
+    For an indexed parameter with two dimensions these are all elements; elements of one with one dimension are
+    parameters of the model.
     """
     sizes = info.extra.get("indexed")
     if sizes is None:
@@ -98,7 +99,7 @@ def element_addresses(info: ParameterInfo, _options: VltOptions) -> tuple[str, .
 
 
 def _info(model: Model | None, number: int, index: tuple[int, ...] | None) -> ParameterInfo | None:
-    """Look for the element first, then for the parameter as a whole; own models may write leading zeros or none."""
+    """Return the model data of the element, or else of the parameter; own models may write leading zeros or none."""
     if model is None:
         return None
     element = written(number, index).partition("[")[2]
@@ -130,7 +131,7 @@ def _pair(x: str | None, y: str | None) -> tuple[int, ...] | None:
 
 
 def reading_of(wanted: Target, value: Decimal, note: str = "") -> Reading:
-    """Return the reading that a reply's value gives: the number is certain, its unit only with a model."""
+    """Return the reading for a reply's value: the number is certain, its unit is known only with a model."""
     info, raw = wanted.info, str(value)
     physical = value if info is None or info.factor == 1 else value * info.factor
     texts = info.values if info else {}
@@ -147,15 +148,15 @@ def reading_of(wanted: Target, value: Decimal, note: str = "") -> Reading:
 
 
 def _shown(number: Decimal, text: str) -> Decimal | int:
-    """Return a number as it is shown: without decimals it is a whole one."""
+    """Return a number for display: an int if it has no decimals."""
     return int(text) if text.lstrip("-").isdigit() else number
 
 
 def data_for(wanted: Target, value: Value | float, decimals: int | None) -> tuple[Decimal, int]:
     """Return the value as it is sent, and byte 19.
 
-    decimals: None for the model's `decimals`, or the fewest that are exact. Limits are looked at where the model has
-    them from a manual; a drive answers cause 06 to what only it can know. Raises ValueRefusedError.
+    decimals: None for the model's `decimals`, or the fewest that are exact. Limits are checked if the model has them
+    from a manual; for limits that only the drive knows, it answers cause 06. Raises ValueRefusedError.
     """
     info = wanted.info
     number = exact(value, wanted.address)
@@ -165,7 +166,7 @@ def data_for(wanted: Target, value: Value | float, decimals: int | None) -> tupl
     if info is not None and info.factor != 1:
         sent = number / info.factor
         if sent * info.factor != number:
-            raise ValueRefusedError(f"{value} for parameter {wanted.address} is no multiple of {info.factor}")
+            raise ValueRefusedError(f"{value} for parameter {wanted.address} is not a multiple of {info.factor}")
     if decimals is None and info is not None:
         decimals = info.extra.get("decimals")
     try:
@@ -177,7 +178,7 @@ def data_for(wanted: Target, value: Value | float, decimals: int | None) -> tupl
 
 
 def address_space(_options: VltOptions, _model: Model | None) -> AddressSpace:
-    """Return what addresses a drive can hold; no option and no model narrows them.
+    """Return the addresses that a drive can hold; neither options nor model restrict them.
 
     The telegram has room for four digits; every number that the manuals print has three.
     """
@@ -190,10 +191,11 @@ def address_space(_options: VltOptions, _model: Model | None) -> AddressSpace:
 
 
 def _indices(address: str, code: int | None) -> Elements:
-    """Of what is refused without an index; that a drive answers R so is not printed, the table of causes has it.
+    """Return the indices to try for a parameter that is refused without an index.
 
-    No index that is printed has more than two digits, and the fault memory has some ten rows; a run that has no first
-    element costs one question. Whether an index begins at 0 or 1 is not printed.
+    The table of causes has this refusal, but no manual prints it as the answer to R. No printed index has more than two
+    digits, and the fault memory has about ten rows. A run without a first element costs one request. No manual prints
+    whether an index begins at 0 or 1.
     """
     if code != NO_SUCH_INDEX:
         return Elements()
@@ -203,28 +205,28 @@ def _indices(address: str, code: int | None) -> Elements:
 
 
 def cause_text(code: int) -> str:
-    """Return the manual's meaning of a cause; one that the manual does not list is named by its number."""
+    """Return the manual's meaning of a cause; a cause that is not listed is named by its number."""
     return str(tables_beside(__file__, "tables.toml")["causes"].get(str(code), f"unlisted cause {code}"))
 
 
 def number(value: Any) -> Decimal:
-    """Return the number that a field holds: Decimal, whole number or text. Raises ValueError for anything else."""
+    """Return the number in a field: Decimal, whole number or text. Raises ValueError for anything else."""
     if isinstance(value, bool) or not isinstance(value, Decimal | int | str):
-        raise ValueError(f"{value!r} is no exact number")  # noqa: TRY004 - one error for all that is no number
+        raise ValueError(f"{value!r} is not an exact number")  # noqa: TRY004 - the same error for every invalid number
     try:
         exact = Decimal(value)
     except InvalidOperation:
-        raise ValueError(f"{value!r} is no number") from None
+        raise ValueError(f"{value!r} is not a number") from None
     if not exact.is_finite():
-        raise ValueError(f"{value!r} is no number that has an end")
+        raise ValueError(f"{value!r} is not a finite number")
     return exact
 
 
 def packed(value: Decimal, decimals: int | None) -> tuple[int, int]:
     """Return the five digits as a number, and byte 19.
 
-    decimals: how many digits stand after the point; None for the fewest that are exact. Raises ValueError when the
-    value is not exact at that many decimals or has more than five digits: nothing is rounded.
+    decimals: number of digits after the point; None for the fewest that are exact. Raises ValueError if the value is
+    not exact with this many decimals or has more than five digits: nothing is rounded.
     """
     _, digits, exponent = value.as_tuple()
     power = int(exponent)
@@ -245,12 +247,12 @@ def packed(value: Decimal, decimals: int | None) -> tuple[int, int]:
 
 
 def unpacked(*, negative: bool, digits: str, decimals: int) -> Decimal:
-    """Return the number in bytes 13 to 19, with as many decimals as byte 19 says; minus zero is zero.
+    """Return the number in bytes 13 to 19, with the number of decimals in byte 19; minus zero is zero.
 
-    Raises ValueError when the digits are none; spaces are refused, no printed telegram has them.
+    Raises ValueError if the characters are not digits; spaces are refused, because no printed telegram has them.
     """
     if not (digits.isascii() and digits.isdigit()):
         raise ValueError(f"{digits!r} are not {DIGITS} decimal digits")
-    # Read from text a number is exact, whatever precision the program has set.
+    # A Decimal made from text is exact, whatever precision the program has set.
     found = Decimal(f"{digits}E-{decimals}")
     return found.copy_negate() if negative and found else found

@@ -1,4 +1,4 @@
-"""What the VLT 3500 telegram gives to drivecomm."""
+"""The plug-in for drives with the VLT 3500 telegram."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a virtual VLT holds: parameters, some of them indexed, with decimals, limits and access."""
+"""Store of a virtual VLT: parameters, some of them indexed, with decimals, limits and access."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ LARGEST = 99_999
 
 
 class Store(ParameterStore[int, tuple[int, tuple[int, ...] | None], Decimal]):
-    """The parameters of one drive as exact decimals. Their start values in the model say with how many decimals.
+    """The parameters of one drive as exact decimals; the start values in the model define the number of decimals.
 
-    factory_setup: while it is active nothing can be written (VLT 3500 manual, page 92, cause 04). measured: actual
-    values, by their index; each has the decimals of what was set there.
+    factory_setup: while it is active, no parameter can be written (VLT 3500 manual, page 92, cause 04). measured:
+    functions for actual values, by index; each value has the decimals of its start value.
     """
 
     def __init__(self, model: Model) -> None:
@@ -46,14 +46,14 @@ class Store(ParameterStore[int, tuple[int, tuple[int, ...] | None], Decimal]):
             if sizes is None:
                 starts[place.number, place.index] = info.start if isinstance(info.start, Decimal) else Decimal(0)
             elif len(sizes) > 1:
-                # Of one dimension only the elements that the model names are there, of two all of them.
+                # With one dimension only the elements in the model exist, with two dimensions all of them.
                 for index in product(*map(range, sizes)):
                     starts.setdefault((place.number, index), Decimal(0))
         super().__init__(infos, starts, _CODES)
         self.factory_setup = False
 
     def fetch(self, number: int, index: tuple[int, ...] | None) -> Decimal:
-        """Return a value as R gets it, or an element as I does. Raises Refusal."""
+        """Return a value as R reads it, or an element as I reads it. Raises Refusal."""
         if index is None and number not in self._indexed:
             self.readable(number)
         elif number not in self._indexed:
@@ -69,7 +69,7 @@ class Store(ParameterStore[int, tuple[int, tuple[int, ...] | None], Decimal]):
         return held
 
     def write(self, number: int, value: Decimal, *, running: bool) -> Decimal:
-        """Take a value as U brings it, rounded to the parameter's decimals, and return it. Raises Refusal."""
+        """Store a value as U writes it, rounded to the parameter's decimals, and return it. Raises Refusal."""
         if number in self._indexed or (number in self._infos and self.factory_setup):
             raise Refusal(causes.READ_ONLY)
         self.must_allow(self.writable(number, running=running), value)
@@ -80,7 +80,7 @@ class Store(ParameterStore[int, tuple[int, tuple[int, ...] | None], Decimal]):
         return taken
 
     def poke(self, number: int, index: tuple[int, ...] | None, value: Decimal) -> None:
-        """Set a value without asking, with the decimals of the parameter where it has as many. Raises Refusal."""
+        """Set a value without checks, with the decimals of the parameter unless it has more. Raises Refusal."""
         if index is not None:
             self.fetch(number, index)
         elif number in self._indexed:
@@ -91,7 +91,7 @@ class Store(ParameterStore[int, tuple[int, tuple[int, ...] | None], Decimal]):
         self.put((number, index), rounded if rounded == value else value)
 
     def remember(self, number: int, code: int, hours: Decimal) -> None:
-        """Put a fault in front of the others in the fault memory, elements (n, 0); (n, 1) is when it was."""
+        """Insert a fault at the front of the fault memory: code in elements (n, 0), hours in (n, 1)."""
         held = {index: value for (each, index), value in self.held.items() if each == number and index}
         for (place, *column), value in held.items():
             if (place + 1, *column) in held and column in ([0], [1]):
@@ -101,11 +101,11 @@ class Store(ParameterStore[int, tuple[int, tuple[int, ...] | None], Decimal]):
             self.put((number, (0, 1)), hours)
 
     def number(self, number: int, default: float = 0.0) -> float:
-        """Return a parameter for the drive's own use; the default where it does not exist."""
+        """Return a parameter for the drive's own use; the default if it does not exist."""
         return float(self.held.get((number, None), default))
 
     def decimals(self, number: int, decimals: int) -> None:
-        """Let a parameter have this many decimals from now on."""
+        """Set the number of decimals of a parameter."""
         if (number, None) in self.held:
             value = self.held[number, None]
             self.put((number, None), value.quantize(Decimal((0, (1,), -decimals)), ROUND_HALF_UP))

@@ -1,4 +1,4 @@
-"""The telegram of VLT Series 3500: 22 characters, both ways.
+"""The telegram of VLT Series 3500: 22 characters in both directions.
 
 VLT Series 3500 manual, printed pages 85 to 92; VLT 3000 manual MG.30.A7.02, pages 73 to 80; nearly the same on VLT 2000
 (manual MG.20.B6.02, pages 54 to 56). Bytes are numbered from 1, as there.
@@ -8,14 +8,14 @@ VLT Series 3500 manual, printed pages 85 to 92; VLT 3000 manual MG.30.A7.02, pag
 
 a: address, 00 for all drives. k: U update, R read, C control, I read index. w: control word in a request, status word
 in a reply, byte 5 holds bits 0 to 3; `@` is 0, `O` is 15, and in a request `P` leaves its four bits as they are. p:
-parameter. s: `-`, every other character is plus. d: data without a point. e: how many digits stand after the point; 9
-in a reply is a refusal with its cause in bytes 17 and 18. c: the sum of the codes of bytes 2 to 19, its last two
-decimal digits; `??` switches the check off. Nothing follows the `>`.
+parameter. s: `-`, every other character is plus. d: data without a point. e: number of digits after the point; 9 in a
+reply is a refusal with its cause in bytes 17 and 18. c: the sum of the codes of bytes 2 to 19, its last two decimal
+digits; `??` switches the check off. Nothing follows the `>`.
 
 Faults to expect: a wrong sum, a cut telegram, a reply of another drive, our own telegram handed back (two-wire
-adapters, the echo chain of VLT 2000). The sum does not see digits that changed places, and it takes 100 more or less
-for nothing: no two characters that a field may hold are 100 apart, but byte 13 may hold any, and there `-` can become
-91H, a plus. `mismatch` therefore refuses a reply whose byte 13 has bit 7 set.
+adapters, the echo chain of VLT 2000). The sum detects neither exchanged digits nor a difference of 100. No two
+characters that a field may hold are 100 apart, but byte 13 may hold any character, and there `-` can become 91H, a
+plus. `mismatch` therefore refuses a reply whose byte 13 has bit 7 set.
 """
 
 from __future__ import annotations
@@ -73,12 +73,15 @@ def _word(letters: bytes) -> int:
 
 def _letters(word: Any) -> bytes:
     if type(word) is not int or word not in range(0x10000):
-        raise ValueError(f"{word!r} is no word of 16 bits")
+        raise ValueError(f"{word!r} is not a word of 16 bits")
     return (b"%04X" % word)[::-1].translate(_LETTER_OF_DIGIT)
 
 
 def _control_word() -> Leaf:
-    """Four characters, low four bits each; `P` leaves a group as it is, and may stand in any byte but 7."""
+    """Return the leaf of a control word: four characters with four bits each.
+
+    `P` leaves a group as it is, and may occur in any byte but 7.
+    """
 
     def parse(found: bytes) -> tuple[int, int | None]:
         _must_have_seven_bits(found)
@@ -122,7 +125,7 @@ def _form(
     addresses: range = ADDRESSES,
     **more: Any,
 ) -> Form[Any]:
-    """Return the form of a telegram in which these leaves stand behind the control character."""
+    """Return the form of a telegram with these leaves behind the control character."""
     return Form(
         message,
         constant(START, "start"),
@@ -159,7 +162,7 @@ def _request(
 
 def _not_to_all(message: Read | ReadIndex) -> None:
     if message.address == BROADCAST:
-        raise wrong_field("address", "a read cannot be a broadcast, nobody would answer")
+        raise wrong_field("address", "a read cannot be a broadcast, because no drive would answer")
 
 
 def _value(sign: str, digits: str, decimals: int) -> Decimal:
@@ -206,7 +209,7 @@ def _packed_index(message: ReadIndex) -> tuple[str, str, int]:
 
 
 def _unused(filler_parameter: str, sign: str, filler: str) -> tuple[int | None, str | None]:
-    """Parameter and filler of a telegram in which both mean nothing."""
+    """Return parameter and filler of a telegram in which both have no meaning."""
     parameter, data = filler_parameter, sign + filler
     is_number = parameter.isdigit()
     return int(parameter) if is_number else None, None if is_number and data == "+000000" else parameter + data
@@ -222,7 +225,7 @@ def _packed_unused(message: Control | ControlReply) -> tuple[str, str, str]:
     if filler[:4] != f"{parameter:04d}" and (parameter or filler[:4].isdigit()):
         raise TelegramError("field", f"filler {filler!r} is for another parameter than {parameter}", field="filler")
     if ord(filler[4]) > 0xFF:
-        raise TelegramError("field", f"control telegram, {filler[4]!r} is no character of one byte", field="filler")
+        raise TelegramError("field", f"control telegram, {filler[4]!r} is not a character of one byte", field="filler")
     return filler[:4], filler[4], filler[5:]
 
 
@@ -261,9 +264,9 @@ REQUESTS = {
 
 @cache
 def telegrams(*, lenient: bool = False) -> Telegrams:
-    """Return the codec. Inside a telegram neither `<` nor `>` means anything, byte 13 may hold both.
+    """Return the codec. Inside a telegram `<` and `>` have no special meaning; byte 13 may be either.
 
-    lenient: take the low four bits of any character in a status word.
+    lenient: use the low four bits of any character in a status word.
     """
     word = "status_word" / _status_word(lenient=lenient)
     refused = (

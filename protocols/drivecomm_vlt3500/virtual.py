@@ -1,8 +1,8 @@
-"""How a VLT answers.
+"""A virtual VLT.
 
 VLT Series 3500 manual, printed pages 85 to 92; VLT 3000 manual MG.30.A7.02, pages 75 (control word) and 78 (status
-word, start inhibit). What a drive does with broken telegrams, a `P` in byte 7 or a value with too many decimals is not
-written anywhere: the README lists what was decided.
+word, start inhibit). No source describes what a drive does with broken telegrams, a `P` in byte 7 or a value with too
+many decimals: the README lists the decisions.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ _ADDRESS, _REFERENCE, _FUNCTION = 500, 516, 309
 class VirtualVltDrive(DriveRepr):
     """A VLT at one address: parameter store, control word with its held groups, start inhibit, motor.
 
-    `machine` holds what the control word does; `store.factory_setup`, `machine.overloaded` and the motor may be changed
-    from outside to provoke what they stand for. The baud rate in parameter 501 is a number and changes nothing, since
-    how a drive writes its speeds is not known.
+    `machine` implements the control word. `store.factory_setup`, `machine.overloaded` and the motor may be changed from
+    outside to cause these conditions. The baud rate in parameter 501 is a number without effect, because the coding of
+    speeds is unknown.
     """
 
     def __init__(self, address: int, options: VltOptions, model: Model) -> None:
@@ -52,7 +52,7 @@ class VirtualVltDrive(DriveRepr):
         self._options = options
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
-        """Act on a telegram: silence for what is broken or not for this drive, a cause for what is refused."""
+        """Act on a telegram: silence for damaged telegrams and those to other drives, a cause for refused requests."""
         self.machine.live(now)
         if isinstance(find, Damaged):
             return self._complain(find, now)
@@ -72,7 +72,7 @@ class VirtualVltDrive(DriveRepr):
             return str(self.store.fetch(wanted.number, wanted.index))
 
     def poke(self, parameter: str, raw: int | str) -> None:
-        """Set a value; text keeps its decimals where the parameter has fewer."""
+        """Set a value; a text keeps its decimals if the parameter has fewer."""
         wanted = target(parameter, self._model)
         try:
             value = Decimal(raw)
@@ -82,18 +82,21 @@ class VirtualVltDrive(DriveRepr):
                 self.store.poke(wanted.number, wanted.index, value)
         except InvalidOperation as error:
             raise ValueRefusedError(
-                f"{raw!r} for parameter {parameter} is no number that a drive could hold"
+                f"{raw!r} for parameter {parameter} is not a number that a drive can hold"
             ) from error
         if wanted.number == _ADDRESS:
             self.address = int(value)
 
     def power_cycle(self, now: float) -> None:
-        """Switch mains off and on: control word and trip are gone. What of its parameters is kept, no source says."""
+        """Switch the mains off and on: control word and trip are lost; all parameters are kept.
+
+        No source describes which parameters a real drive keeps.
+        """
         self.machine.live(now)
         self.machine.power_up(now)
 
     def trip(self, code: int, now: float) -> None:
-        """Trip: output off, status bit 3, the code as alarm word and in front of the fault memory."""
+        """Trip: output off, status bit 3, the code as alarm word and at the front of the fault memory."""
         self.machine.trip(code, now)
         self.store.remember(_FAULT_MEMORY, code, Decimal(int(now // 3600)))
 
@@ -115,7 +118,7 @@ class VirtualVltDrive(DriveRepr):
         return self._reply(message, value, code)
 
     def refusing(self, find: Framed, code: int, now: float) -> VirtualReply | None:
-        """Refuse what a telegram does with a parameter; its control word is obeyed."""
+        """Refuse the parameter access of a telegram; its control word is obeyed."""
         message = find.message
         if not isinstance(message, Update | Read | ReadIndex) or message.address == BROADCAST:
             return None
@@ -128,7 +131,7 @@ class VirtualVltDrive(DriveRepr):
         return Reply(**self._said(message), kind=message.kind, value=value, decimals=decimals, fault_code=code)
 
     def _said(self, message: Request) -> dict[str, Any]:
-        """Return the status, and what every reply says again of its request."""
+        """Return the status, and the fields that every reply repeats from its request."""
         return {
             "address": message.address,
             "status_word": self.machine.status(),
@@ -137,13 +140,13 @@ class VirtualVltDrive(DriveRepr):
         }
 
     def _complain(self, find: Damaged, now: float) -> VirtualReply | None:
-        """Answer a bad byte 19 with cause 07; everything else that is broken with silence, or 99 where that is set."""
+        """Answer a bad byte 19 with cause 07, and other damage with silence, or with 99 if that option is set."""
         if len(find.data) != LENGTH:
             return None
         bad_decimals = find.error.category == "field" and find.error.field == "decimals"
         if not bad_decimals and not self._options.answers_broken:
             return None
-        # What it would have been with a byte 19, data and check characters that are in order.
+        # Decode the telegram with a valid byte 19, data and check characters in place of the damaged ones.
         try:
             message = self.codec.decode(find.data[:13] + b"000000" + UNCHECKED + STOP, "request")
         except TelegramError:

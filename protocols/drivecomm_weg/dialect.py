@@ -1,4 +1,4 @@
-"""Where the parameters and basic variables of a WEG drive are, and the telegrams for them.
+"""Places of the parameters and basic variables of a WEG drive, and the telegrams for them.
 
 `P003` is a parameter, `V02` a basic variable, `V02.low` its low byte. After a NAK, which gives no reason, V02 is read,
 whose low byte is an error code (CFW-08 manual p. 144, 181).
@@ -42,14 +42,14 @@ class WegDialect(Dialect):
     title = "WEG"
     requests = Request
     probe = Place("v", 0)
-    identity = {"drive_type": "V00"}  # noqa: RUF012 - the code differs by equipment, which models say
+    identity = {"drive_type": "V00"}  # noqa: RUF012 - constant; models explain its codes by equipment
     repeats = {"": ("address",), "data": ("code",)}  # noqa: RUF012 - never changed
     refusals = {_NAK: "there is no such variable, it cannot be read or written now, or the value is not allowed"}  # noqa: RUF012
     codes = {"unknown": _NAK, "read only": _NAK, "running": _NAK, "limits": _NAK}  # noqa: RUF012
     reply_delay_s = 0.012
 
     def place_of(self, address: str) -> Place:
-        """Return where an address of the manual is. Raises ParameterAddressError."""
+        """Return the place of an address in the manual. Raises ParameterAddressError."""
         if not (found := _ADDRESS.fullmatch(address)):
             raise ParameterAddressError(
                 f"{address!r} is not a variable of a WEG drive; write P000 to P699, V00 to V99, or V02.low for a byte"
@@ -58,7 +58,7 @@ class WegDialect(Dialect):
         return Place(place.kind, place.start, found[3]) if found[3] else place
 
     def address_at(self, place: Place) -> str:
-        """Return how the manual calls a place."""
+        """Return the address of a place as the manual prints it."""
         return f"P{place.start:03d}" if place.kind == "p" else f"V{place.start:02d}"
 
     def _code(self, place: Place) -> str:
@@ -66,28 +66,31 @@ class WegDialect(Dialect):
         return f"0{hundreds + 1 if place.kind == 'p' else 0}{self.options.equipment}{rest:02d}"
 
     def reading(self, place: Place, _count: int, /) -> Ask:
-        """Return the request for a variable; its reply names it, but a NAK names the drive only."""
+        """Return the request for a variable; its reply names the variable, but a NAK names only the drive."""
         return Ask(message=Request(kind="read", address=self.address, code=self._code(place)), nameless=True)
 
     def writing(self, place: Place, words: Sequence[int], /) -> Ask:
-        """Return the request that writes a variable; ACK and NAK name the drive only."""
+        """Return the request that writes a variable; ACK and NAK name only the drive."""
         request = Request(kind="write", address=self.address, code=self._code(place), value=words[0])
         return Ask(message=request, nameless=True)
 
     def words(self, reply: Any, _place: Place, /) -> tuple[int, ...]:
-        """Return the value."""
+        """Return the value of a reply."""
         return (reply.value,)
 
     def refusal(self, reply: Any) -> int | None:
-        """Return which reply refuses."""
+        """Return the code of a refusal; None for any other reply."""
         return _NAK if reply.kind == "nak" else None
 
     def reply_kinds_of(self, request: Any) -> Collection[str]:
-        """Return what answers a request."""
+        """Return the kinds of reply to a request."""
         return {"read": ("data", "nak"), "write": ("ack", "nak")}.get(request.kind, ())
 
     def meant(self, request: Any) -> Access | None:
-        """Return what a request does; a code of other equipment is none of this drive, 9 is any's (CFW-08 p. 180)."""
+        """Return the access that a request makes; None for EOT.
+
+        A code for other equipment does not exist in this drive; 9 means any equipment (CFW-08 p. 180).
+        """
         if request.kind == "end":
             return None
         hundreds, equipment, rest = int(request.code[1]), int(request.code[2]), int(request.code[3:])
@@ -97,32 +100,32 @@ class WegDialect(Dialect):
         return Access(place=place, words=(request.value,) if request.kind == "write" else None)
 
     def intent(self, request: Any) -> Intent:
-        """Return what a request is for; EOT only ends an exchange."""
+        """Return the intent of a request; EOT only ends an exchange."""
         return Intent() if request.kind == "end" else super().intent(request)
 
     def told(self, request: Any, words: Sequence[int]) -> Reply:
         """Return the reply to a read."""
         return Reply(kind="data", address=self.address, code=request.code, value=words[0])
 
-    def taken(self, request: Any) -> Reply:  # noqa: ARG002 - all are confirmed alike
+    def taken(self, request: Any) -> Reply:  # noqa: ARG002 - ACK is the same for all requests
         """Return ACK."""
         return Reply(kind="ack", address=self.address)
 
-    def refused(self, request: Any, code: int) -> Reply:  # noqa: ARG002 - all are refused alike
+    def refused(self, request: Any, code: int) -> Reply:  # noqa: ARG002 - NAK is the same for all requests
         """Return NAK."""
         return Reply(kind="nak", address=self.address)
 
     def damaged(self, find: Damaged) -> Reply | None:
-        """Return NAK for a wrong BCC, and nothing for what else is wrong (CFW-08 p. 180)."""
+        """Return NAK for a wrong BCC, and None for any other damage (CFW-08 p. 180)."""
         is_mine = find.data[:3] == bytes([4, 0x40 + self.address, 2])
         return self.refused(None, _NAK) if is_mine and find.error.category == "checksum" else None
 
 
 class WegConversation(RegisterConversation):
-    """What one drive is asked: each exchange ends with EOT (CFW-08 p. 138), and V02 gives the reason of a NAK."""
+    """Requests to one drive: each exchange ends with EOT (CFW-08 p. 138), and V02 gives the reason of a NAK."""
 
     def asked(self, ask: Ask, called: str, place: Place | None = None) -> Exchange[Any]:
-        """Ask, and close the exchange. Raises RefusedError with the error code that V02 shows."""
+        """Send a request, return the reply and close the exchange. Raises RefusedError with the error code from V02."""
         try:
             reply = yield from super().asked(ask, called, place)
         except RefusedError:
@@ -134,7 +137,7 @@ class WegConversation(RegisterConversation):
         return reply
 
     def _explained(self, called: str) -> Exchange[None]:
-        """Raise RefusedError with the reason that V02 shows, which may be that of an earlier fault; else nothing."""
+        """Raise RefusedError with the reason in V02, which may be that of an earlier fault; return if it gives none."""
         try:
             code = (yield from self.words(STATE, 1, "V02"))[0] & 0xFF
         except (RefusedError, ReplyError):

@@ -1,14 +1,14 @@
-"""The telegrams of WEG's serial protocol, after ISO 1745 (CFW-08 manual p. 137, 138, 144, 180; CFW-09 p. 304, 305).
+"""Telegrams of WEG's serial protocol, after ISO 1745 (CFW-08 manual p. 137, 138, 144, 180; CFW-09 p. 304, 305).
 
     read    EOT ADR code ENQ                        answers   ADR STX code "=" value ETX BCC, or NAK
     write   EOT ADR STX code "=" value ETX BCC      answers   ADR ACK, or NAK
     end     EOT                                     the master ends an exchange
                                                     NAK       ADR NAK
 
-ADR is 40H and the address: G is 7, J is 10. A code has five decimal digits: 0, then 0 for the basic variables and n + 1
-for parameters n00 to n99, then 7 for a CFW-08, 8 for a CFW-09 and 9 for any, then the last two digits (CFW-08 p. 180).
-A value has four hexadecimal digits, of which letters are printed in upper case. BCC is the exclusive-or of all behind
-STX up to ETX, any 7-bit character, also one that looks like EOT. Bit 8 is even parity (MVW3000 p. 9-16).
+ADR is 40H plus the address: G is 7, J is 10. A code has five decimal digits: 0, then 0 for the basic variables and
+n + 1 for parameters n00 to n99, then 7 for a CFW-08, 8 for a CFW-09 and 9 for any, then the last two digits (CFW-08
+p. 180). A value has four hexadecimal digits, with letters printed in upper case. BCC is the exclusive-or of all
+characters behind STX up to ETX, any 7-bit character, even that of EOT. Bit 8 is even parity (MVW3000 p. 9-16).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _CODE = re.compile(rb"0[0-7][7-9][0-9]{2}")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Telegram:
-    """One telegram. code: five digits, as they stand. value: a word."""
+    """One telegram. code: five digits, as printed. value: a word."""
 
     kind: str
     address: int | None = None
@@ -39,11 +39,11 @@ class Telegram:
 
 
 class Request(Telegram):
-    """What the master sends: read, write or end."""
+    """A telegram of the master: read, write or end."""
 
 
 class Reply(Telegram):
-    """What a drive answers: data, ack or nak."""
+    """A reply of a drive: data, ack or nak."""
 
 
 def _code_in(found: bytes) -> str:
@@ -73,7 +73,7 @@ def _value(covered_from: int) -> tuple[Any, ...]:
     return (
         _STX,
         _CODE_LEAF,
-        "separator" / schema.choice({b"=": "="}, "="),  # a wrong one is a wrong field, and not noise
+        "separator" / schema.choice({b"=": "="}, "="),  # another character is a wrong field, not noise
         "value" / schema.hex_number(4, "value"),
         _ETX,
         schema.Check(1, covered_from, schema.xor_byte, meaning="BCC: all behind STX"),

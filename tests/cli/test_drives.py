@@ -40,7 +40,7 @@ def test_one_bad_parameter_does_not_fail_the_others(shell):
     assert "10.00 Hz" in shell.out
     assert "30.00 Hz" in shell.out
     assert "unknown parameter" in shell.err
-    assert "'nonsense' is no VABus parameter address" in shell.err
+    assert "'nonsense' is not a VABus parameter address" in shell.err
 
 
 def test_errors_are_objects_too_with_json(shell):

@@ -192,7 +192,7 @@ def test_control_of_drives_that_are_named_as_options(simulated, run):
         (["none.toml"], "none.toml: there is no such file"),
         (["PLANT", "-d", "vabus:1"], "leave these options out"),
         (["PLANT", "--echo"], "leave these options out"),
-        (["PLANT", "--speed", "0"], "a speed of 0 cannot be"),
+        (["PLANT", "--speed", "0"], "a speed of 0 is invalid"),
         (["PLANT", "--control", "here"], "HOST:PORT or unix:PATH"),
         (["-d", "vabus:1", "-d", "vabus:1", "-l", "tcp::0"], "two drives are named 'vabus:1'"),
     ],

@@ -162,7 +162,7 @@ def test_drives_of_other_protocols_are_read_as_before():
 
 
 @pytest.mark.parametrize(
-    ("wanted", "why"), [("100", "not a list"), (["nonsense"], "no address"), (["1"] * 1001, "many")]
+    ("wanted", "why"), [("100", "not a list"), (["nonsense"], "an address"), (["1"] * 1001, "many")]
 )
 def test_what_can_never_be_read_is_said_at_once(wanted, why, mill):
     sent = []

@@ -180,7 +180,7 @@ def test_a_finding_names_file_line_and_key(tmp_path):
         (HEAD + "[options]\ngap_s = 'long'\n", 7, "gap_s", "cannot be 'long'; give a number"),
         (HEAD + PARAMETER + "dataset = 4\n", 10, "dataset", "key 'dataset'; did you mean 'datasets'?"),
         (HEAD + PARAMETER + "qqqq = 4\n", 10, "qqqq", "the keys are access, address, datasets, factor"),
-        (HEAD + PARAMETER.replace("481", "4x8"), 7, "address", "is no VABus parameter address"),
+        (HEAD + PARAMETER.replace("481", "4x8"), 7, "address", "is not a VABus parameter address"),
         (HEAD + PARAMETER.replace("481", "1600"), 7, "address", "is beyond 1599"),
         (HEAD + PARAMETER.replace("long", "longish"), 9, "type", "longish"),
         (HEAD + PARAMETER + "factor = '0.1'\nstart = '0.05'\n", 11, "start", "is no multiple of 0.1"),

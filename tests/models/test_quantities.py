@@ -84,7 +84,7 @@ def test_a_model_with_a_misspelt_common_name_spoils_nothing_else(line, tmp_path)
     with drivecomm.open_bus(line.port) as bus:
         drive = bus.drive("vabus", 1, model=str(own))
         assert drive.read("output_frequency").unit == "Hz"
-        with pytest.raises(ParameterAddressError, match="'output_freqency' is no VABus parameter address"):
+        with pytest.raises(ParameterAddressError, match="'output_freqency' is not a VABus parameter address"):
             drive.read("output_freqency")
 
 

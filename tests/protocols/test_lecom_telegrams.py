@@ -117,7 +117,7 @@ def test_text_is_told_and_not_sent():
 @pytest.mark.parametrize("address", range(0, 100, 10))
 def test_group_is_told_and_not_asked(address):
     assert written("request", kind="send", address=address, code=46, data="0")
-    with pytest.raises(TelegramError, match="nobody answers"):
+    with pytest.raises(TelegramError, match="no drive answers"):
         written("request", kind="receive", address=address, code=46)
 
 

@@ -281,7 +281,7 @@ def test_a_fault_of_one_drive_spares_the_others():
 def test_a_protocol_that_does_not_tell_reading_from_writing(monkeypatch):
     monkeypatch.setattr(type(installed["vabus"]), "__setattr__", object.__setattr__)
     monkeypatch.setattr(installed["vabus"], "intent", None)
-    with pytest.raises(UsageError, match="fault 1: the package of vabus does not tell reading from writing"):
+    with pytest.raises(UsageError, match="fault 1: the package of vabus does not distinguish reading from writing"):
         planted(TelegramFault(line="hall", kind=Fault.DROP, of="reply to a write"))
 
 

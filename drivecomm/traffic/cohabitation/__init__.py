@@ -1,4 +1,4 @@
-"""Whether drives on one line can take each other's telegrams for their own."""
+"""The check whether drives on one line can mistake each other's telegrams for their own."""
 
 import lazy_loader
 

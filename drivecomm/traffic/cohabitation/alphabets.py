@@ -1,10 +1,10 @@
-"""Which characters may stand at each place of a leaf, found by asking the leaf itself.
+"""Characters that each place of a leaf accepts, found by trying the leaf itself.
 
-A leaf says only whether it reads a string of characters. Those of one character are asked for all 256. Longer ones are
-asked from strings that they accept, changing one character at a time. The first accepted strings are looked for among
-all that are made of digits, a letter and other typical characters; a longer leaf that accepts none of them is taken to
-accept everything. That finds all there is in a leaf whose places accept what they accept whatever stands at the others,
-such as digits.
+A leaf only reports whether it accepts a string of characters. A leaf of one character is tried with all 256. A longer
+leaf is tried with strings that it accepts, changing one character at a time. The first accepted strings are searched
+for among combinations of digits, a letter and other typical characters; a longer leaf that accepts none of these counts
+as accepting everything. This finds every character if each place of the leaf accepts the same characters whatever the
+other places hold, as with digits.
 """
 
 from __future__ import annotations
@@ -23,13 +23,16 @@ ALL = frozenset(range(256))
 
 _TYPICAL = b"01A@ \x00\xff"
 _MOST_TYPICAL = 3
-"""Longer leaves are tried with one typical character at all places, and with the first places apart."""
+"""Number of leading places filled with every combination of typical characters; later ones repeat the last."""
 
 _LOOKED_AROUND = 8
-"""Of so many accepted strings the neighbours are tried, and of as many of those that are accepted in turn."""
+"""Limit of the accepted typical strings that are varied, and of the accepted variants that are varied in turn."""
 
 _CHECKED = 4096
-"""Random texts, to see which check characters there are; each of 256 is met but for once in ten million."""
+"""Number of random texts from which the check characters are collected.
+
+The chance to miss one of 256 check characters is one in ten million.
+"""
 
 
 def accepts(leaf: Leaf, data: bytes) -> bool:
@@ -38,7 +41,7 @@ def accepts(leaf: Leaf, data: bytes) -> bool:
 
 
 def words(leaf: Leaf) -> Iterator[tuple[bytes, Any]]:
-    """Yield all that a leaf of one or two characters reads, and what it reads there."""
+    """Yield each text that a leaf of one or two characters accepts, with its value."""
     for characters in product(*map(sorted, readable(leaf))):
         data = bytes(characters)
         try:
@@ -50,7 +53,7 @@ def words(leaf: Leaf) -> Iterator[tuple[bytes, Any]]:
 
 @lru_cache(maxsize=4096)
 def written(leaf: Leaf) -> tuple[frozenset[int], ...]:
-    """Return the characters that a leaf of fixed size may be written with, place by place."""
+    """Return the characters with which a fixed-size leaf may be written, place by place."""
     if isinstance(leaf, Check):
         return _check_characters(leaf)
     if leaf.implied:
@@ -60,16 +63,16 @@ def written(leaf: Leaf) -> tuple[frozenset[int], ...]:
 
 @lru_cache(maxsize=4096)
 def readable(leaf: Leaf) -> tuple[frozenset[int], ...]:
-    """Return the characters that a leaf of fixed size may be read with, place by place."""
+    """Return the characters that a fixed-size leaf accepts when it is read, place by place."""
     if isinstance(leaf, Check):
         return _check_characters(leaf)
-    # What is always written the same, such as a line end, is no typical text, and known.
+    # Constant text such as a line end is not among the typical texts, so start from it.
     known = [leaf.write_behind(b"", None)] if leaf.implied else []
     return _found(leaf.size, lambda data: accepts(leaf, data), known)
 
 
 def is_written(leaf: Leaf, data: bytes) -> bool:
-    """Whether a leaf of fixed size reads these characters and writes the same ones back."""
+    """Whether a leaf of fixed size writes these characters back unchanged after reading them."""
     try:
         return bool(leaf.write_behind(b"", leaf.take_at(0, len(data), data)) == data)
     except Fault:
@@ -87,7 +90,7 @@ def _found(size: int, accepted: Callable[[bytes], bool], known: Sequence[bytes] 
     for _ in range(2 * _LOOKED_AROUND):
         if not pending or all(len(codes) == 256 for codes in found):
             break
-        # First those that were asked for, then those that they have led to.
+        # Try the typical texts first, then the accepted variants found from them.
         text = pending.pop(0)
         for place, codes in enumerate(found):
             codes.add(text[place])

@@ -1,4 +1,4 @@
-"""The cohabitation check: for each pair of drives on a line, what one can mistake in the traffic of the other."""
+"""The cohabitation check: finds for each pair of drives which telegrams one can mistake in the traffic of the other."""
 
 from __future__ import annotations
 
@@ -25,15 +25,16 @@ if TYPE_CHECKING:
 
 _SEED = 1
 _READ_WHOLE = 200
-"""Arbitrary telegrams of each form, to see whether a drive of the same protocol reads them from their beginning."""
+"""Number of arbitrary telegrams of each form that a drive of the same protocol must read as a whole."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cohabitation:
-    """What was found out about a line.
+    """The result of checking a line.
 
-    drives: what each drive, listening, can take of another one's telegrams. master: what the master can take for a
-    drive's reply when another drive answers late. advice: what follows for the line, in sentences.
+    drives: for each pair of drives, whether the listening drive can mistake the other's telegrams for its own. master:
+    whether the master can mistake a late reply of one drive for that of another. advice: recommendations for the line,
+    in sentences.
     """
 
     drives: tuple[PairVerdict, ...]
@@ -42,14 +43,14 @@ class Cohabitation:
 
     @property
     def safe(self) -> bool:
-        """Whether no drive can mistake another one's telegrams, or no such case was found."""
+        """Whether each pair of drives is safe: a mistake is excluded, or was not met in any trial."""
         return all(each.safe for each in self.drives)
 
 
 def check_line(drives: Sequence[DriveConfig]) -> Cohabitation:
-    """Find out whether drives on one line can take each other's telegrams for their own.
+    """Check whether drives on one line can mistake each other's telegrams for their own.
 
-    The same drives always give the same result. Raises UsageError for a drive that cannot be.
+    The same drives always give the same result. Raises UsageError for a drive that cannot exist.
     """
     partners = partners_of(drives)
     pairs = [(speaker, listener) for speaker in partners for listener in partners if speaker is not listener]
@@ -62,14 +63,14 @@ def check_line(drives: Sequence[DriveConfig]) -> Cohabitation:
 
 
 def listen(speaker: Partner, listener: Partner) -> PairVerdict:
-    """Find out which requests to another drive, and which of its replies, a drive can mistake for its own."""
+    """Check which requests to another drive, and which of its replies, the listener can mistake for its own."""
     return (
         _examine(*_as_listener(speaker, listener)) if not _are_alike(speaker, listener) else _alike(speaker, listener)
     )
 
 
 def _are_alike(one: Partner, other: Partner) -> bool:
-    """Whether two drives differ in their addresses only, as on any line with drives of one protocol."""
+    """Whether two drives differ only in their addresses, as on any line with drives of one protocol."""
     return one.dialect is other.dialect and one.settings == other.settings and one.address != other.address
 
 
@@ -86,12 +87,12 @@ def _as_listener(speaker: Partner, listener: Partner) -> tuple[Partner, Sequence
         wanted=listener.understood,
         of_anybody=listener.dialect.read_as("request") if related else (),
     )
-    # What is for all drives of a protocol is for this one too.
+    # The listener rightly accepts broadcasts of its own protocol, so leave them out.
     return speaker, [each for each in speaker.spoken if not (related and each.to_all)], ear
 
 
 def wait_for(expected: Partner, late: Partner) -> PairVerdict:
-    """Find out whether the master can mistake another drive's late reply for the one that it waits for."""
+    """Check whether the master can mistake the late reply of one drive for the reply that it expects from another."""
     if _are_alike(late, expected):
         return _alike(late, expected)
     ear = Ear(
@@ -106,10 +107,10 @@ def wait_for(expected: Partner, late: Partner) -> PairVerdict:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ear:
-    """Who listens.
+    """A listener: a drive, or the master waiting for a reply.
 
-    settings: its line settings. wanted: what it takes for itself. of_anybody: the same for all addresses, where it
-    speaks the protocol of what it hears.
+    settings: its line settings. wanted: the telegrams that it accepts as its own. of_anybody: the same telegrams with
+    any address, if the speaker uses the same protocol; empty otherwise.
     """
 
     name: str
@@ -129,7 +130,7 @@ def _examine(speaker: Partner, spoken: Sequence[Outline], ear: Ear) -> PairVerdi
     else:
         traffic = Traffic(spoken, hears)
         sightings, whole = _sightings(traffic, speaker, ear, chance)
-        # What is looked into anyway comes first; the rest is only once the listener has lost its place.
+        # Try telegrams that the listener searches anyway first; the others matter only after lost synchronisation.
         places = [Sightings(traffic, ear.wanted, _looked_into(traffic, speaker, ear, chance)), sightings]
         tried = [each for each in places if sightings.starts and each.starts]
         proofs = (find_proof(each, speaker, ear.settings, ear.reader, chance) for each in tried)
@@ -149,7 +150,7 @@ def _examine(speaker: Partner, spoken: Sequence[Outline], ear: Ear) -> PairVerdi
 
 
 def _is_excluded(speaker: Partner, listener: Partner) -> bool:
-    """Whether the telegrams of a speaker cannot contain one for the listener, whatever they carry."""
+    """Whether the telegrams of a speaker can never contain one for the listener, whatever values they carry."""
     _, spoken, ear = _as_listener(speaker, listener)
     hears = character_map(speaker.settings, ear.settings)
     if hears is None:
@@ -159,10 +160,10 @@ def _is_excluded(speaker: Partner, listener: Partner) -> bool:
 
 
 def _sightings(traffic: Traffic, speaker: Partner, ear: Ear, chance: Random) -> tuple[Sightings, bool]:
-    """Return where a telegram may be found, and whether that counts on telegrams that are read from their beginning.
+    """Return the possible places of a telegram, and whether that relies on the listener reading whole telegrams.
 
-    A drive that hears telegrams of its own protocol does not look into them. It does once it has lost its place, which
-    it can where a telegram, whoever it is for, begins in one of the others and ends in the next.
+    A drive that hears whole telegrams of its own protocol does not search inside them. It does so after losing
+    synchronisation, which can happen if a telegram to any address begins inside one telegram and ends in the next.
     """
     everything = range(len(traffic.outlines))
     looked_into = _looked_into(traffic, speaker, ear, chance)
@@ -173,7 +174,7 @@ def _sightings(traffic: Traffic, speaker: Partner, ear: Ear, chance: Random) -> 
 
 
 def _looked_into(traffic: Traffic, speaker: Partner, ear: Ear, chance: Random) -> list[int]:
-    """Return the telegrams of the traffic that the listener does not read whole."""
+    """Return the numbers of the outlines that the listener does not read as a whole."""
     return [
         number
         for number in range(len(traffic.outlines))

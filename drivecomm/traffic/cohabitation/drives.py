@@ -1,4 +1,4 @@
-"""A drive of the line: the requests to it, its replies, and the requests that it accepts."""
+"""One drive of the line: the requests to it, its replies, and the requests that it accepts."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ _ADDRESSING = ("special", "broadcast", "address")
 
 
 class Dialect:
-    """The telegrams of a protocol with certain options, whoever they are for."""
+    """The telegrams of a protocol with certain options, for any address."""
 
     def __init__(self, plugin: Protocol, codec: Codec) -> None:
         self.plugin, self.codec = plugin, codec
 
     @cached_property
     def written(self) -> Sequence[Outline]:
-        """All telegrams as they are written; forms that are only ever read are left out."""
+        """All telegrams as the protocol writes them, without the forms that are only read."""
         written = [
             sampling.with_constants(
                 within(outline_of(each.title, each.form, each.direction, alphabets.written), each), self.codec
@@ -43,16 +43,19 @@ class Dialect:
 
     @cached_property
     def read(self) -> Sequence[Outline]:
-        """All telegrams as they may be read; those that name no drive are left out where others of their kind do."""
+        """All telegrams as they may be read.
+
+        Telegrams that name no drive are left out if others of their direction name one.
+        """
         return [each for each in self._outlines if has_address(each.form) or each.direction in self.anonymous]
 
     @cached_property
     def anonymous(self) -> Collection[Direction]:
-        """The directions in which no telegram names a drive, so that each may be for any, or from any."""
+        """The directions in which no telegram names a drive, so that each may be to or from any drive."""
         return set(_DIRECTIONS) - {each.direction for each in self._outlines if has_address(each.form)}
 
     def read_as(self, direction: Direction) -> Sequence[Outline]:
-        """Return the telegrams of one direction as they may be read, with any address."""
+        """Return the telegrams of one direction, as they may be read, with any address."""
         return [each for each in self.read if each.direction == direction]
 
     @cached_property
@@ -63,13 +66,13 @@ class Dialect:
             known = [sampling.as_read(each, self.codec) for each in ways]
             if not any(known):
                 known = sampling.as_seldom_read(ways, self.codec)
-            # Where nobody can tell which way it goes, it may go either.
+            # If no trial shows the direction of a form, keep both directions.
             found.extend([each for each in known if each] or ways)
         return found
 
 
 class Partner:
-    """A drive as it takes part in the line's traffic. Raises UsageError for a drive that cannot be.
+    """A drive as a participant in the line's traffic. Raises UsageError for a drive that cannot exist.
 
     dialect: its telegrams as the master knows them. ear: the codec of the drive itself. settings: its line settings.
     """
@@ -96,36 +99,36 @@ class Partner:
 
     @cached_property
     def spoken(self) -> Sequence[Outline]:
-        """What the master says to this drive or to all of its protocol, and what the drive answers."""
+        """The telegrams of the master to this drive or to all drives of its protocol, and the replies of this drive."""
         return [each for plain in self.dialect.written for each in addressed(plain, self._says)]
 
     @cached_property
     def understood(self) -> Sequence[Outline]:
-        """The requests that this drive takes for itself."""
+        """The requests that this drive accepts as its own."""
         return [each for each in self._read if each.direction == "request"]
 
     @cached_property
     def answers(self) -> Sequence[Outline]:
-        """The replies that the master takes for this drive's."""
+        """The replies that the master accepts as those of this drive."""
         return [each for each in self._read if each.direction == "reply" and not each.to_all]
 
     def is_meant(self, message: Message) -> bool:
         """Whether a request is for this drive, for its group, or for all drives of its protocol."""
-        # An address may be a property of a message, which calls it otherwise.
+        # The address may be a property that is derived from a field with another name.
         fields = {name: getattr(message, name) for name in _ADDRESSING if hasattr(message, name)}
         return "address" in fields and (self._addressed(fields) is not None or fields["address"] in self._shared)
 
     def is_from(self, message: Message) -> bool:
-        """Whether a reply says that it is from this drive."""
+        """Whether a reply names this drive as its sender."""
         known = self.address if "reply" in self.dialect.anonymous else None
         return bool(getattr(message, "address", known) == self.address)
 
     def sends(self, data: bytes, outline: Outline) -> bool:
-        """Whether these bytes are a telegram of this form exactly as the protocol writes it."""
+        """Whether these bytes are a telegram of this form, exactly as the protocol writes it."""
         return self.settled(data, outline) == data
 
     def settled(self, data: bytes, outline: Outline) -> bytes | None:
-        """Return a telegram as the protocol writes it with this content; None where it is not valid."""
+        """Return the telegram as the protocol encodes it again after decoding; None if the bytes are invalid."""
         return sampling.settled(data, outline, self.dialect.codec)
 
     @cached_property
@@ -134,7 +137,10 @@ class Partner:
         return [each for plain in self.dialect.read for each in addressed(plain, means)]
 
     def _addressed(self, fields: Mapping[str, Any]) -> bool | None:
-        """Return whether the fields address all drives; None where they address another drive, or no ordinary one."""
+        """Return True if the fields address all drives, and False if they address this drive.
+
+        Return None for another drive or a special address.
+        """
         if fields.get("special") is True:
             return None
         address, everybody = fields["address"], self.dialect.plugin.broadcast_address
@@ -142,11 +148,11 @@ class Partner:
             return True
         return False if address == self.address else None
 
-    def _means(self, fields: Mapping[str, Any], data: bytes, leaf: Leaf) -> bool | None:  # noqa: ARG002 - as it is asked
+    def _means(self, fields: Mapping[str, Any], data: bytes, leaf: Leaf) -> bool | None:  # noqa: ARG002 - `_says` has the same signature
         return self._addressed(fields)
 
     def _says(self, fields: Mapping[str, Any], data: bytes, leaf: Leaf) -> bool | None:
-        """As `_addressed`, only for addresses as they are written to this drive."""
+        """Return the same as `_addressed`, but None for address fields that requests to this drive never carry."""
         if not any(all(fields.get(name, value) == value for name, value in each.items()) for each in self._manners):
             return None
         to_all = self._addressed(fields)
@@ -154,9 +160,9 @@ class Partner:
 
     @cached_property
     def _manners(self) -> Sequence[Mapping[str, Any]]:
-        """The address fields, other than the number, of what this drive is asked: when it is looked for, and to read.
+        """The address fields, other than the number, in the requests that probe this drive and read a parameter.
 
-        Looking for it may take several telegrams: one that nobody answers can show whether an adapter echoes.
+        A probe may consist of several telegrams; one that no drive answers can show whether an adapter echoes.
         """
         manners = []
         for asking in self._asking:
@@ -172,6 +178,6 @@ class Partner:
 
 
 def partners_of(drives: Iterable[DriveConfig]) -> list[Partner]:
-    """Return the drives as partners. Raises UsageError for a drive that cannot be."""
+    """Return the drives as partners. Raises UsageError for a drive that cannot exist."""
     dialects: dict[tuple[str, str], Dialect] = {}
     return [Partner(drive, dialects) for drive in drives]

@@ -1,4 +1,4 @@
-"""Why a verdict is as it is, and what follows from it for the line, in sentences."""
+"""Sentences that give the reason for a verdict and the advice for the line."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 ALIKE = "same protocol and settings: each telegram is read from its beginning, and the address tells them apart"
 
 _TRIED = 12
-"""Other addresses of a drive that are looked at, spread over all that it can have."""
+"""Number of other addresses tried for a drive, spread over all addresses of its protocol."""
 
 
 def safe(sightings: Sightings, *, whole: bool) -> str:
-    """Say what keeps the telegrams apart."""
+    """Return the reason why no telegram can be mistaken for one of the listener."""
     if whole:
         return (
             "both speak the same protocol: each telegram is read from its beginning, and the address tells them apart"
@@ -41,7 +41,7 @@ def safe(sightings: Sightings, *, whole: bool) -> str:
 
 
 def unheard(speaker: Partner, settings: LineSettings) -> str:
-    """Say that nothing excludes it, but no trial met it."""
+    """Return the reason for a verdict that rests on trials only: nothing excludes a mistake, but no trial met one."""
     return (
         f"{speaker.settings} heard at {settings} gives other characters, which the forms say nothing about; "
         f"none of {TELEGRAMS} arbitrary telegrams was taken"
@@ -49,12 +49,12 @@ def unheard(speaker: Partner, settings: LineSettings) -> str:
 
 
 def never_read(sightings: Sightings) -> str:
-    """Say that it depends on contents that the codec never accepted."""
+    """Return the reason for a verdict where a mistake needs contents that the codec never accepted."""
     return f"the forms leave room for one, but codecs use other contents only ({safe(sightings, whole=False)})"
 
 
 def open_question(sightings: Sightings) -> str:
-    """Say where a telegram may begin that nobody could make."""
+    """Return the reason for an open verdict: where a telegram may begin, although no example of one was found."""
     (number, place), (wanted, _) = sightings.starts[0]
     heard = sightings.traffic.outlines[number]
     title = sightings.wanted[wanted].title
@@ -65,7 +65,7 @@ def open_question(sightings: Sightings) -> str:
 
 
 def taken(proof: Proof, speaker: str, listener: str) -> str:
-    """Say which telegram is mistaken for which."""
+    """Return a sentence that names the mistaken telegram, and the telegram that the listener finds in it."""
     first = proof.telegrams[0]
     end = "" if len(proof.telegrams) == 1 else f", together with what follows ({proof.telegrams[-1].title})"
     whose = "to" if first.direction == "request" else "of"
@@ -73,7 +73,7 @@ def taken(proof: Proof, speaker: str, listener: str) -> str:
 
 
 def _meaning(outline: Outline, place: int) -> str:
-    """Return what a place carries: the meaning of its leaf, or else its name."""
+    """Return the meaning of the leaf at a place, or else its name."""
     if place >= len(outline.places):
         return "its end"
     name, leaf = outline.form.leaves[outline.places[place].leaf]
@@ -89,7 +89,10 @@ def advice(
     verdicts: Sequence[tuple[Partner, Partner, PairVerdict]],
     safe: Callable[[Partner, Partner], bool],
 ) -> Iterator[str]:
-    """Yield sentences that say what to do. safe: whether a speaker's traffic excludes a telegram for a listener."""
+    """Yield sentences of advice for the line.
+
+    safe: whether a speaker's traffic excludes a telegram for a listener.
+    """
     bad = [each for each in verdicts if not each[2].safe]
     if not bad:
         tried = any(each[2].outcome is Safety.UNHEARD for each in verdicts)
@@ -126,7 +129,7 @@ def _better_address(
     taken = {each.address for each in speakers if each.dialect.plugin is plugin} | {listener.address}
     free = [address for address in plugin.addresses if address not in taken]
     for address in free[:: max(1, len(free) // _TRIED)]:
-        with suppress(AddressError):  # which a drive with these options cannot have
+        with suppress(AddressError):  # raised if the options rule this address out
             moved = listener.at(address)
             if all(safe(speaker, moved) for speaker in speakers):
                 return address

@@ -1,4 +1,4 @@
-"""A form as the places of its telegram, each with the characters that may stand there."""
+"""Outlines: the form of a telegram as a sequence of places, each with the characters that it may hold."""
 
 from __future__ import annotations
 
@@ -16,12 +16,15 @@ if TYPE_CHECKING:
     from drivecomm.protocol.schema import Form
 
 _MEASURABLE = 2
-"""Fields that say an address or a length have one or two characters; their contents are gone through."""
+"""Largest size, in characters, of an address or length field; all contents of such a field are enumerated."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Place:
-    """A character of a telegram, or a run of any number of them. leaf: which leaf of the form it belongs to."""
+    """One character of a telegram, or a run of any number of characters.
+
+    leaf: number of the form's leaf to which the place belongs.
+    """
 
     allowed: frozenset[int]
     leaf: int
@@ -30,7 +33,10 @@ class Place:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spot:
-    """A character of a telegram of known length. check: the leaf that it is a check character of, and which of them."""
+    """One character of a telegram of known length.
+
+    check: for a check character, its leaf and its position in that leaf.
+    """
 
     allowed: frozenset[int]
     check: tuple[Check, int] | None = None
@@ -38,11 +44,11 @@ class Spot:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outline:
-    """A form of one direction, with the address that it carries.
+    """A form in one direction, with the address that it carries.
 
-    places: its characters in order. lengths: for a leaf of variable size, by its number: which leaf counts it, and what
-    that holds for each size. usual: the places again, with what telegrams that were read had there; arbitrary telegrams
-    are made of either. to_all: whether it is for all drives.
+    places: its characters in order. lengths: for each leaf of variable size, by leaf number, the leaf that counts it
+    and the contents of that counter for each size. usual: the same places, limited to contents that were actually read;
+    an arbitrary telegram uses either. to_all: whether the telegram is for all drives.
     """
 
     title: str
@@ -54,7 +60,7 @@ class Outline:
     to_all: bool = False
 
     def following(self, place: int) -> Iterator[int]:
-        """Yield the places that may come after a place; -1 stands for the beginning, len(places) for the end."""
+        """Yield the places that may come after a place. -1 is the beginning, len(places) is the end."""
         if place >= 0 and self.places[place].repeats:
             yield place
         place += 1
@@ -64,7 +70,7 @@ class Outline:
         yield place
 
     def spots(self, sizes: Mapping[int, int], chance: Random) -> list[Spot] | None:
-        """Return the characters of a telegram with leaves of these sizes; None where no such telegram can be said."""
+        """Return the characters of a telegram with leaves of these sizes; None if a counter cannot express its size."""
         counted: dict[int, bytes] = {}
         for leaf, length in self.lengths.items():
             said = length.by_size.get(sizes.get(leaf, -1))
@@ -90,17 +96,21 @@ class Outline:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Length:
-    """counter: the leaf that says how long another one is. by_size: what it may hold, by the size that it says."""
+    """The length of a leaf of variable size.
+
+    counter: number of the leaf that holds the length; -1 if none does. by_size: contents of that leaf for each size.
+    """
 
     counter: int
     by_size: Mapping[int, tuple[bytes, ...]]
 
 
 def addressed(plain: Outline, means: Callable[[Mapping[str, Any], bytes, Leaf], bool | None]) -> Iterator[Outline]:
-    """Yield an outline with the addresses that matter, one for each way to say them where that has several characters.
+    """Yield an outline for each relevant address; addresses of one character are combined into one outline.
 
-    means: given the fields that the address says, its characters and its leaf: False for one drive, True for all, None
-    for an address that does not matter. A form without an address is yielded as it is.
+    means: returns False for an address of one drive, True for all drives, and None for an irrelevant address. Its
+    arguments are the fields that the address sets, the characters and the leaf. A form without an address is yielded
+    unchanged.
     """
     found = _address(plain.form)
     if found is None:
@@ -112,12 +122,12 @@ def addressed(plain: Outline, means: Callable[[Mapping[str, Any], bytes, Leaf], 
         try:
             to_all = means(_fields(plain.form, number, value), data, leaf)
         except ValueError:
-            # No telegram says so.
+            # The form cannot express this value, so it never occurs in a telegram.
             continue
         if to_all is not None:
             kept[to_all].append(data)
     for to_all, said in kept.items():
-        # What is said in one character can be said at once.
+        # Addresses of one character fit into one place, so one outline covers them all.
         groups = [said] if said and leaf.size == 1 else [[each] for each in said]
         for group in groups:
             places, usual = _with(plain.places, number, group), _with(plain.usual, number, group)
@@ -125,7 +135,10 @@ def addressed(plain: Outline, means: Callable[[Mapping[str, Any], bytes, Leaf], 
 
 
 def within(outline: Outline, limits: Outline) -> Outline:
-    """Return an outline whose usual contents are those of another one of the same form, where it allows them."""
+    """Return an outline whose usual contents are limited to those of another outline of the same form.
+
+    A place for which nothing would remain keeps its own contents.
+    """
     usual = tuple(
         replace(place, allowed=place.allowed & limit.allowed or place.allowed)
         for place, limit in zip(outline.places, limits.usual or limits.places, strict=True)
@@ -134,7 +147,7 @@ def within(outline: Outline, limits: Outline) -> Outline:
 
 
 def as_usual(outline: Outline) -> Outline:
-    """Return an outline that allows its usual contents only."""
+    """Return an outline that allows only its usual contents."""
     return replace(outline, places=outline.usual) if outline.usual else outline
 
 
@@ -164,7 +177,7 @@ def _address(form: Form[Any]) -> tuple[int, Leaf] | None:
 
 
 def _fields(form: Form[Any], number: int, value: Any) -> dict[str, Any]:
-    """Return the fields of the message that follow from this leaf alone."""
+    """Return the message fields that follow from this leaf alone."""
     name = form.leaves[number][0]
     fields = {name: value} if name in form.names else {}
     for names, (function, wanted) in form.reads.items():
@@ -177,7 +190,10 @@ def _fields(form: Form[Any], number: int, value: Any) -> dict[str, Any]:
 def outline_of(
     title: str, form: Form[Any], direction: Direction, characters: Callable[[Leaf], tuple[frozenset[int], ...]]
 ) -> Outline:
-    """Return a form's outline with any address. characters: what a leaf of fixed size may be read or written with."""
+    """Return the outline of a form with any address.
+
+    characters: returns the characters with which a fixed-size leaf may be read, or written.
+    """
     places: list[Place] = []
     lengths: dict[int, Length] = {}
     leaves = form.leaves
@@ -192,9 +208,9 @@ def outline_of(
 
 
 def _variable(leaf: Leaf, before: Sequence[tuple[str, Leaf]]) -> tuple[Length, frozenset[int]]:
-    """Return how a leaf of variable size is counted, and the characters that it may hold at each place."""
+    """Return the length of a leaf of variable size, and the characters that it accepts."""
     if isinstance(leaf.size, Until):
-        # Nothing counts it.
+        # No leaf counts this one; it ends at a terminator.
         return Length(-1, dict.fromkeys(range(leaf.size.least, leaf.size.most + 1), (b"",))), frozenset(leaf.alphabet)
     for number, (name, counter) in enumerate(before):
         if not name or not _is_measurable(counter):

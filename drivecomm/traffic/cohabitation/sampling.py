@@ -1,8 +1,8 @@
-"""What a codec asks of a telegram beyond its form, seen from telegrams with arbitrary contents.
+"""Restrictions of a codec beyond the form of a telegram, found by decoding telegrams with arbitrary contents.
 
-A codec chooses among its forms, by a command say, and a message may refuse what its leaves have read. So only some
-contents make a telegram that is read as one of its form. What was seen here helps to make telegrams; it excludes none,
-because one character may be read only together with others that were not met.
+A codec selects among its forms, for example by a command, and a message may reject values that its leaves accept. So
+only some contents make a telegram that decodes to its own form. These samples help to build telegrams. They exclude
+none, because a character may be accepted only in combinations that were not sampled.
 """
 
 from __future__ import annotations
@@ -22,26 +22,36 @@ if TYPE_CHECKING:
     from drivecomm.traffic.cohabitation.outlines import Outline
 
 _TRIES, _MORE_TRIES = 40, 8_000
-"""Telegrams of a form; more of them for forms of which none is read. Most forms show their direction with the first."""
+"""Number of sample telegrams per form, and the larger number for forms of which no sample was read.
+
+Most forms show their direction with the first sample.
+"""
 
 _VARIED = 3
-"""So many telegrams have their characters varied, one at a time."""
+"""Number of telegrams whose characters are varied, one at a time."""
 
 _ENOUGH = 10
-"""Telegrams, to see that a character never changes; one of two would not for once in five hundred times."""
+"""Number of telegrams after which an unchanged character counts as constant.
+
+A character with two equally likely values is mistaken for a constant once in five hundred times.
+"""
 
 _DIGITS = b"01"
-"""What a telegram is filled with that is to be read; there is no address 00, and no more than a few decimals."""
+"""Digits with which a readable telegram is filled: address 00 does not exist, and numbers have only a few decimals."""
 
 
 def as_read(outline: Outline, codec: Codec) -> Outline | None:
-    """Return an outline with what the codec was seen to read at each place; None where it reads none of a few."""
+    """Return an outline limited to the contents that the codec was seen to read; None if no sample was read."""
     tried = list(_attempts(outline, _TRIES))
     return _narrowed(outline, codec, [each for each in tried if _is_read(each[0], outline, codec)], len(tried))
 
 
 def as_seldom_read(outlines: Sequence[Outline], codec: Codec) -> list[Outline | None]:
-    """As `as_read`, for all directions of a form that only a few contents make; the first that is found is enough."""
+    """Return the same as `as_read`, with more samples, for a form that only a few contents satisfy.
+
+    Samples of all directions are tried in turn. The first one that is read is enough: the list holds its outline only,
+    or nothing.
+    """
     for together in zip(*(_attempts(outline, _MORE_TRIES) for outline in outlines), strict=False):
         for outline, each in zip(outlines, together, strict=True):
             if _is_read(each[0], outline, codec):
@@ -53,7 +63,7 @@ _Attempt = tuple[bytes, "Sequence[Spot]"]
 
 
 def settled(data: bytes, outline: Outline, codec: Codec) -> bytes | None:
-    """Return a telegram as the codec writes it after it has read it; None where it reads none, or another form."""
+    """Return the telegram after one decode/encode round trip, or None if it does not decode to the same form."""
     try:
         message = codec.decode(data, outline.direction)
         return codec.encode(message) if type(message) is outline.form.message else None
@@ -62,7 +72,7 @@ def settled(data: bytes, outline: Outline, codec: Codec) -> bytes | None:
 
 
 def with_constants(outline: Outline, codec: Codec) -> Outline:
-    """Return an outline whose usual contents have one character where the codec was seen to write only that one."""
+    """Return an outline whose usual contents are constant wherever the codec was seen to write a single character."""
     written: list[bytes] = []
     for data, spots in _attempts(outline, _TRIES):
         text = settled(data, outline, codec)
@@ -75,7 +85,7 @@ def with_constants(outline: Outline, codec: Codec) -> Outline:
     for number, place in enumerate(places):
         if place.repeats or len(place.allowed) == 1:
             continue
-        # Places are counted from the nearer end, for runs differ in length.
+        # Count places from the nearer end, because runs differ in length.
         behind = sum(number > run for run in runs)
         if behind < max(1, len(runs)) or not runs:
             codes = {text[number] for text in written} if not behind else place.allowed
@@ -87,7 +97,7 @@ def with_constants(outline: Outline, codec: Codec) -> Outline:
 
 
 def _attempts(outline: Outline, count: int) -> Iterator[_Attempt]:
-    """Yield telegrams, one in twenty with a digit wherever it can be; runs are short where many are wanted."""
+    """Yield sample telegrams; one in twenty has digits wherever allowed. With a high count the runs are short."""
     chance = Random(outline.title)  # noqa: S311 - repeatable on purpose
     for number in range(count):
         if number % 20 == 0:
@@ -115,7 +125,7 @@ def _narrowed(outline: Outline, codec: Codec, read: Sequence[_Attempt], tried: i
     counters = {length.counter for length in outline.lengths.values()}
     runs = [number for number, place in enumerate(places) if place.repeats]
     for number, place in enumerate(places):
-        # What comes after several runs could be anywhere.
+        # The position of a place behind two or more runs is unknown.
         behind = sum(number > run for run in runs)
         if place.repeats or place.leaf in counters or len(place.allowed) == 1 or behind > 1:
             continue
@@ -131,8 +141,8 @@ def _narrowed(outline: Outline, codec: Codec, read: Sequence[_Attempt], tried: i
 
 
 def _read_at(outline: Outline, codec: Codec, attempt: _Attempt, at: int, others: frozenset[int]) -> set[int]:
-    """Return which other characters at a place leave it a telegram of its form, and the one that is there."""
-    chance = Random(0)  # noqa: S311 - nothing is left to it
+    """Return the character at a place, and the others with which the telegram still decodes to its form."""
+    chance = Random(0)  # noqa: S311 - repeatable on purpose
     data, spots = attempt
     kept = [spot if spot.check else Spot(frozenset([code])) for spot, code in zip(spots, data, strict=True)]
     found = {data[at]}
@@ -152,14 +162,15 @@ def _is_read(data: bytes, outline: Outline, codec: Codec) -> bool:
 
 
 _USUAL_RUN = 40
-"""Longer runs of characters are written only where nothing else fits."""
+"""Longest usual run, in characters; longer ones are written only if no shorter one is possible."""
 
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """Where another telegram is to be found.
+    """The stretch of the traffic in which another telegram is to appear.
 
-    start: where it begins. spots: those that it has. hears: what becomes of each character on the way to its reader.
+    start: position of its first character. spots: the characters of the telegram. hears: translation table from sent to
+    heard characters.
     """
 
     start: int
@@ -168,7 +179,7 @@ class Window:
 
 
 def any_sizes(outline: Outline, chance: Random) -> dict[int, int]:
-    """Return sizes for the leaves of variable size, short ones as a rule."""
+    """Return random sizes for the leaves of variable size, short ones as a rule."""
     sizes = {}
     for leaf, length in outline.lengths.items():
         known = list(length.by_size)
@@ -178,7 +189,7 @@ def any_sizes(outline: Outline, chance: Random) -> dict[int, int]:
 
 
 class Draft:
-    """Telegrams, one after the other, with characters still to be chosen. telegrams: the spots of each."""
+    """Consecutive telegrams whose characters are still to be chosen. telegrams: the spots of each."""
 
     def __init__(self, telegrams: Sequence[Sequence[Spot]], window: Window | None = None) -> None:
         self._starts: list[int] = []
@@ -196,12 +207,12 @@ class Draft:
 
     @property
     def possible(self) -> bool:
-        """Whether each character is left a choice."""
+        """Whether at least one choice remains for each character."""
         return all(self._choices)
 
     @property
     def bits(self) -> int:
-        """How many bits have to fall right by chance for what the window looks for, check characters included."""
+        """Number of bits that must be right by chance for the telegram in the window, check characters included."""
         odds = 0.0
         for at, spot in enumerate(self._spots):
             looked_for = self._looked_for(at)
@@ -212,7 +223,7 @@ class Draft:
         return round(odds)
 
     def written(self, chance: Random) -> bytes | None:
-        """Return characters in which every check is right, None where this attempt came to none."""
+        """Return characters in which every check is right, or None if this attempt failed."""
         data = bytearray()
         heard = bytearray()
         window = self._window
@@ -250,6 +261,6 @@ class Draft:
 
 
 def any_telegram(outline: Outline, chance: Random) -> bytes | None:
-    """Return a telegram of this form with arbitrary contents, None where this attempt came to none."""
+    """Return a telegram of this form with arbitrary contents, or None if this attempt failed."""
     spots = outline.spots(any_sizes(outline, chance), chance)
     return None if spots is None else Draft([spots]).written(chance)

@@ -1,4 +1,4 @@
-"""The search for telegrams that prove a possible mistake to be a real one."""
+"""The search for telegrams that prove that a possible mistake can really happen."""
 
 from __future__ import annotations
 
@@ -22,24 +22,27 @@ if TYPE_CHECKING:
     from drivecomm.traffic.cohabitation.traffic import Reader, Sightings, State
 
 ALIGNMENTS = 400
-"""Ways to lay one telegram over the other that are tried, half of them within a single telegram."""
+"""Number of ways that are tried to lay one telegram over the traffic; the first half uses single telegrams only."""
 
 _PROOFS = 8
-"""So many are looked for, to show the likeliest."""
+"""Number of proofs to find before the likeliest is chosen."""
 
 _WRITINGS = 80
-"""Attempts to fill each of them."""
+"""Number of attempts to fill each alignment with characters."""
 
 TELEGRAMS = 1500
-"""With arbitrary contents, to try out what cannot be laid out in places."""
+"""Number of arbitrary telegrams to try if the characters are heard differently and places cannot be compared."""
 
 _TOGETHER = 6
-"""So many of them follow each other, before the listener is given a pause."""
+"""Number of telegrams that follow each other before the listener gets a pause."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Laid:
-    """One way to lay a telegram over the traffic. outlines: of the traffic; sizes: of their leaves of variable size."""
+    """One way to lay a telegram over the traffic.
+
+    outlines: those of the traffic. sizes: the sizes of their leaves of variable size.
+    """
 
     outlines: tuple[Outline, ...]
     sizes: tuple[dict[int, int], ...]
@@ -53,12 +56,12 @@ def find_proof(
 ) -> Proof | None:
     """Return telegrams that the reader really mistakes for its own, the likeliest of a few; None if none was found.
 
-    speaker: whose telegrams the traffic is. settings: of the line, as the reader has them.
+    speaker: the sender of the traffic. settings: line settings of the reader.
     """
     found: list[Proof] = []
     alone = [start for start in sightings.starts if not sightings.wanted[start[1][0]].to_all]
     for attempt in range(ALIGNMENTS):
-        # What is for one drive proves more than what is for all.
+        # A telegram to one drive proves more than a broadcast, so try it more often.
         starts = alone if alone and attempt % 4 else sightings.starts
         laid = _lay(sightings, sightings.way(chance.choice(starts), chance), chance)
         if laid is None or (len(laid.outlines) > 1 and attempt < ALIGNMENTS // 2):
@@ -84,7 +87,7 @@ def find_proof(
 
 
 def _lay(sightings: Sightings, way: Sequence[State], chance: Random) -> _Laid | None:
-    """Give the runs of a way their lengths, and the telegrams their beginning and end."""
+    """Set the lengths of the runs along a path, and complete the first and the last telegram."""
     all_outlines = sightings.traffic.outlines
     visited: list[list[int]] = [[way[0][0][1]]]
     numbers = [way[0][0][0]]
@@ -106,7 +109,7 @@ def _lay(sightings: Sightings, way: Sequence[State], chance: Random) -> _Laid | 
 
 
 def _sizes(outline: Outline, places: Sequence[int]) -> dict[int, int]:
-    """Return how often each run of an outline is visited."""
+    """Return the number of visits to each run of an outline."""
     return {
         place.leaf: sum(visit == number for visit in places)
         for number, place in enumerate(outline.places)
@@ -115,7 +118,7 @@ def _sizes(outline: Outline, places: Sequence[int]) -> dict[int, int]:
 
 
 def _fill_up(outline: Outline, sizes: dict[int, int], *, first: int | None, last: int | None, chance: Random) -> int:
-    """Lengthen runs before the first or after the last visited place; return by how much the first visited one is."""
+    """Lengthen runs before the first or after the last visited place; return by how much the first visited run grew."""
     lengthened = 0
     usual = any_sizes(outline, chance)
     for number, place in enumerate(outline.places):
@@ -136,7 +139,7 @@ def _fill_up(outline: Outline, sizes: dict[int, int], *, first: int | None, last
 def _cut(
     data: bytes, spots: Sequence[Sequence[Spot]], outlines: Sequence[Outline], speaker: Partner, settings: LineSettings
 ) -> list[ProofTelegram] | None:
-    """Return the telegrams one by one; None where one of them is not the speaker's."""
+    """Split the bytes into telegrams; return None if one of them is not a telegram of the speaker."""
     telegrams, at = [], 0
     for outline, each in zip(outlines, spots, strict=True):
         telegram = data[at : at + len(each)]
@@ -170,7 +173,7 @@ def _proof(telegrams: Sequence[ProofTelegram], title: str, bits: int | None, rea
 def try_out(
     spoken: Sequence[Outline], speaker: Partner, settings: LineSettings, reader: Reader, chance: Random
 ) -> Proof | None:
-    """Return arbitrary telegrams that the reader mistakes for its own; None if none of those tried is."""
+    """Return arbitrary telegrams that the reader mistakes for its own; None if no trial finds any."""
     for _ in range(TELEGRAMS // _TOGETHER):
         telegrams = list(arbitrary_telegrams(spoken, speaker, settings, chance, _TOGETHER))
         if (proof := _proof(telegrams, "", None, reader)) is not None:
@@ -181,7 +184,7 @@ def try_out(
 def arbitrary_telegrams(
     spoken: Sequence[Outline], speaker: Partner, settings: LineSettings, chance: Random, length: int
 ) -> Iterator[ProofTelegram]:
-    """Yield telegrams with arbitrary contents, a reply after a request only."""
+    """Yield telegrams with arbitrary contents; a reply follows only a request."""
     before = "reply"
     left = length
     while left:

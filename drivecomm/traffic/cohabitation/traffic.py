@@ -1,8 +1,8 @@
-"""What may stand on a line, as a net of places, and where in it another telegram may be found.
+"""All possible traffic of a line as a graph of places, and where another telegram may be found in it.
 
-The net knows which characters each place may hold and which places may follow it, and nothing of what one character
-demands of another: check characters, lengths, words of a table. So what it excludes is excluded, and what it does not
-exclude may still be impossible.
+The graph knows which characters each place may hold and which places may follow it. It ignores dependencies between
+characters: check characters, lengths, words of a table. So what it excludes is impossible, but what it allows may be
+impossible as well.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ if TYPE_CHECKING:
     from drivecomm.traffic.cohabitation.outlines import Outline
 
 Node = tuple[int, int]
-"""An outline by its number, and a place of it."""
+"""Number of an outline, and number of a place in it."""
 
 State = tuple[Node, Node]
 """A place of the traffic, and the place of the other telegram that is found there."""
 
 
 class Traffic:
-    """Telegrams one after the other: a reply comes after a request only, a request after anything.
+    """Consecutive telegrams: a reply follows only a request, a request follows anything.
 
-    outlines: the telegrams. hears: what becomes of each character on the way to its reader.
+    outlines: the telegrams. hears: translation table from sent to heard characters.
     """
 
     def __init__(self, outlines: Sequence[Outline], hears: bytes) -> None:
@@ -41,7 +41,7 @@ class Traffic:
         self._behind = {"request": range(len(outlines)), "reply": behind_reply}
 
     def mask(self, node: Node) -> int:
-        """Return the characters that are heard at a place, as bits."""
+        """Return the characters that may be heard at a place, as a bit mask."""
         return self._masks[node[0]][node[1]]
 
     def nodes(self, of: Iterable[int]) -> list[Node]:
@@ -67,10 +67,10 @@ class Traffic:
 
 
 class Sightings:
-    """All ways in which telegrams may be found in traffic that is heard.
+    """All ways in which the wanted telegrams may be found in the traffic that is heard.
 
-    traffic: what is heard. wanted: the telegrams that are looked for. begins: the outlines of the traffic inside which
-    they may begin. entered: those with whose first character only they may begin.
+    traffic: the traffic. wanted: the telegrams to look for. begins: outlines of the traffic in which a wanted telegram
+    may begin at any place. entered: outlines in which it may begin only with the first character.
     """
 
     def __init__(
@@ -84,10 +84,10 @@ class Sightings:
         self._steps = self._search(first)
         self._alive = self._leading_to_the_end()
         self.starts = [state for state in first if state in self._alive]
-        """Where a telegram may begin; empty when none can be found at all."""
+        """States in which a wanted telegram may begin; empty if none can be found at all."""
 
     def way(self, start: State, chance: Random) -> list[State]:
-        """Return one way from a start to the end, place by place."""
+        """Return a random path from a start to the end, place by place."""
         states = [start]
         while True:
             onward = [state for state in self._steps[states[-1]] if state in self._alive]
@@ -96,7 +96,7 @@ class Sightings:
             states.append(chance.choice(onward))
 
     def may_end_elsewhere(self) -> bool:
-        """Whether a telegram may begin in one telegram of the traffic and end in another one."""
+        """Whether a wanted telegram may begin in one telegram of the traffic and end in another."""
         outlines = self.traffic.outlines
         return any(
             is_next_telegram(state[0], after[0], outlines)
@@ -106,7 +106,7 @@ class Sightings:
         )
 
     def farthest(self) -> Node | None:
-        """Return the last place that can be reached in the telegram that gets farthest; None if none can."""
+        """Return the last reachable place of the wanted telegram that gets farthest; None if no place is reachable."""
         met = [wanted for _, wanted in self._steps]
         return max(met, key=lambda wanted: (wanted[1], -wanted[0]), default=None)
 
@@ -153,7 +153,7 @@ class Sightings:
 
 
 def is_next_telegram(before: Node, after: Node, outlines: Sequence[Outline]) -> bool:
-    """Whether a new telegram begins between two places that follow each other."""
+    """Whether a new telegram begins between two consecutive places."""
     if before[0] != after[0] or after[1] < before[1]:
         return True
     return after[1] == before[1] and not outlines[before[0]].places[before[1]].repeats
@@ -171,11 +171,7 @@ def _mask(codes: Iterable[int]) -> int:
 
 
 def character_map(sender: LineSettings, receiver: LineSettings) -> bytes | None:
-    """Return what a receiver makes of each of 256 characters; None where that depends on those around it.
-
-    It does not when both have the same baud rate, the sender's characters last as long as the receiver's or longer, so
-    that each start bit finds the receiver waiting for it, and none of them is taken for two.
-    """
+    """Return the heard character for each of the 256 sent ones; None if that depends on the neighbouring characters."""
     receiver_bits = 1 + receiver.bytesize + (receiver.parity != "N") + 1
     sender_bits = 1 + sender.bytesize + (sender.parity != "N") + sender.stopbits
     if sender.baudrate != receiver.baudrate or receiver_bits > sender_bits:
@@ -186,14 +182,17 @@ def character_map(sender: LineSettings, receiver: LineSettings) -> bytes | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reader:
-    """Finds telegrams in what is heard. means: whether a telegram is one that the reader accepts as its own."""
+    """Finds telegrams in the bytes that are heard. means: whether the reader accepts a telegram as its own."""
 
     codec: Codec
     direction: Direction
     means: Callable[[Message], bool]
 
     def taken(self, pieces: Iterable[bytes]) -> tuple[int, Framed] | None:
-        """Return the first telegram that it takes for its own, and how many characters came before it."""
+        """Return the first telegram that the reader accepts as its own, and the number of characters before it.
+
+        Return None if there is no such telegram.
+        """
         framer = Framer(self.codec, self.direction)
         done = 0
         for piece in pieces:
@@ -205,7 +204,7 @@ class Reader:
         return None
 
     def reads_whole(self, data: bytes) -> bool:
-        """Whether it reads these bytes as exactly one telegram."""
+        """Whether the reader reads these bytes as exactly one telegram."""
         return [find.data for find in Framer(self.codec, self.direction).feed(data) if isinstance(find, Framed)] == [
             data
         ]

@@ -1,4 +1,4 @@
-"""What a cohabitation check finds out."""
+"""Results of a cohabitation check."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 class Safety(Enum):
     """Whether a listener can mistake the telegrams of a speaker for its own.
 
-    SAFE: excluded, because no sequence of the speaker's telegrams can contain one for the listener.
-    UNHEARD: not met in all that was tried, where the places cannot exclude it: the settings differ too much, or it
-    hangs on contents that no codec was seen to use. OPEN: nothing excludes it, and no telegrams prove it. TAKEN: there
-    are telegrams that the listener takes for its own; they are the proof.
+    SAFE: excluded, because no sequence of the speaker's telegrams can contain one for the listener. UNHEARD: not met in
+    any trial, although the places cannot exclude it: the settings differ too much, or it needs contents that no codec
+    was seen to use. OPEN: nothing excludes it, and no telegrams prove it. TAKEN: proven by telegrams that the listener
+    accepts as its own.
     """
 
     SAFE = "safe"
@@ -29,7 +29,7 @@ class Safety(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProofTelegram:
-    """A telegram of the proof. title: the form's; direction: of the telegram; data: as sent; heard: as it is heard."""
+    """A telegram of the proof. title: of its form. data: bytes as sent. heard: bytes as the listener hears them."""
 
     title: str
     direction: Direction
@@ -39,11 +39,11 @@ class ProofTelegram:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Proof:
-    """Telegrams of one drive in which another one finds a telegram of its own.
+    """Telegrams of one drive in which another drive finds a telegram of its own.
 
-    telegrams: what is on the line, one after the other. offset: where in them, as heard, the other's begins. taken: the
-    other's telegram. title: of its form. fields: its content. bits: how many bits have to fall right by chance for it,
-    when the rest of the contents is arbitrary: it is met once in 2 to the power of this many such telegrams.
+    telegrams: those on the line, in order. offset: position, in the bytes as heard, at which the other drive's telegram
+    begins. taken: that telegram. title: of its form. fields: its content. bits: number of bits that must be right by
+    chance if the other contents are arbitrary: one in 2**bits such telegrams contains it; None if unknown.
     """
 
     telegrams: tuple[ProofTelegram, ...]
@@ -56,7 +56,7 @@ class Proof:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PairVerdict:
-    """The verdict on a pair. speaker, listener: names of the drives. reason: a sentence that says why."""
+    """The verdict on a pair of drives. speaker, listener: their names. reason: explanation in one sentence."""
 
     speaker: str
     listener: str

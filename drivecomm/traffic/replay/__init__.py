@@ -1,4 +1,4 @@
-"""A captured conversation again: virtual drives that answer as recorded, or a master that asks again."""
+"""Replays of a captured conversation: virtual drives that answer as recorded, and a master that repeats requests."""
 
 import lazy_loader
 

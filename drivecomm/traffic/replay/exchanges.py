@@ -1,4 +1,4 @@
-"""The exchanges of a capture: who sent what, each request with its reply, and what a request means."""
+"""The exchanges of a capture: the sender of each piece, each request with its reply, and the meaning of a request."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 class ReplyPart:
     """Bytes of a reply that arrived together.
 
-    after_s: how long after the end of the request the last of them was there.
+    after_s: seconds from the end of the request until the last of them arrived.
     """
 
     after_s: float
@@ -29,10 +29,10 @@ class ReplyPart:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedExchange:
-    """A request, and everything that arrived before the next one.
+    """A request, and all bytes that arrived before the next one.
 
-    asked_s: when the last byte of the request was there. parts: of the reply, none where none came. settings: the line
-    settings, where they are known.
+    asked_s: time at which the last byte of the request was sent. parts: parts of the reply, empty if there was none.
+    settings: the line settings; None if unknown.
     """
 
     asked_s: float
@@ -43,20 +43,20 @@ class RecordedExchange:
 
     @property
     def reply(self) -> bytes:
-        """The whole reply; empty where none came."""
+        """The whole reply; empty if there was none."""
         return b"".join(part.data for part in self.parts)
 
     @property
     def reply_s(self) -> float:
-        """From the end of the request until the whole reply was there; 0 where none came."""
+        """Seconds from the end of the request until the reply was complete; 0 if there was none."""
         return self.parts[-1].after_s if self.parts else 0.0
 
 
 def recorded_exchanges(capture: Capture) -> list[RecordedExchange]:
-    """Return the requests of a capture and their replies, in order; each line of it has its own conversation.
+    """Return the requests of a capture with their replies, in order; each of its lines is a separate conversation.
 
-    Each piece of the master's is one request. What drives said before the first is left out, and so are pieces of
-    unknown source. Raises UsageError when there are no others.
+    Each piece of the master is one request. Pieces of drives before the first request of their line are left out, and
+    so are pieces of unknown source. Raises UsageError if the source of every piece is unknown.
     """
     if capture.pieces and all(piece.source == "unknown" for piece in capture.pieces):
         raise UsageError("this capture does not say who sent what; infer the sources first")
@@ -76,7 +76,7 @@ def recorded_exchanges(capture: Capture) -> list[RecordedExchange]:
 
 
 def meanings(request: bytes, protocols: Iterable[Protocol]) -> list[tuple[Protocol, Message]]:
-    """Return what these bytes ask for, in each of the protocols in which they are one request."""
+    """Return the decoded request for each protocol in which these bytes are one request."""
     found = []
     for plugin in protocols:
         try:
@@ -87,9 +87,9 @@ def meanings(request: bytes, protocols: Iterable[Protocol]) -> list[tuple[Protoc
 
 
 def only_asks(request: bytes, protocols: Iterable[Protocol]) -> bool:
-    """Whether these bytes are a request that neither commands nor writes, in whatever protocol they are read.
+    """Whether these bytes neither command nor write in any protocol that decodes them as a request.
 
-    Bytes that are a request in none of them could be anything, so they do not only ask.
+    False if no protocol decodes them, because such bytes could do anything.
     """
     found = meanings(request, protocols)
     return bool(found) and all(plugin.intent and plugin.intent(message).only_asks for plugin, message in found)
@@ -108,10 +108,10 @@ _SENDERS: dict[Direction, Source] = {"request": "master", "reply": "drive"}
 
 
 def infer_sources(capture: Capture, protocols: Sequence[Protocol]) -> Capture:
-    """Return the capture with its unknown pieces cut into telegrams of these protocols, each with its source.
+    """Return the capture with its pieces of unknown source cut into telegrams of these protocols, each with its source.
 
-    Pieces whose source is known stay as they are; bytes that are no telegram stay unknown. What reads as a request and
-    as a reply, even for who has heard all of it, is a reply where it fits the request before it.
+    Pieces whose source is known stay as they are; bytes outside of telegrams keep an unknown source. If bytes read both
+    as a request and as a reply, and the whole traffic does not decide, they are a reply if they fit the request before.
     """
     told = [piece for piece in capture.pieces if piece.source != "unknown"]
     for line in {piece.line for piece in capture.pieces}:
@@ -123,7 +123,7 @@ def infer_sources(capture: Capture, protocols: Sequence[Protocol]) -> Capture:
 
 
 def _told(pieces: Sequence[Piece], items: Sequence[TrafficItem], protocols: dict[str, Protocol]) -> Iterator[Piece]:
-    # The sniffer reports every byte once, in the order of the line.
+    # The sniffer reports every byte exactly once, in the order of the line.
     holders = [piece for piece in pieces for _ in piece.data]
     place = 0
     asked: tuple[str, Message, bytes] | None = None

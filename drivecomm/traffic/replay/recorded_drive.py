@@ -1,4 +1,4 @@
-"""The drives of a capture as one virtual drive, which answers each request as it was answered in the capture.
+"""The drives of a capture as one virtual drive, which repeats the recorded answer to each request.
 
 with Server([RecordedDrive(read_capture("pumps.jsonl"))], parse_listen("pty:/tmp/line")) as server:
     server.run(stop)
@@ -20,33 +20,33 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Codec, Damaged, Direction, Message
     from drivecomm.traffic.replay.exchanges import RecordedExchange
 
-# A master on a network may hand over one telegram in pieces.
+# A master on a network may deliver one telegram in pieces.
 _GAP_S = 0.05
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedRequest:
-    """A request as it was captured; its bytes are all that is known of it."""
+    """A captured request, known by its bytes only."""
 
     kind: ClassVar[str] = "recorded"
     data: bytes
 
 
 class RecordedCodec:
-    """Decodes the requests of a capture, byte for byte, and nothing else."""
+    """A codec for the requests of a capture, which it recognises byte for byte."""
 
     def __init__(self, requests: Iterable[bytes]) -> None:
         self._requests = frozenset(requests)
         self._lengths = sorted({len(request) for request in self._requests}, reverse=True)
         self._begun: dict[bytes, int] = {}
-        """How long the request may become that begins with these bytes and goes on."""
+        """Length of the longest request that begins with these bytes, for each incomplete beginning."""
         for request in self._requests:
             for length in range(1, len(request)):
                 head = request[:length]
                 self._begun[head] = max(self._begun.get(head, 0), len(request))
 
     def measure(self, head: bytes, direction: Direction) -> int:
-        """Return the length of the request that begins with these bytes; drives that overhear replies know none."""
+        """Return the length of the request that begins with these bytes; 0 for an unknown request and for any reply."""
         if direction != "request" or not self._lengths:
             return 0
         if not head:
@@ -56,24 +56,23 @@ class RecordedCodec:
         return next((n for n in self._lengths if n <= len(head) and head[:n] in self._requests), 0)
 
     def decode(self, data: bytes, direction: Direction) -> RecordedRequest:
-        """Return the request. Raises TelegramError for what is not in the capture."""
+        """Return the request. Raises TelegramError for bytes that are not in the capture."""
         if direction != "request" or data not in self._requests:
             raise TelegramError("framing", "these bytes are not a request in the capture")
         return RecordedRequest(data)
 
     def encode(self, message: Message) -> bytes:
-        """Return its bytes. Raises TelegramError for the message of a protocol."""
+        """Return the bytes of the request. Raises TelegramError for any other message."""
         if not isinstance(message, RecordedRequest):
             raise TelegramError("field", f"a {message.kind} is not a request in the capture")
         return message.data
 
 
 def recorded_drives(capture: Capture) -> list[RecordedDrive]:
-    """Return the drives of a capture, those with the same line settings as one. Raises UsageError when there is none.
+    """Return the drives of a capture, one for each set of line settings. Raises UsageError if it holds no request.
 
-    Each request gets the answers that it got then, in order, the last one again and again. One that was not answered
-    then is not answered now, and one that is not in the capture neither. An answer is whole as long after its request
-    as it was then.
+    Each request gets its recorded answers in order; the last one is repeated. A request that had no answer, or that is
+    not in the capture, gets none. An answer is complete as long after its request as in the capture.
     """
     asked: dict[LineSettings, list[RecordedExchange]] = {}
     for each in recorded_exchanges(capture):
@@ -84,7 +83,7 @@ def recorded_drives(capture: Capture) -> list[RecordedDrive]:
 
 
 class RecordedDrive:
-    """All drives of a capture that have these line settings, as one; `recorded_drives` makes them."""
+    """All drives of a capture that share these line settings, as one; made by `recorded_drives`."""
 
     def __init__(self, conversation: Iterable[RecordedExchange], settings: LineSettings) -> None:
         answers: dict[bytes, list[VirtualReply | None]] = {}
@@ -97,16 +96,16 @@ class RecordedDrive:
         self.motor = Motor()
         self._answers: Mapping[bytes, list[VirtualReply | None]] = answers
         self.codec: Codec = RecordedCodec(answers)
-        """The requests of the capture."""
+        """Codec of the requests in the capture."""
 
-    def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:  # noqa: ARG002 - others live in time
-        """Answer as it was answered then."""
+    def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:  # noqa: ARG002 - part of the interface
+        """Return the next recorded answer to a request; None if it had none."""
         if not isinstance(find, Framed):
             return None
         answers = self._answers[find.data]
         return answers.pop(0) if len(answers) > 1 else answers[0]
 
-    def peek(self, parameter: str, now: float) -> int | str:  # noqa: ARG002 - others live in time
+    def peek(self, parameter: str, now: float) -> int | str:  # noqa: ARG002 - part of the interface
         """Raise NotSupported: a recording holds no parameters."""
         raise NotSupported(f"a recorded drive holds no parameters, so {parameter} has no value")
 

@@ -1,4 +1,4 @@
-"""A capture as a test: library code runs against what was captured, in virtual time, and must send the same.
+"""A capture as a test: library code runs against the recorded drives in virtual time and must send the same requests.
 
 with replayed("pumps.jsonl") as line, drivecomm.open_bus(line.port) as bus:
     assert bus.drive("vabus", 1).read("481").value == 1000
@@ -25,19 +25,19 @@ class ReplayError(AssertionError):
 
 
 def replayed(capture: str | Path | Capture) -> Replayed:
-    """Return a line on which a capture happens again, a context manager; a file is read first.
+    """Return a line that replays a capture, as a context manager. A path is read first.
 
-    Raises FileFormatError for a file that is none, UsageError for a capture that does not say who sent what.
+    Raises FileFormatError if the file is not a capture, UsageError if the capture does not name the sources.
     """
     return Replayed(capture if isinstance(capture, Capture) else read_capture(capture))
 
 
 class Replayed:
-    """A line with the drives of a capture, for one master that must send what was sent then, in the same order.
+    """A line with the drives of a capture, for one master that must send the recorded requests in the same order.
 
-    Its clock is virtual. A reply comes as long after its request as it did then, in the same pieces, whenever the
-    request is sent. Sending anything else raises ReplayError, an AssertionError, that names the first difference;
-    leaving the block before everything was sent raises it, too.
+    The clock is virtual. A reply comes as long after its request as in the capture and in the same pieces, whenever the
+    request is sent. Any other request raises ReplayError, an AssertionError that names the first difference. Leaving
+    the block with requests unsent raises ReplayError as well.
     """
 
     def __init__(self, capture: Capture) -> None:
@@ -47,7 +47,7 @@ class Replayed:
         self._free_at = 0.0
         self.time = 0.0
         """The line's time, in seconds; it passes only while the master waits."""
-        # What comes may have come at once then, over a pseudo-terminal say, and is to be believed now.
+        # Replies may have been recorded without character times, for example from a pseudo-terminal; accept them.
         self.paced = self.broken = False
 
     def port(self) -> VirtualPort:
@@ -55,11 +55,11 @@ class Replayed:
         return VirtualPort(self)
 
     def configure(self, settings: LineSettings) -> None:
-        """Set the master's line settings; they say how long a request takes."""
+        """Set the master's line settings, which determine the time that a request takes."""
         self._settings = settings
 
     def transmit(self, data: bytes) -> None:
-        """Let the master send. Raises ReplayError when this differs from the capture."""
+        """Send a request of the master. Raises ReplayError if it differs from the capture."""
         if not self._left:
             raise ReplayError(f"the capture has ended, but {described(data, installed.working())} is sent")
         number, wanted = self._left[0]
@@ -75,7 +75,7 @@ class Replayed:
         self._arriving += [(self._free_at + part.after_s, part.data) for part in wanted.parts]
 
     def receive(self, until: float, at_least: int) -> bytes:
-        """Let time pass until so many bytes have come, or until then."""
+        """Pass time until at least this many bytes have arrived, or until the given time; return the bytes."""
         came = self.take()
         while len(came) < at_least and self._arriving and self._arriving[0][0] <= until:
             self.time = max(self.time, self._arriving[0][0])
@@ -85,18 +85,18 @@ class Replayed:
         return came
 
     def take(self) -> bytes:
-        """Return what has come by now."""
+        """Return the bytes that have arrived by now."""
         came = b""
         while self._arriving and self._arriving[0][0] <= self.time:
             came += self._arriving.popleft()[1]
         return came
 
     def pass_time(self, until: float) -> None:
-        """Let time pass up to then; a time in the past is ignored."""
+        """Advance the clock to this time; ignore a time in the past."""
         self.time = max(self.time, until)
 
     def finish(self) -> None:
-        """Raise ReplayError when something of the capture was not sent."""
+        """Raise ReplayError if requests of the capture were not sent."""
         if self._left:
             number, wanted = self._left[0]
             raise ReplayError(

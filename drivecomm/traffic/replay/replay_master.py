@@ -1,6 +1,6 @@
 """A capture as a master: sends the recorded requests at their pace or faster, and compares the replies.
 
-Nothing moves by accident: what could command or write is left out unless the caller asks for it.
+Nothing moves by accident: requests that could command or write are left out unless the caller includes them.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
     from drivecomm.protocol import LineSettings, Protocol
     from drivecomm.traffic.replay.exchanges import RecordedExchange
 
-# However fast it goes: no protocol that ships with drivecomm wants a longer pause before a request (Fuji, 10 ms).
+# A lower limit at any speed: of the protocols shipped, Fuji needs the longest pause before a request, 10 ms.
 _LEAST_PAUSE_S = 0.010
 PATIENCE_S = 0.5
-"""How much later than in the capture a reply may come, in seconds."""
+"""Extra time for a reply compared with the capture, in seconds."""
 
 
 class Sending(Enum):
-    """What of a capture is sent again."""
+    """The part of a capture to send again: only read requests, or everything."""
 
     QUESTIONS = "questions"
     EVERYTHING = "everything"
@@ -36,7 +36,11 @@ class Sending(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReplayedRequest:
-    """The result of a request this time. number: its place in the capture, from 1. sent: whether it was sent at all."""
+    """The result of a replayed request.
+
+    number: its place in the capture, from 1. then: the recorded exchange. came: the reply now. sent: False if the
+    request was skipped.
+    """
 
     number: int
     then: RecordedExchange
@@ -45,16 +49,17 @@ class ReplayedRequest:
 
     @property
     def differs(self) -> bool:
-        """Whether something else came than then."""
+        """Whether the reply differs from the recorded one."""
         return self.sent and self.came != self.then.reply
 
 
 class ReplayMaster:
-    """Sends the requests of a conversation on a port.
+    """A master that sends the requests of a recorded conversation on a port.
 
-    faster: how many times as fast as then. sending: whether what could command or write is sent, too. overrides: line
-    settings instead of those of the capture, by name. patience_s: how much later than then a reply may come. Raises
-    UsageError when it goes no faster than not at all.
+    faster: speed relative to the capture. sending: whether requests that could command or write are sent as well.
+    overrides: line settings that replace those of the capture, by name. echo: whether the adapter hands back the sent
+    bytes. patience_s: extra seconds for a reply compared with the capture. Raises UsageError unless the speed is above
+    0.
     """
 
     def __init__(
@@ -79,7 +84,7 @@ class ReplayMaster:
         self._patience_s = patience_s
 
     def on(self, port: Port) -> Iterator[ReplayedRequest]:
-        """Yield what comes of each request, in order. Raises LinkDownError when the port is lost."""
+        """Yield the result of each request, in order. Raises LinkDownError if the port is lost."""
         configured: LineSettings | None = None
         began: float | None = None
         first_s = self._conversation[0].asked_s if self._conversation else 0.0
@@ -105,14 +110,14 @@ class ReplayMaster:
             yield ReplayedRequest(number=number, then=then, came=came)
 
     def _reply(self, port: Port, then: RecordedExchange, over_at: float, number: int) -> bytes:
-        """Return the reply, waiting for as many bytes as in the capture, and a little longer where there were none."""
+        """Return the reply: read as many bytes as in the capture; if it has none, listen for a short time."""
         wanted = len(then.reply)
         until = over_at + then.reply_s + self._patience_s if wanted else over_at + self._silence_s(number)
         came = b""
         while (now := port.now()) < until:
             came += self._heard(port.read(until, max(1, wanted - len(came)) + self._echo.missing))
             if wanted and len(came) >= wanted:
-                # What follows at once belongs to it.
+                # Bytes that follow immediately belong to the reply.
                 surplus_at = max(now, port.now()) + _LEAST_PAUSE_S / 2
                 return came + self._heard(port.read(surplus_at, wanted + 1))
         return came + self._echo.give_up()
@@ -121,29 +126,29 @@ class ReplayMaster:
         return self._echo.take(came)[1] if self._echo.looking and came else came
 
     def _silence_s(self, number: int) -> float:
-        """Return how long to listen where the capture has no reply: until the next request in it, within limits."""
+        """Return the seconds to listen if the capture has no reply: until its next request, within limits."""
         return min(self._patience_s, max(_LEAST_PAUSE_S, self._until_next_s(number) / self._faster))
 
     def _pause_s(self, number: int) -> float:
-        """Return how long to pause after this request: as long as in the capture, or long enough for any drive."""
+        """Return the seconds to pause after this request: as in the capture, but no longer than any drive needs."""
         return max(0.0, min(self._until_next_s(number), _LEAST_PAUSE_S))
 
     def _until_next_s(self, number: int) -> float:
-        """Return how long after the reply to this request the next one was asked."""
+        """Return the seconds from the recorded reply to the next recorded request."""
         if number >= len(self._conversation):
             return self._patience_s
         then = self._conversation[number - 1]
         return self._conversation[number].asked_s - then.asked_s - then.reply_s
 
     def _usual(self, then: RecordedExchange) -> LineSettings:
-        """Return the usual line settings of its protocol. Raises UsageError when it is in none."""
+        """Return the usual line settings of the request's protocol. Raises UsageError if no protocol decodes it."""
         for plugin, _ in meanings(then.request, self._protocols):
             return plugin.facts.settings
         raise UsageError("the capture does not say its line settings; give --baudrate, --parity and so on")
 
 
 def difference(outcome: ReplayedRequest, protocols: Sequence[Protocol]) -> str:
-    """Return how this reply differs from the recorded one: by field where both are sound, else by bytes."""
+    """Return the difference between a reply and the recorded one, by field if both are sound, else by bytes."""
     if not outcome.came:
         return "nothing came"
     if not outcome.then.parts:

@@ -1,4 +1,4 @@
-"""The telegrams of a log that another program printed: by line, with the noise around them and what is no telegram."""
+"""Telegrams in another program's log, by line of the log, with noise around them and bytes that do not decode."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ _OTHER: Mapping[Source, Source] = {"master": "drive", "drive": "master", "unknow
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Printed:
-    """What was sent without the other side between, as a log has it.
+    """Consecutive bytes of one side in a log.
 
-    line: in which it begins. finds: telegrams of a protocol and the noise around them, empty if there is none. refusal:
-    why the bytes are no telegram, with the likely damage.
+    line: number of the log line in which they begin. finds: telegrams of a protocol and the noise around them; empty if
+    there is no telegram. refusal: the reason why the bytes are not a telegram, with the likely damage.
     """
 
     line: int
@@ -44,16 +44,16 @@ class Printed:
 
 
 def telegrams_of_log(log: Sequence[LogPiece], codecs: Mapping[str, Codec]) -> list[Printed]:
-    """Return what a log holds, in order, each in the protocol that explains most of the log.
+    """Return the contents of a log in order, each decoded in the protocol that explains most of the log.
 
-    codecs: of the protocols to try, by name. Whether the program that printed the log was the master is found by its
-    telegrams.
+    codecs: of the protocols to try, by name. The telegrams show whether the program that printed the log was the master
+    or the drive.
     """
     groups = _groups(log)
     if is_of_a_drive([(each.piece.source, each.piece.data) for each in groups], codecs):
         groups = [replace(each, piece=replace(each.piece, source=_OTHER[each.piece.source])) for each in groups]
     readings = [list(_readings(each, codecs)) for each in groups]
-    # A telegram alone says less of its protocol than all of the log.
+    # One telegram identifies its protocol less reliably than the whole log.
     weights = Counter(name for found in readings for name in {each.protocol for each in found})
     return [
         max(found, key=lambda each: weights[each.protocol]) if found else _refused(group, codecs, weights)
@@ -62,7 +62,7 @@ def telegrams_of_log(log: Sequence[LogPiece], codecs: Mapping[str, Codec]) -> li
 
 
 def is_of_a_drive(pieces: Sequence[tuple[Source, bytes]], codecs: Mapping[str, Codec]) -> bool:
-    """Whether what a program sent are replies and what it received are requests, so that it was the drive."""
+    """Whether the program that printed the log was the drive: it sent replies and received requests."""
 
     def telegrams(side: Mapping[Source, Source]) -> int:
         return sum(
@@ -75,7 +75,7 @@ def is_of_a_drive(pieces: Sequence[tuple[Source, bytes]], codecs: Mapping[str, C
 
 
 def by_the_masters_side(capture: Capture, codecs: Mapping[str, Codec]) -> Capture:
-    """Return a capture in which `master` is the master, also if it is a log of a program that was the drive."""
+    """Return a capture in which `master` is the real master, even if the program that printed the log was the drive."""
     if capture.provenance.tool != PRINTED_LOG or not is_of_a_drive(
         [(piece.source, piece.data) for piece in capture.pieces], codecs
     ):
@@ -84,7 +84,7 @@ def by_the_masters_side(capture: Capture, codecs: Mapping[str, Codec]) -> Captur
 
 
 def _groups(log: Sequence[LogPiece]) -> list[LogPiece]:
-    """Join the pieces of a reply; each piece of the master's is a request of its own."""
+    """Join the pieces of each reply; each piece of the master is a request of its own."""
     groups: list[LogPiece] = []
     for each in log:
         before = groups[-1].piece if groups else None
@@ -96,7 +96,7 @@ def _groups(log: Sequence[LogPiece]) -> list[LogPiece]:
 
 
 def _readings(group: LogPiece, codecs: Mapping[str, Codec]) -> Iterator[Printed]:
-    """Yield the group as one telegram in each protocol; where it is none in any of them, as telegrams among noise."""
+    """Yield the group as one telegram in each protocol; if no protocol reads it whole, as telegrams among noise."""
     data, alone = group.piece.data, False
     ways = [(name, codec, way) for name, codec in codecs.items() for way in _WAYS[group.piece.source]]
     for name, codec, way in ways:
@@ -110,7 +110,7 @@ def _readings(group: LogPiece, codecs: Mapping[str, Codec]) -> Iterator[Printed]
 
 
 def _refused(group: LogPiece, codecs: Mapping[str, Codec], weights: Counter[str]) -> Printed:
-    """Return why the bytes are no telegram of the protocol that explains most of the log, or of the first."""
+    """Return the bytes with the reason for their refusal by the protocol that explains most of the log."""
     name = max(codecs, key=lambda each: weights[each])
     way = _WAYS[group.piece.source][0]
     try:

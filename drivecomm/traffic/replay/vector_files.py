@@ -1,4 +1,4 @@
-"""Vectors from a capture: its valid telegrams as the text of a vector file, each once, with its source."""
+"""Vector files from a capture: each valid telegram once, with its source."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _WAYS: dict[str, Direction] = {"master": "request", "drive": "reply"}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CapturedTelegram:
-    """A sound telegram of a capture. answers: for a reply, the bytes of the request before it, if it answers that."""
+    """A sound telegram of a capture. answers: for a reply, the bytes of the request that it answers, else empty."""
 
     direction: Direction
     data: bytes
@@ -32,9 +32,9 @@ class CapturedTelegram:
 
 
 def heard_telegrams(capture: Capture, plugin: Protocol, options: Mapping[str, Any]) -> list[CapturedTelegram]:
-    """Return the sound telegrams of one protocol in a capture, in order. options: the protocol's, for its codec."""
+    """Return the sound telegrams of one protocol in a capture, in order. options: protocol options for its codec."""
     codec = plugin.codec(plugin.options(**options))
-    # With the others at hand, nothing in their telegrams is taken for one of these.
+    # With the other protocols present, parts of their telegrams are not mistaken for telegrams of this one.
     told = infer_sources(capture, [plugin, *(other for other in installed.working() if other.name != plugin.name)])
     found: list[CapturedTelegram] = []
     for line in dict.fromkeys(piece.line for piece in told.pieces):
@@ -43,9 +43,10 @@ def heard_telegrams(capture: Capture, plugin: Protocol, options: Mapping[str, An
 
 
 def vectors_text(capture: Capture, plugin: Protocol, *, name: str, options: Mapping[str, Any]) -> str:
-    """Return a vector file with each different telegram of one protocol in a capture.
+    """Return the text of a vector file with each different telegram of one protocol in a capture.
 
-    name: what the source calls the capture. options: the protocol's, for its codec; they stand in each vector.
+    name: name of the capture in the source of a vector. options: protocol options for the codec, written to each
+    vector.
     """
     codec = plugin.codec(plugin.options(**options))
     source = _source(capture.provenance, name)
@@ -87,10 +88,9 @@ def _of_one_line(pieces: list[Piece], plugin: Protocol, codec: Codec) -> Iterato
 
 
 def _framed(pieces: list[Piece], codec: Codec, gap_s: float) -> Iterator[tuple[Direction, Framed]]:
-    """Yield the sound telegrams; one ends where another sender begins, or after a pause.
+    """Yield the sound telegrams with their directions; a telegram ends at a change of sender or after a pause.
 
-    Telegrams beside bytes that are none are left out: in the telegrams of other protocols short ones are found by
-    chance.
+    Telegrams next to stray bytes are left out, because short telegrams occur by chance in those of other protocols.
     """
     framer, speaking, heard_at = Framer(codec, "request"), "", 0.0
     finds: list[Find] = []
@@ -109,7 +109,7 @@ def _framed(pieces: list[Piece], codec: Codec, gap_s: float) -> Iterator[tuple[D
 
 
 def _sound(source: str, finds: list[Find]) -> Iterator[tuple[Direction, Framed]]:
-    """Yield what was sent without a pause, if all of it is valid."""
+    """Yield the telegrams sent without a pause, if all the bytes belong to valid telegrams."""
     telegrams = [find for find in finds if isinstance(find, Framed)]
     if len(telegrams) == len(finds):
         for telegram in telegrams:
@@ -117,7 +117,7 @@ def _sound(source: str, finds: list[Find]) -> Iterator[tuple[Direction, Framed]]
 
 
 def _differs(plugin: Protocol, asked: Framed, reply: Framed) -> bool:
-    # An echo is told by its bytes, before the protocol is asked.
+    # An echo is recognised by its bytes; the protocol might accept it as a reply.
     return asked.data == reply.data or bool(plugin.mismatch(asked.message, reply.message))
 
 
@@ -129,7 +129,7 @@ def _is_canonical(codec: Codec, message: Message, data: bytes) -> bool:
 
 
 def _has_no_address_of_its_own(message: Message, plugin: Protocol) -> bool:
-    """Whether no drive answers this: it is for all of them, or for none."""
+    """Whether no drive answers this message: it is a broadcast, or it carries no address."""
     return getattr(message, "address", None) in (None, plugin.broadcast_address)
 
 

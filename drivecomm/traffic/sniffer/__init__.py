@@ -1,4 +1,4 @@
-"""Listening to a line on which others talk: what was said, who said it, what it answers and how long that took."""
+"""Monitoring of a line on which others talk: the telegrams, their senders, and the replies with their times."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Which telegrams can begin with some bytes, whatever was heard before: found out once for each beginning."""
+"""Telegrams that can begin with given bytes, cached for each beginning and independent of earlier traffic."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class Beginnings:
-    """What can begin how. readers: of all protocols that are looked for."""
+    """A cache of the ways in which telegrams can begin. readers: of all protocols to look for."""
 
     def __init__(self, readers: Iterable[Reader]) -> None:
         self._readers = tuple(readers)
@@ -25,14 +25,17 @@ class Beginnings:
         self._ends_with: dict[int, bool] = {}
 
     def of(self, byte: int) -> list[Reader]:
-        """Return those for whom a telegram can begin with this byte."""
+        """Return the readers for which a telegram can begin with this byte."""
         found = self._by_first_byte.get(byte)
         if found is None:
             found = self._by_first_byte[byte] = [reader for reader in self._readers if reader.begins_with(byte)]
         return found
 
     def of_pair(self, pair: bytes) -> list[Reader]:
-        """Return those for whom more than a few characters can begin with these two, or with the last one."""
+        """Return the readers for which a telegram that begins with these two characters is longer than two.
+
+        At the end of the data, `pair` holds a single character; the telegram must then be longer than one.
+        """
         found = self._by_first_pair.get(pair)
         if found is None:
             found = [reader for reader in self.of(pair[0]) if reader.goes_beyond(pair)]
@@ -41,12 +44,12 @@ class Beginnings:
 
     @cached_property
     def _pattern(self) -> re.Pattern[bytes]:
-        """The bytes that a telegram can begin with."""
+        """The bytes with which a telegram can begin."""
         found = bytes(byte for byte in range(256) if self.of(byte))
         return re.compile(b"[" + re.escape(found) + b"]" if found else b"(?!)")
 
     def next_place(self, data: bytes, place: int, end: int) -> int:
-        """Return the next place at which more than a few characters can begin, `end` where there is none."""
+        """Return the next position at which more than a few characters can begin a telegram; `end` if there is none."""
         search = self._pattern.search
         while match := search(data, place, end):
             place = match.start()
@@ -56,7 +59,7 @@ class Beginnings:
         return end
 
     def sound_inside(self, data: bytes) -> bool:
-        """Whether more than a few of the bytes behind the first are a telegram, too."""
+        """Whether a sound telegram of more than a few bytes begins behind the first byte."""
         last = len(data) - SHORTEST_LONG + 1
         place = self.next_place(data, 1, last)
         while place < last:
@@ -68,14 +71,14 @@ class Beginnings:
         return False
 
     def may_go_on(self, character: bytes) -> bool:
-        """Whether more must come, or silence, before anything can be said of a single character."""
+        """Whether a single character is undecided until more bytes or silence follow."""
         if character not in self._goes_on:
             looks = [reader.look(character, 0, 1) for reader in self.of(character[0])]
             self._goes_on[character] = any(type(look) is Unfinished for look in looks)
         return self._goes_on[character]
 
     def whole(self, data: bytes) -> tuple[Reading, ...]:
-        """Return the ways to read bytes that are one telegram of one protocol for certain, none for any other."""
+        """Return the readings of bytes that are certainly one whole telegram of one protocol; empty for any others."""
         looks = [reader.look(data, 0, len(data)) for reader in self.of(data[0])]
         readings = tuple(look for look in looks if isinstance(look, Reading) and not look.short)
         if not readings or self.sound_inside(data):
@@ -93,7 +96,10 @@ class Beginnings:
         return self._ends_with[byte]
 
     def whole_reply(self, name: str, data: bytes) -> tuple[Reading, ...]:
-        """Return a whole reply in this protocol, where its bytes are nothing else but perhaps a request as long."""
+        """Return these bytes as one whole reply in this protocol; empty if they may be or contain any other telegram.
+
+        A request of exactly the same bytes does not count as another telegram.
+        """
         found: Reading | None = None
         for reader in self.of(data[0]):
             if reader.protocol.name == name and reader.direction == "request":
@@ -106,9 +112,9 @@ class Beginnings:
         return (found,) if found and not self.sound_inside(data) else ()
 
     def single(self, data: bytes) -> tuple[list[Reading], frozenset[str]]:
-        """Return the ways to read the first of these bytes alone; nothing where there are others for more of them.
+        """Return the readings of the first of these bytes alone, or nothing if longer readings exist.
 
-        Beside them the protocols in which all may be the beginning of one long telegram.
+        The second value names the protocols in which all these bytes may be the beginning of one long telegram.
         """
         looks = [(reader.protocol.name, reader.look(data, 0, len(data))) for reader in self.of(data[0])]
         readings = [look for _, look in looks if type(look) is Reading]

@@ -1,4 +1,4 @@
-"""Bytes that are no telegram: damaged ones of a protocol that is spoken on the line, or unknown bytes."""
+"""Bytes outside of sound telegrams: damaged telegrams of a protocol spoken on the line, or unknown bytes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 
 
 class DamageReport:
-    """Explains bytes at the beginning of a stretch. readers_for: those for whom a telegram can begin with a byte."""
+    """Explains bytes at the beginning of a stretch.
+
+    readers_for: returns the readers for which a telegram can begin with a byte.
+    """
 
     def __init__(
         self,
@@ -30,7 +33,7 @@ class DamageReport:
         self._readers_for = readers_for
 
     def items(self, end: int) -> Iterator[TrafficItem]:
-        """Yield what the bytes before this place are: damaged telegrams, or unknown."""
+        """Yield the bytes before this position as damaged telegrams and unknown bytes."""
         start = unknown_from = 0
         while start < end:
             broken = self._broken_at(start, end) if self._may_begin(start, unknown_from) else None
@@ -46,7 +49,7 @@ class DamageReport:
         return place == unknown_from or self._stretch.silence_before(place) > self._stretch.quiet_s(place)
 
     def _broken_at(self, start: int, end: int) -> Broken | None:
-        """Return the damaged telegram that these bytes most likely are, of a protocol that is spoken here."""
+        """Return the most likely damaged telegram at this position, in a protocol spoken here; None if none fits."""
         found = []
         for reader in self._readers_for(self._stretch.data[start]):
             if self._estimators[reader.protocol.name].spoken:
@@ -57,7 +60,11 @@ class DamageReport:
         return max(found, key=self._likelihood, default=None)
 
     def _likelihood(self, broken: Broken) -> tuple[bool, bool]:
-        """A telegram with a wrong check was whole; a request comes while no reply is due, and a reply while one is."""
+        """Return a sort key for the likelihood of a damaged telegram.
+
+        A telegram with a wrong check was probably whole. A request is likely while no reply is due, a reply while one
+        is.
+        """
         due = self._estimators[broken.protocol.name].awaited(self._stretch.began_s(broken.start)) is not None
         return broken.error.category in ("checksum", "field"), due == (broken.direction == "reply")
 

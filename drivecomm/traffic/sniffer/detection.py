@@ -1,8 +1,8 @@
-"""Find out what is spoken on an unknown line: baud rate, character format, protocols. Only by listening.
+"""Detection of the baud rate, character format and protocols of an unknown line, by listening only.
 
-At a wrong baud rate nothing that is heard is a telegram. At the right one, 8N1 hears characters of ten bits as they
-are, those of 7E1 with their parity as an eighth bit, and 8E1 hears characters of eleven; which of the formats it really
-is shows in the characters with a wrong parity or stop bit. One and two stop bits look the same to a receiver.
+At a wrong baud rate no telegram can be decoded. At the right one, 8N1 receives characters of ten bits unchanged, and
+those of 7E1 with their parity as an eighth bit; 8E1 receives characters of eleven bits. The number of characters with a
+wrong parity or stop bit shows which format is right. One and two stop bits look the same to a receiver.
 """
 
 from __future__ import annotations
@@ -24,48 +24,48 @@ if TYPE_CHECKING:
 
 
 _FORMATS: tuple[tuple[int, Parity], ...] = ((7, "E"), (7, "O"), (8, "E"), (8, "O"), (8, "N"))
-"""Those that check most first: of equally good ones the first is meant."""
+"""Character formats, the strictest first; of several that fit equally well, the first is chosen."""
 _TEN_BITS: tuple[int, Parity] = (8, "N")
 _ELEVEN_BITS: tuple[int, Parity] = (8, "E")
 
 _LOOK, _COMPARE, _LISTEN = 6, 9, 40
-"""How many telegrams to wait for: to see whether there are any, to tell the formats apart, to hear all protocols."""
+"""Number of telegrams to wait for: to detect any, to compare the formats, and to hear all protocols."""
 _ENOUGH = 2
-# A wrong format spoils half of the characters, noise a few.
+# A wrong format spoils half of the characters, noise only a few.
 _CHANCE = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LineSample:
-    """What was received while listening. spoilt: how many of the characters had a wrong parity or stop bit."""
+    """Bytes received while listening. spoilt: number of characters with a wrong parity or stop bit."""
 
     pieces: Sequence[Piece]
     spoilt: int
 
     @property
     def characters(self) -> int:
-        """How many characters came, spoilt ones included."""
+        """Number of received characters, spoilt ones included."""
         return sum(len(piece.data) for piece in self.pieces)
 
 
 class Listening(Interface):
-    """A line that can be listened to with any settings."""
+    """A line that can be listened to with any line settings."""
 
     def listen(self, settings: LineSettings, telegrams: int) -> LineSample:
-        """Listen until about so many telegrams, separated by silence, have passed; not forever if none come.
+        """Listen until about this many telegrams, separated by silence, have passed, or until a time limit.
 
-        Spoilt characters are heard all the same. Raises LinkError when the line is gone.
+        The result includes spoilt characters. Raises LinkError if the line is lost.
         """
         ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Detected:
-    """What is spoken on a line.
+    """The detected settings and protocols of a line.
 
-    settings: with one stop bit, as two cannot be told from one. protocols: by name, the most frequent first. telegrams:
-    how many sound ones were heard with these settings. understood: the share of the characters that belong to them.
-    spoilt: the share of the characters whose parity or stop bit was wrong.
+    settings: with one stop bit, because two cannot be distinguished from one. protocols: names, the most frequent
+    first. telegrams: number of sound ones that were heard. understood: fraction of the characters that belong to them.
+    spoilt: fraction of the characters with a wrong parity or stop bit.
     """
 
     settings: LineSettings
@@ -78,7 +78,7 @@ class Detected:
 def detect(
     line: Listening, protocols: Iterable[Protocol], baud_rates: Sequence[int] = USUAL_BAUD_RATES
 ) -> Detected | None:
-    """Return what is spoken on a line; None when nothing was understood with any settings."""
+    """Return the settings and protocols of a line; None if no telegram could be decoded with any settings."""
     known = list(protocols)
     for baudrate in baud_rates:
         if _is_right(line, known, baudrate):
@@ -95,7 +95,7 @@ def _is_right(line: Listening, protocols: Sequence[Protocol], baudrate: int) -> 
 
 
 def _seven_bits(heard: LineSample) -> LineSample:
-    """Return the same characters without their parity bit, if that is what the eighth bit is."""
+    """Return the same characters without the eighth bit, which may be their parity."""
     pieces = [replace(piece, data=bytes(byte & 0x7F for byte in piece.data)) for piece in heard.pieces]
     return replace(heard, pieces=pieces)
 
@@ -118,7 +118,7 @@ def _settings(baudrate: int, frame: tuple[int, Parity]) -> LineSettings:
 
 
 def _judge(heard: LineSample, protocols: Sequence[Protocol], settings: LineSettings) -> Detected | None:
-    """Return what is understood with these settings; None when that is nothing, or could be chance."""
+    """Return the result with these settings; None if there are no sound telegrams or so few that they may be chance."""
     sniffer = Sniffer(protocols, settings=settings)
     items = [item for piece in heard.pieces for item in sniffer.feed(replace(piece, settings=settings))]
     sound = [each for each in _sound([*items, *sniffer.finish()]) if len(each[1]) >= SHORTEST_LONG]
@@ -135,7 +135,7 @@ def _judge(heard: LineSample, protocols: Sequence[Protocol], settings: LineSetti
 
 
 def _sound(items: Iterable[TrafficItem]) -> Iterator[tuple[str, bytes]]:
-    """Yield protocol and bytes of each telegram; which way it went may be open."""
+    """Yield protocol and bytes of each sound telegram, also if its direction is open."""
     for item in items:
         if isinstance(item, HeardTelegram):
             yield item.protocol, item.data

@@ -1,20 +1,21 @@
-"""Who is speaking: what the earlier telegrams of a protocol say about the direction of the next one.
+"""Directions of telegrams, inferred from the earlier telegrams of the same protocol.
 
-Requests and replies of some protocols look alike. Then these count, each with a weight:
+Requests and replies of some protocols look alike. These observations count, each with a weight:
 
-- a reply comes soon after a request that it answers (the protocol's `mismatch` says so), or late after one that had no
-  answer;
-- a request is repeated, byte for byte; a reply may be, too;
-- without a request that it could answer, it is rather a request itself;
-- after a silence longer than the reply time, a request is due;
-- in the bytes that were always different in this drive's requests and its replies lately, it is like one of them.
+- A reply comes soon after a request that it answers (the protocol's `mismatch` decides), or late after one that had no
+  answer.
+- A request is repeated, byte for byte; a reply may be, too.
+- A telegram without a request that it could answer is probably a request.
+- After a silence longer than the reply timeout, a request is due.
+- Some bytes recently always differed between this drive's requests and its replies; in these bytes the telegram is like
+  one of the two.
 
-A telegram that repeats the request before it, or was heard both ways lately, says nothing by its bytes: a drive may
-answer a request with just the same. It is a reply when it comes as soon as this line's replies do, as far as that is
-known by others.
+A telegram that repeats the request before it, or that was recently heard in both directions, shows nothing by its
+bytes: a drive may answer a request with the same bytes. It is a reply if it comes as soon as other replies on this line
+do, if their usual delay is known.
 
-What may be the late answer to a request that had none is judged by its bytes alone: whether it comes after silence says
-nothing then. Where they say nothing either, its direction stays open.
+A telegram that may be the late answer to an unanswered request is judged by its bytes alone, because a silence before
+it shows nothing. If the bytes show nothing either, its direction stays open.
 """
 
 from __future__ import annotations
@@ -37,31 +38,31 @@ _REPEATED = 3
 _NOTHING_ASKED = 2
 _AFTER_SILENCE = 3
 _ALIKE, _MOST_ALIKE = 2, 6
-# Fewer bytes than these do not outweigh that something was asked.
+# Fewer matching bytes than this do not outweigh an open request.
 _FEW = _ANSWERS_NOW // _ALIKE
 
-# Bad lines, and the adapters at their ends, hold a reply back for longer than any drive does.
+# Bad lines and their adapters can delay a reply more than any drive does.
 _LATEST_S = 2.0
-# So often in a row nothing answers late: there is no such drive, and these are its requests.
+# After this many undecided telegrams without a reply no such drive exists, and these are requests to it.
 _MOST_DOUBTS = 3
 
 _KEPT_REQUESTS = 8
 _KEPT_EXAMPLES = 6
 _KEPT_ENDS = 4
 _KEPT_DELAYS = 9
-# A reply comes as usual between half and twice the usual time; many adapters delay it by some milliseconds.
+# A usual reply takes between half and twice the usual time; many adapters add some milliseconds.
 _AS_USUAL, _STEP_S = 2, 0.005
 
 
 def asks(protocol: Protocol, request: Message) -> bool:
-    """Whether a request has something to be answered; one that has not only closes what came before."""
+    """Whether a request calls for an answer; other requests only end the exchange before."""
     return protocol.intent is not None and protocol.intent(request).access != ""
 
 
 class Observation(NamedTuple):
-    """What was on the line: the ways to read it, one for each direction that it may have, and when.
+    """A telegram on the line: its readings, one for each possible direction, and its times.
 
-    behind_others: whether the telegram before it was one of another protocol.
+    behind_others: whether the telegram before it belonged to another protocol.
     """
 
     readings: Sequence[Reading]
@@ -71,7 +72,7 @@ class Observation(NamedTuple):
     behind_others: bool = False
 
     def reading(self, direction: Direction) -> Reading | None:
-        """Return how it reads in this direction."""
+        """Return the reading in this direction; None if there is none."""
         for reading in self.readings:
             if reading.direction == direction:
                 return reading
@@ -93,14 +94,14 @@ class _Examples:
         self._columns: list[frozenset[int]] | None = None
 
     def add(self, data: bytes) -> None:
-        """Keep one, unless it is kept."""
+        """Keep a telegram unless it is already kept."""
         if data not in self.kept:
             self.kept.append(data)
             self._columns = None
 
     @property
     def columns(self) -> list[frozenset[int]]:
-        """What has stood in each place."""
+        """The set of bytes seen at each position."""
         if self._columns is None:
             self._columns = [frozenset(column) for column in zip(*self.kept, strict=True)]
         return self._columns
@@ -108,18 +109,18 @@ class _Examples:
 
 @dataclass(slots=True)
 class DirectionEstimator:
-    """Infers who sends the telegrams of one protocol on one line, from what has been said in it."""
+    """Infers the direction of telegrams of one protocol on one line from the earlier ones."""
 
     protocol: Protocol
     _asked: deque[_Asked] = field(default_factory=lambda: deque(maxlen=_KEPT_REQUESTS))
     _examples: dict[tuple[object, int, Direction], _Examples] = field(default_factory=dict)
     _ends: dict[type[Message], deque[bool]] = field(default_factory=dict)
     certain: bool = False
-    """Whether it is known who speaks when."""
+    """Whether the directions of the earlier telegrams are certain."""
     spoken: bool = False
-    """Whether anything has been said in this protocol."""
+    """Whether any telegram of this protocol has been heard."""
     parity: Parity | None = None
-    """Which parity came as the eighth bit of the last telegram; None before the first."""
+    """Parity received as the eighth bit of the last telegram; None before the first telegram."""
     _just_answered: type[Message] | None = None
     _misheard_s: float = -inf
     _doubts: dict[object, int] = field(default_factory=dict)
@@ -134,7 +135,7 @@ class DirectionEstimator:
         self._too_late_s = timing.reply_timeout_s + timing.late_s
 
     def copy(self) -> DirectionEstimator:
-        """Return one that goes its own way from here."""
+        """Return an independent copy."""
         return replace(
             self,
             _asked=self._asked.copy(),
@@ -156,7 +157,7 @@ class DirectionEstimator:
         answered = reply.data in self._known(reply, "reply")
         asked = request.data in self._known(request, "request")
         if asked and not answered and (not self._asked or self._asked[-1].answered):
-            # Nothing speaks against it.
+            # Nothing suggests a reply.
             return "request"
         if (told := self._by_its_time(heard, reply, answered=answered)) is not None:
             return told
@@ -169,7 +170,7 @@ class DirectionEstimator:
         return "reply" if balance > 0 else "request"
 
     def expects(self, reply: Reading, began_s: float, silence_s: float) -> bool:
-        """Whether this is the reply to the last request, in time, whatever it may look like besides."""
+        """Whether this reply answers the last request in time and does not look more like a request."""
         last = self._asked[-1] if self._asked else None
         if last is None or last.answered or last.data == reply.data:
             return False
@@ -186,16 +187,16 @@ class DirectionEstimator:
 
     @property
     def awaits_any(self) -> bool:
-        """Whether the last request has no reply, on a line where it is known who speaks when."""
+        """Whether the directions on this line are certain and the last request has no reply yet."""
         return self.certain and bool(self._asked) and not self._asked[-1].answered
 
     def doubt(self, heard: Observation) -> None:
-        """Note a telegram whose direction stays open."""
+        """Record a telegram whose direction stays open."""
         address = getattr(heard.readings[0].message, "address", None)
         self._doubts[address] = self._doubts.get(address, 0) + 1
 
     def take(self, reading: Reading, began_s: float, ended_s: float) -> None:
-        """Note what was said."""
+        """Record a telegram with a known direction."""
         self.spoken = True
         data, direction = reading.data, reading.direction
         if not reading.short:
@@ -210,7 +211,7 @@ class DirectionEstimator:
         if direction == "request":
             for earlier in self._asked:
                 if not earlier.answered and earlier.data == data:
-                    # What is asked again has one answer, not two.
+                    # A repeated request has one answer, not two.
                     self._asked.remove(earlier)
                     break
             self._asked.append(_Asked(reading.message, data, ended_s))
@@ -226,12 +227,12 @@ class DirectionEstimator:
                 self._delays.append(began_s - asked.ended_s)
 
     def awaits(self, reply: Message, began_s: float) -> bool:
-        """Whether this is what the last request waits for."""
+        """Whether the last request is unanswered and this message can be its reply."""
         last = self._asked[-1] if self._asked else None
         return last is not None and not last.answered and self._may_answer(last, reply, began_s)
 
     def may_come(self, reading: Reading, began_s: float) -> bool:
-        """Whether this reply answers a request that has none, or a damaged one, or says again what it has just said."""
+        """Whether a reply is plausible: it answers an open or damaged request, or repeats a recent reply."""
         if began_s - self._misheard_s <= self._timeout_s and self._knows(reading.message):
             return True
         return any(
@@ -241,24 +242,24 @@ class DirectionEstimator:
         )
 
     def awaited(self, now_s: float) -> Message | None:
-        """Return the request whose reply is due now."""
+        """Return the request whose reply is due now; None if no reply is due."""
         last = self._asked[-1] if self._asked else None
         late = last is None or last.answered or now_s - last.ended_s > self._timeout_s
         return None if late or last is None or is_broadcast(self.protocol, last.message) else last.message
 
     def leaves_unanswered(self, request: Reading) -> bool:
-        """Whether the last request has no answer and this one is another."""
+        """Whether the last request has no answer and this request differs from it."""
         last = self._asked[-1] if self._asked else None
         if last is None or last.answered or is_broadcast(self.protocol, last.message):
             return False
         return last.data != request.data
 
     def mishear(self, ended_s: float) -> None:
-        """Note a request that was damaged: its drive may refuse it."""
+        """Record a damaged request, which its drive may refuse."""
         self._misheard_s = ended_s
 
     def close(self) -> None:
-        """Note that a telegram of one character, which may also be a broken request, followed the last reply."""
+        """Record that a telegram of one character, or a broken request, followed the last reply."""
         self._end(closed=True)
 
     @property
@@ -268,9 +269,9 @@ class DirectionEstimator:
 
     @property
     def closes_often(self) -> bool:
-        """Whether such a telegram is due: half of the conversations like the last one ended with it, or none is known.
+        """Whether a closing character is due, because half of the similar exchanges ended with one.
 
-        Of another kind of conversation it is known as soon as of one.
+        Exchanges of the same kind as the last one count; if none of that kind has ended yet, those of all kinds count.
         """
         if self._just_answered is None:
             return False
@@ -278,14 +279,14 @@ class DirectionEstimator:
         return sum(ends) * 2 >= len(ends)
 
     def plausibility(self, heard: Observation) -> int:
-        """Return how well a telegram fits into the conversation: 2 it answers, 1 its drive is known, 0 neither."""
+        """Return a score: 2 if the telegram answers the last request, 1 if its drive is known, else 0."""
         reply = heard.reading("reply")
         if reply is not None and self.awaits(reply.message, heard.began_s):
             return 2
         return 1 if any(self._knows(reading.message) for reading in heard.readings) else 0
 
     def _knows(self, message: Message) -> bool:
-        """Whether its drive has been heard of."""
+        """Whether a telegram of this message's drive has been heard."""
         named = getattr(message, "address", None)
         return any(address == named for address, _, _ in self._examples)
 
@@ -295,7 +296,7 @@ class DirectionEstimator:
         self._just_answered = None
 
     def _may_be_late(self, heard: Observation, reply: Reading) -> bool:
-        """Whether this may be what the drive says to a request that is over; not of a drive that never answers."""
+        """Whether this may be a late reply to an earlier request; False for a drive that never answers."""
         if self._doubts.get(getattr(reply.message, "address", None), 0) >= _MOST_DOUBTS:
             return False
         timeout_s = self._timeout_s
@@ -311,7 +312,10 @@ class DirectionEstimator:
         return False
 
     def _by_its_time(self, heard: Observation, reply: Reading, *, answered: bool) -> Direction | None:
-        """Return the direction of a telegram whose bytes say nothing; None when they do, or no usual time is known."""
+        """Infer the direction of a telegram from its time, if its bytes do not show it.
+
+        Return None if its bytes show the direction, or if no usual reply time is known.
+        """
         last = self._asked[-1] if self._asked else None
         if last is None or not self._delays:
             return None
@@ -319,7 +323,7 @@ class DirectionEstimator:
         if not both_ways and (last.answered or last.data != reply.data):
             return None
         usual_s = sorted(self._delays)[len(self._delays) // 2]
-        # Without any time in between, a telegram is one that was sent twice, or all of it came in one step.
+        # With no delay at all, the telegram was sent twice, or the data was delivered in one step.
         if usual_s <= 0:
             return None
         if usual_s / _AS_USUAL <= heard.began_s - last.ended_s <= _AS_USUAL * usual_s + _STEP_S:
@@ -327,7 +331,7 @@ class DirectionEstimator:
         return None if self._may_be_late(heard, reply) else "request"
 
     def _timeliness(self, heard: Observation, reply: Reading) -> int:
-        """Return what the pauses say, above 0 for a reply and below 0 for a request."""
+        """Return a weight for the pauses: above 0 for a reply, below 0 for a request."""
         timeout_s = self._timeout_s
         due = self.awaits(reply.message, heard.began_s)
         prompt = due and self._asked[-1].data != reply.data and heard.began_s - self._asked[-1].ended_s <= timeout_s
@@ -349,7 +353,7 @@ class DirectionEstimator:
         return now_s - asked.ended_s <= self._too_late_s and self._belong(asked.message, reply)
 
     def _belong(self, request: Message, reply: Message) -> bool:
-        """Whether this reply answers this request; the latest answer is kept, it is asked for several times."""
+        """Whether this reply answers this request; the last result is cached because callers repeat the check."""
         known = self._compared
         if known is None or known[0] is not request or known[1] is not reply:
             known = self._compared = request, reply, not self.protocol.mismatch(request, reply)
@@ -360,11 +364,11 @@ class DirectionEstimator:
         return () if examples is None else examples.kept
 
     def _examples_of(self, reading: Reading, direction: Direction) -> _Examples | None:
-        """Return the telegrams of its length that went to this drive, or came from it."""
+        """Return recent telegrams of the same length to this drive, or from it, by direction."""
         return self._examples.get((getattr(reading.message, "address", None), len(reading.data), direction))
 
     def _differs_as(self, requests: _Examples, reply: Reading) -> bool:
-        """Whether it is like requests in enough of what differs from the reply before."""
+        """Whether enough of the bytes that differ from the previous reply occur in earlier requests."""
         replies = self._examples_of(reply, "reply")
         if replies is None:
             return False
@@ -372,13 +376,13 @@ class DirectionEstimator:
         return len([byte for byte, before, asked in bytes_of_both if byte != before and byte in asked]) >= _FEW
 
     def _likeness(self, reading: Reading) -> int:
-        """Return how much it is like this drive's requests, below 0 like its replies, 0 when that does not show."""
+        """Return a weight above 0 if the bytes match this drive's requests, below 0 for its replies, 0 if unclear."""
         requests, replies = self._examples_of(reading, "request"), self._examples_of(reading, "reply")
         if requests is None or replies is None:
             return 0
         like_requests = like_replies = 0
-        # The check says nothing of its own.
-        # Requests are the same again and again, so their sets are kept; replies seldom are.
+        # Leave out the last byte: a check depends on the other bytes.
+        # Requests repeat, so their column sets are cached; replies seldom repeat.
         for byte, asked, answered in zip(
             reading.data[:-1], requests.columns, zip(*replies.kept, strict=True), strict=False
         ):
@@ -386,7 +390,7 @@ class DirectionEstimator:
                 like_replies += byte not in asked and asked.isdisjoint(answered)
             elif byte in asked:
                 like_requests += asked.isdisjoint(answered)
-        # In a few examples bytes differ by chance, which says little about a telegram that is none of them.
+        # With few examples bytes differ by chance, so they count less for a telegram that is not among them.
         is_new = reading.data not in requests.kept and reading.data not in replies.kept
         most = min(_MOST_ALIKE, len(requests.kept), len(replies.kept)) if is_new else _MOST_ALIKE
         return max(-most, min(most, _ALIKE * (like_requests - like_replies)))

@@ -1,4 +1,4 @@
-"""Drives that are expected on a line: those that a recording names, and the protocols in the order to look for them."""
+"""Drives that a recording names, and the protocols in the order in which to look for them."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 
 def recorded_with(provenance: Provenance) -> list[DriveConfig]:
-    """Return the drives that a recording says were on its line; those of protocols that are not installed are left out.
+    """Return the drives that a recording lists for its line, without those of protocols that are not installed.
 
-    A header may come from anywhere, so that what is no drive is passed over, too.
+    The header may come from anywhere, so entries that do not name a valid drive are skipped.
     """
     found = []
     for text in provenance.drives:
@@ -31,6 +31,9 @@ def recorded_with(provenance: Provenance) -> list[DriveConfig]:
 
 
 def protocols_for(drives: Iterable[DriveConfig]) -> list[Protocol]:
-    """Return all protocols, these drives' first: of two whose telegrams are the same only one is looked for."""
+    """Return all protocols, those of these drives first.
+
+    The sniffer looks only for the first of two protocols whose telegrams are the same.
+    """
     names = [*(each.protocol for each in drives), *(each.name for each in installed.working())]
     return [installed[name] for name in dict.fromkeys(names)]

@@ -1,4 +1,4 @@
-"""One line monitored: its telegrams, which reply answers which request, and statistics for each drive."""
+"""One monitored line: its telegrams, its pairs of request and reply, and statistics for each drive."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
 
 class LineEvent(NamedTuple):
-    """What happened on a line.
+    """An event on a line.
 
-    item: what was heard; None when a request was given up without an answer. pair: for a reply, what it answers; for
-    a request that was given up, that. retries: for a request, how often it had been asked before in a row.
+    item: the telegram or bytes heard; None if a request went unanswered. pair: the request and reply that end with this
+    event, or the request that went unanswered. retries: number of times that a request was sent before in a row.
     """
 
     line: str
@@ -33,7 +33,7 @@ class LineEvent(NamedTuple):
 
     @property
     def drive(self) -> str:
-        """Whom it concerns, as PROTOCOL:ADDRESS; empty where that is not known."""
+        """The drive concerned, as PROTOCOL:ADDRESS, or the protocol alone; empty if unknown."""
         item = self.item
         if isinstance(item, HeardTelegram):
             return item.drive
@@ -43,14 +43,14 @@ class LineEvent(NamedTuple):
 
     @property
     def wrong(self) -> bool:
-        """Whether it should not have happened: damage, a repetition, a reply that is missing, late or not asked for."""
+        """Whether the event is a fault: damage, a repetition, or a missing, late or stray reply."""
         if not isinstance(self.item, HeardTelegram):
             return True
         return self.retries > 0 or (self.pair is not None and self.pair.outcome != "answered")
 
 
 class LineMonitor:
-    """Monitors one line. name: the line's name in a capture; the rest as for `Sniffer`."""
+    """Monitor of one line. name: the line's name in a capture. The other arguments are those of `Sniffer`."""
 
     def __init__(
         self,
@@ -68,19 +68,19 @@ class LineMonitor:
 
     @property
     def statistics(self) -> Mapping[str, Statistics]:
-        """What was counted, see `Tally.drives`."""
+        """The counters of each drive, see `Tally.drives`."""
         return self._tally.drives
 
     def feed(self, piece: Piece) -> list[LineEvent]:
-        """Take bytes from the line; return what is now certain."""
+        """Process bytes from the line; return the events that are now certain."""
         return self._events(self._sniffer.feed(piece))
 
     def flush(self, now: float) -> list[LineEvent]:
-        """Return what is certain now that nothing has come up to this time."""
+        """Return the events that are certain because the line has been silent up to this time."""
         return self._events(self._sniffer.flush(now))
 
     def finish(self) -> list[LineEvent]:
-        """Return the rest, now that nothing follows."""
+        """Return the remaining events at the end of the traffic."""
         events = self._events(self._sniffer.finish())
         return events + [self._given_up(pair, pair.request.time_s if pair.request else 0.0) for pair in self._left()]
 
@@ -119,9 +119,9 @@ _KEPT_UNANSWERED = 8
 class Pair(NamedTuple):
     """A request and its reply.
 
-    outcome: answered; late: the master had gone on already; unanswered: it went on, and no reply came; stray: a reply
-    to nothing that was asked. reply_time_s: from the request's last character to the reply's last one. retries: how
-    often the master had asked the same before.
+    outcome: "answered"; "late": answered after the master had continued; "unanswered": the master continued and no
+    reply came; "stray": a reply without a request. reply_time_s: from the request's last character to the reply's last
+    one. retries: number of times that the master had sent the same request before.
     """
 
     outcome: PairOutcome
@@ -132,33 +132,36 @@ class Pair(NamedTuple):
 
     @property
     def drive(self) -> str:
-        """Who was asked or answered."""
+        """The drive that was asked or that answered."""
         telegram = self.request or self.reply
         return telegram.drive if telegram else ""
 
 
 @dataclass(slots=True)
 class Pairing:
-    """Pairs the telegrams of one line; one master asks one thing at a time. protocols: those that may be spoken."""
+    """Pairs the requests and replies of one line, whose master has one request open at a time.
+
+    protocols: those that may be spoken.
+    """
 
     protocols: Iterable[Protocol]
     _by_name: dict[str, Protocol] = field(init=False)
     _open: HeardTelegram | None = None
     retries: int = field(default=0, init=False)
-    """How often the open request had been asked before in a row."""
+    """Number of times that the open request was sent before in a row."""
     _unanswered: deque[HeardTelegram] = field(default_factory=lambda: deque(maxlen=_KEPT_UNANSWERED))
 
     def __post_init__(self) -> None:
         self._by_name = {protocol.name: protocol for protocol in self.protocols}
 
     def feed(self, item: TrafficItem) -> list[Pair]:
-        """Take what was heard next; return what is now known to be over."""
+        """Process the next item; return the pairs that are now complete."""
         if not isinstance(item, HeardTelegram):
             return []
         return self._request(item) if item.direction == "request" else [self._reply(item)]
 
     def finish(self) -> list[Pair]:
-        """Return what is open when nothing follows."""
+        """Return the open pair at the end of the traffic."""
         return self._leave()
 
     def _request(self, request: HeardTelegram) -> list[Pair]:
@@ -201,21 +204,21 @@ class Pairing:
 
 
 LINE = "line"
-"""Under this name stands what belongs to no drive."""
+"""Key of the counters that belong to no drive."""
 
 
 @dataclass(slots=True)
 class Tally:
-    """Statistics by drive, PROTOCOL:ADDRESS, in the words of `drivecomm.link.statistics.COUNTERS`.
+    """Statistics by drive, as PROTOCOL:ADDRESS; the counters are those of `drivecomm.link.statistics.COUNTERS`.
 
-    What belongs to a protocol but to no drive stands under the protocol's name, unknown bytes under `line`.
+    Counters of a protocol without a known drive are under the protocol's name, unknown bytes under `line`.
     """
 
     drives: dict[str, Statistics] = field(default_factory=lambda: defaultdict(Statistics))
     _damaged: set[str] = field(default_factory=set)
 
     def feed(self, item: TrafficItem) -> None:
-        """Count what was heard."""
+        """Count an item."""
         if isinstance(item, HeardTelegram):
             if not item.expects_reply and item.broadcast:
                 self._count(item.drive, "requests")
@@ -227,9 +230,9 @@ class Tally:
             self._count(LINE, "noise bytes", len(item.data))
 
     def pair(self, pair: Pair) -> None:
-        """Count what became of a request."""
+        """Count the outcome of a request."""
         if pair.outcome in ("stray", "late"):
-            # The request of a late reply has been counted as unanswered.
+            # The request of a late reply has already been counted as unanswered.
             self._count(pair.drive, "strays")
             return
         self._count(pair.drive, "retries" if pair.retries else "requests")

@@ -1,7 +1,7 @@
-"""What a request asks for, and what its reply says, in the words of a drive's model.
+"""The parameter that a request concerns, and the value in its reply, as a drive's model names them.
 
-Nothing is decoded here a second time: the exchange that reads a parameter says which request asks for it, and makes a
-reading of the reply.
+No decoding is repeated here: the exchange that reads a parameter defines its request and converts the reply to a
+reading.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Message, Model, ParameterInfo, Protocol, Reading
 
 
-class _AnotherReplyNeeded(Exception):  # noqa: N818 - it ends an exchange that one reply does not
+class _AnotherReplyNeeded(Exception):  # noqa: N818 - control flow, not an error
     pass
 
 
@@ -35,13 +35,13 @@ class ParameterNames:
             self._known.setdefault(self._key(asked), info)
 
     def parameter(self, request: Message) -> ParameterInfo | None:
-        """Return the parameter that a request reads or writes, None when the model does not know it."""
+        """Return the parameter that a request reads or writes; None if it is not in the model."""
         return self._known.get(self._key(fields_of(request))) if self._naming else None
 
     def reading(self, request: Message, reply: Message) -> Reading | None:
-        """Return the value in a reply; None where there is none, or more telegrams belong to it.
+        """Return the value in a reply; None if it has none, or if reading it takes more than one reply.
 
-        Raises DriveError when the drive refused.
+        Raises DriveError if the drive refused.
         """
         info = self.parameter(request)
         if info is None:
@@ -50,7 +50,7 @@ class ParameterNames:
 
         def answer(command: Ask | Tell) -> Message | None:
             if isinstance(command, Tell):
-                # What the master says afterwards that nobody answers.
+                # The master sends this afterwards and no drive answers it.
                 return None
             if not replies or self._protocol.mismatch(_addressed_as(request, command.message), reply):
                 raise _AnotherReplyNeeded
@@ -62,7 +62,7 @@ class ParameterNames:
             return None
 
     def _asked(self, info: ParameterInfo) -> dict[str, Any] | None:
-        """Return the fields of the request that reads a parameter; None for one that cannot be read."""
+        """Return the fields of the request that reads a parameter; None if the parameter cannot be read."""
         try:
             exchange = self._operations.read(info.address)
             command = next(exchange)
@@ -76,18 +76,21 @@ class ParameterNames:
 
 
 def _addressed_as(heard: Message, own: Message) -> Message:
-    """Return our own request, with the address written as the master on the line writes it."""
+    """Return our own request with the address fields of the request on the line."""
     names = {field.name for field in fields(own) if field.name.startswith("address")}
     return replace(own, **{name: getattr(heard, name) for name in names if hasattr(heard, name)})
 
 
 def _naming_fields(asks: Iterable[Mapping[str, Any]]) -> list[str]:
-    """Return the fields that tell the parameters apart, and no more: a write has the parameter, but another command."""
+    """Return a minimal list of fields that distinguish the parameters, without fields such as the command.
+
+    A write request has the same values in these fields as the read request of its parameter.
+    """
     values: dict[str, set[Any]] = {}
     rows = list(asks)
     for name in {name for row in rows for name in row}:
         values[name] = {_hashable(row.get(name)) for row in rows}
-    # Those that say least are left out first.
+    # Try to drop the fields with the fewest different values first.
     names = sorted((name for name in values if len(values[name]) > 1), key=lambda name: (-len(values[name]), name))
     for name in reversed(names[1:]):
         fewer = [other for other in names if other != name]

@@ -1,7 +1,8 @@
-"""What was heard, in the order of the line, held back until it is known who speaks when.
+"""Items in the order of the line, held back until the directions of their telegrams are certain.
 
-Whoever begins to listen may do so at a reply. Both beginnings are played through until one explains clearly more.
-Between the drives of several makers a reply comes after its request, and a request after what others said.
+Listening may start in the middle of an exchange, at a reply. Both possible starts are evaluated until one of them
+explains clearly more telegrams. Between drives of several protocols, a reply follows its request, and a request may
+follow telegrams of other protocols.
 """
 
 from __future__ import annotations
@@ -20,21 +21,21 @@ if TYPE_CHECKING:
     from drivecomm.traffic.sniffer.traffic_items import TrafficItem
 
 _CLEARLY_BETTER = 2
-# An odd number: where requests and replies alternate, the next beginning is the other one.
+# An odd number: if requests and replies alternate, the next attempt starts with the other direction.
 _LONGEST_DOUBT = 15
 _AGREED = 4
 
 
 @dataclass(slots=True)
 class _Slot:
-    """An item in its place, None while its direction is not known."""
+    """A reserved place for an item; the item is None while its direction is unknown."""
 
     heard: Observation
     item: TrafficItem | None = None
 
 
 class PendingItems:
-    """Items of one line. estimators: of the protocols that may be spoken, by name."""
+    """Pending items of one line. estimators: of the protocols that may be spoken, by name."""
 
     def __init__(self, estimators: Mapping[str, DirectionEstimator]) -> None:
         self._estimators = estimators
@@ -42,18 +43,18 @@ class PendingItems:
         self._open: dict[str, list[_Slot]] = {name: [] for name in estimators}
 
     def add(self, item: TrafficItem) -> None:
-        """Take what has no direction, or whose direction is known."""
+        """Append an item that needs no direction, or whose direction is known."""
         self._found.append(item)
 
     def hear_alone(self, heard: Observation) -> list[TrafficItem]:
-        """Take the next telegram as `hear` does; return what is now certain."""
+        """Process the next telegram as `hear` does; return the items that are now certain."""
         if not self._found and (item := self._directed(heard)) is not None:
             return [item]
         self.hear(heard)
         return self.certain()
 
     def hear(self, heard: Observation) -> None:
-        """Take the next telegram of a protocol, one way or the other."""
+        """Process the next telegram of a protocol, whether its direction is certain or not."""
         if (item := self._directed(heard)) is not None:
             self._found.append(item)
             return
@@ -66,7 +67,7 @@ class PendingItems:
             self._give_up(name)
 
     def certain(self) -> list[TrafficItem]:
-        """Return the items before the first whose direction is still open, and keep the others."""
+        """Remove and return the items before the first one whose direction is still open."""
         certain: list[TrafficItem] = []
         for each in self._found:
             item = each.item if isinstance(each, _Slot) else each
@@ -77,13 +78,13 @@ class PendingItems:
         return certain
 
     def finish(self) -> None:
-        """Settle all that is open: nothing follows."""
+        """Settle all open directions at the end of the traffic."""
         for name in self._open:
             self._settle(name, 1)
             self._give_up(name)
 
     def _directed(self, heard: Observation) -> TrafficItem | None:
-        """Return what a telegram is that has one direction only, or comes where it is known who speaks when."""
+        """Return the item of a telegram with a single reading or with certain directions in its protocol; else None."""
         readings = heard.readings
         name = readings[0].protocol.name
         estimator = self._estimators[name]
@@ -122,13 +123,13 @@ def _taken(estimator: DirectionEstimator, heard: Observation, reading: Reading) 
 def _infer_directions(
     estimator: DirectionEstimator, telegrams: Sequence[Observation], margin: int
 ) -> list[Direction | None] | None:
-    """Return the directions of the first telegrams if one beginning explains so much more; None otherwise."""
+    """Return the directions of the first telegrams if one start explains them clearly better; None otherwise."""
     asking, as_asked = _play(estimator, telegrams, "request")
     answering, as_answered = _play(estimator, telegrams, "reply")
     if abs(asking - answering) >= margin:
         return as_asked if asking > answering else as_answered
     agreed = [one if one == other else None for one, other in zip(as_asked, as_answered, strict=True)]
-    # How it began may stay open for ever when both lead to the same.
+    # Both starts agree on the latest telegrams, so the first ones may keep an open direction.
     lately = agreed[-_AGREED:]
     is_settled = len(agreed) > _AGREED and "request" in lately and "reply" in lately and None not in lately
     return agreed if is_settled else None
@@ -137,7 +138,10 @@ def _infer_directions(
 def _play(
     estimator: DirectionEstimator, telegrams: Sequence[Observation], first: Direction
 ) -> tuple[int, list[Direction | None]]:
-    """Return how much is explained when the first telegram has this direction: pairs, less what fits nowhere."""
+    """Return a score for the first telegram having this direction, and the directions that follow from it.
+
+    A reply that was due adds one; a telegram that does not fit subtracts one.
+    """
     state = estimator.copy()
     score = 0
     directions: list[Direction | None] = []

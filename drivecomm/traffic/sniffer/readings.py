@@ -1,4 +1,4 @@
-"""What the bytes at one place of a stretch can be, asked of the protocols' own codecs."""
+"""Readings of the bytes at one position of a stretch, made with the codecs of the protocols."""
 
 from __future__ import annotations
 
@@ -14,18 +14,19 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Codec, Direction, Message, Parity, Protocol
 
 
-# More than any telegram has, see drivecomm.protocol.framing.
+# Longer than any telegram, see drivecomm.protocol.framing.
 _HEAD = 512
-# The same bytes are asked about again and again: by a master that polls, and in a flood.
+# The same bytes are decoded repeatedly: when a master polls, and in a flood.
 _REMEMBERED = 256
-# What has fewer bytes says so little that it is a telegram only where one is due.
+# Fewer bytes say so little that they count as a telegram only if one is due.
 SHORTEST_LONG = 4
 
 
 class Reading(NamedTuple):
     """A sound telegram from `start` up to `end`.
 
-    data: without the parity bits, where the line has seven data bits. parity: what those were, N where there are none.
+    data: without parity bits, if the line has seven data bits. parity: the parity that the eighth bits had, "N" for
+    eight data bits.
     """
 
     start: int
@@ -38,13 +39,13 @@ class Reading(NamedTuple):
 
     @property
     def short(self) -> bool:
-        """Whether it could easily be chance."""
+        """Whether the telegram is so short that it may be chance."""
         return self.end - self.start < SHORTEST_LONG
 
 
 @dataclass(frozen=True, slots=True)
 class Broken:
-    """Bytes with the shape of a telegram that are none."""
+    """Bytes with the shape of a telegram that do not decode."""
 
     start: int
     end: int
@@ -54,7 +55,7 @@ class Broken:
 
 
 class Unfinished:
-    """What may become a telegram when more bytes come."""
+    """The beginning of a telegram that may be completed by more bytes."""
 
 
 Look: TypeAlias = Reading | Broken | Unfinished | None
@@ -78,22 +79,25 @@ class Reader:
         return self._codec.measure(bytes([byte]), self.direction) != 0
 
     def goes_beyond(self, pair: bytes) -> bool:
-        """Whether a telegram of more than two characters can begin with these two, or with the only one of them."""
+        """Whether a longer telegram can begin with these one or two characters."""
         text = self._text(pair, 0, 2)
         return len(text) == len(pair) and self._codec.measure(text, self.direction) > len(pair)
 
     def ends_with_first(self, byte: int) -> bool:
-        """Whether what begins with this byte twice is no telegram, or one of a single character."""
+        """Whether no telegram of two or more characters can begin with this byte twice."""
         return self._codec.measure(self._text(bytes([byte, byte]), 0, 2), self.direction) <= 1
 
     def fits(self, data: bytes) -> bool:
-        """Whether these bytes are as long as a telegram that begins like this, or none begins like this."""
+        """Whether these bytes have the length of a telegram that begins with them, or cannot begin a telegram."""
         text = self._text(data, 0, len(data))
         needed = self._codec.measure(text, self.direction)
         return not needed or needed == len(text) == len(data)
 
     def look(self, data: bytes, start: int, limit: int) -> Look:
-        """Return what begins at `start` when nothing from `limit` on can belong to it, but more may come there."""
+        """Return the telegram that begins at `start`, where bytes up to `limit` belong to it and more may follow.
+
+        Return None if no telegram begins there.
+        """
         end = min(limit, start + _HEAD)
         head = self._text(data, start, end)
         over = start + len(head) < end
@@ -107,12 +111,15 @@ class Reader:
         return _UNFINISHED
 
     def look_at_rest(self, data: bytes, start: int, limit: int) -> Look:
-        """Return what begins at `start` when nothing comes after `limit`: a whole telegram or a broken one."""
+        """Return the whole or broken telegram that begins at `start`; no bytes follow after `limit`.
+
+        Return None if no telegram begins there.
+        """
         found = self.look(data, start, limit)
         return self._read(self._text(data, start, limit), start) if isinstance(found, Unfinished) else found
 
     def _text(self, data: bytes, start: int, end: int) -> bytes:
-        """Return the characters from `start` on, those of this reader's format only."""
+        """Return the characters from `start` on, up to the first that does not have this reader's format."""
         return data[start:end]
 
     def _read(self, taken: bytes, start: int) -> Reading | Broken:
@@ -130,7 +137,7 @@ class Reader:
 
 
 class SevenBitReader(Reader):
-    """Reads telegrams of seven data bits whose parity bits came as the eighth, as a listener set to 8N1 hears them."""
+    """Reads telegrams of seven data bits from a listener set to 8N1, which receives the parity as the eighth bit."""
 
     def __init__(self, protocol: Protocol, codec: Codec, direction: Direction, parity: Parity) -> None:
         super().__init__(protocol, codec, direction)
@@ -143,17 +150,17 @@ class SevenBitReader(Reader):
         return not self._wrong[byte] and super().begins_with(byte & 0x7F)
 
     def _text(self, data: bytes, start: int, end: int) -> bytes:
-        """As `Reader._text`, without the parity bits; a wrong one ends it."""
+        """Return the characters without their parity bits, up to the first with a wrong parity."""
         heard = data[start:end]
         wrong = heard.translate(self._wrong).find(1)
         return (heard if wrong < 0 else heard[:wrong]).translate(self._plain)
 
 
 def readers_of(protocol: Protocol, options: Any) -> list[Reader]:
-    """Return the readers of a protocol: of both directions, and of seven data bits that are heard as eight."""
+    """Return the readers of a protocol for both directions, also for seven data bits that are received as eight."""
     directions: tuple[Direction, Direction] = ("request", "reply")
     chosen = protocol.options() if options is None else options
-    # A codec may remember what it has just measured, so each reader has its own.
+    # A codec may store its last measurement, so each reader has its own codec.
     readers = [Reader(protocol, protocol.codec(chosen), direction) for direction in directions]
     settings = protocol.facts.settings
     if settings.bytesize == 7 and settings.parity != "N":
@@ -168,34 +175,37 @@ def _parity_bit(byte: int, parity: Parity) -> int:
     return 0x80 * {"E": odd, "O": 1 - odd, "M": 1, "S": 0, "N": 0}[parity]
 
 
-# A reading of random bytes is rare, two of them at once are rarer by far: number goes before everything else.
+# A sound reading of random bytes is rare and two are much rarer, so the number of readings counts most.
 _EACH = 8
-# A select of VABus holds the reply with the same value: who explains all bytes is right.
+# A VABus select contains the reply with the same value; the reading that accounts for all bytes wins.
 _LEFT_OVER, _MANY = 3, 2
 _CLEARLY_BETTER = 2
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """One telegram that may have been sent, one way or the other. merit: what else speaks for it, or against."""
+    """One telegram that may have been sent, in either direction.
+
+    merit: points for and against it besides its bytes.
+    """
 
     readings: tuple[Reading, ...]
     merit: int
 
     @property
     def start(self) -> int:
-        """Where it begins."""
+        """Position of its first byte."""
         return self.readings[0].start
 
     @property
     def end(self) -> int:
-        """Where it is over."""
+        """Position behind its last byte."""
         return self.readings[0].end
 
 
 @dataclass(frozen=True, slots=True)
 class _Choice:
-    """Candidates one after the other. end: where the last is over; left_over: characters before it that none has."""
+    """Consecutive candidates. end: position behind the last. left_over: unexplained characters before that position."""
 
     weight: int
     end: int
@@ -207,17 +217,17 @@ class _Choice:
         return _Choice(self.weight + _EACH + next_one.merit, next_one.end, left_over, (*self.chosen, next_one))
 
     def complete(self, end: int) -> int:
-        """Return the weight when nothing follows."""
+        """Return the weight of this choice if no candidate follows."""
         return self.weight - _LEFT_OVER * min(_MANY, self.left_over + end - self.end)
 
 
 def choose(candidates: Sequence[Candidate]) -> list[Candidate] | None:
-    """Return those that explain the bytes best and share none, in their order; None when two choices are as good."""
+    """Return candidates without common bytes that explain the bytes best, in order; None if two choices are as good."""
     begin, end = min(each.start for each in candidates), max(each.end for each in candidates)
     choices = [_Choice(weight=0, end=begin, left_over=0)]
     for each in sorted(candidates, key=lambda each: each.end):
         longer = [choice.behind(each) for choice in choices if choice.end <= each.start]
-        # What is not among the two best here is not among the two best in the end.
+        # A choice that is not among the two best for its left_over cannot become one of the two best overall.
         for left_over in range(_MANY + 1):
             choices += _best(choice for choice in longer if choice.left_over == left_over)
     ranked = sorted(choices, key=lambda choice: choice.complete(end), reverse=True)[:2]

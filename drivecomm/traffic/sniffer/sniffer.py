@@ -1,12 +1,13 @@
-"""Telegrams of several protocols out of one stream of bytes of both directions. No I/O, no clock.
+"""Decoding of the telegrams of several protocols from one stream of bytes in both directions. No I/O, no clock.
 
-A place in the stream is asked of all protocols, in both directions, by their own codecs. What is sound is a candidate.
-Where candidates share bytes, more telegrams win over fewer, then those that fit into the conversation and the pauses.
-Two readings that are equally good are reported as ambiguous: no telegram is guessed.
+At each position of the stream, the codecs of all protocols are tried in both directions. Each sound telegram is a
+candidate. If candidates share bytes, more telegrams win over fewer, then those that fit the conversation and the
+pauses. Two equally good readings are reported as ambiguous, without a guess.
 
-Telegrams of one to three characters (an ACK) say too little. They are believed only of a protocol that is spoken on the
-line, where they stand alone or between sound telegrams, and are what a request waits for; a request of one character
-where such ones regularly end conversations, or where it asks again behind a reply that was the last on the line.
+Telegrams of one to three characters, such as an ACK, prove little. They are accepted only in a protocol that is spoken
+on the line, if they stand alone or between sound telegrams. A reply must also be expected by a request. A request of
+one character is accepted if such requests regularly end conversations, or if it requests more behind a reply that was
+the last telegram on the line.
 """
 
 from __future__ import annotations
@@ -32,21 +33,21 @@ if TYPE_CHECKING:
 _SENDERS: dict[str, Direction] = {"master": "request", "drive": "reply"}
 Belief: TypeAlias = Literal["yes", "no", "wait", "perhaps"]
 
-# Unexplained bytes that never pause are reported in pieces of this size.
+# Unexplained bytes without a pause are reported in pieces of this size.
 _LONGEST_UNKNOWN = 4096
-# So many readings that share bytes are looked at together; what is sound by chance seldom shares them with two others.
+# Number of readings with common bytes that are compared together; a chance reading seldom overlaps two others.
 _TOGETHER = 16
-# What a pause inside a telegram says against it, see drivecomm.traffic.sniffer.readings.
+# Penalty for a pause inside a telegram, see drivecomm.traffic.sniffer.readings.
 _TORN = 6
-# So often in a row a single character is noise.
+# A character that is repeated this often is noise.
 _MANY = 4
-# Pieces that are a whole telegram are known again: so many, none longer than this.
+# Number of cached whole telegrams, and the length up to which a telegram is cached.
 _MOST_KNOWN = 512
 _LONGEST_KNOWN = 300
 
 
 def _told_apart(protocols: Iterable[Protocol]) -> list[Protocol]:
-    """Leave out each protocol that has its telegrams in common with one before it, as both say."""
+    """Return the protocols without each one that is ambiguous with an earlier one, as both must declare."""
     known: list[Protocol] = []
     for each in protocols:
         if not any(each.name in other.ambiguous_with and other.name in each.ambiguous_with for other in known):
@@ -55,14 +56,14 @@ def _told_apart(protocols: Iterable[Protocol]) -> list[Protocol]:
 
 
 class Sniffer:
-    """Listens to one line.
+    """Decoder for the traffic of one line.
 
-    protocols: those to look for; of two that both declare their telegrams ambiguous only the first. settings: the line
-    settings, where they are known and a piece does not say them. options: the protocols' drive options by protocol
-    name, where they are not the protocol's own, such as pnu_bits.
+    protocols: those to look for; of two that declare each other ambiguous, only the first is used. settings: the line
+    settings if known, for pieces without their own. options: drive options by protocol name, such as pnu_bits, if they
+    differ from the protocol's defaults.
 
-    Feed it pieces in the order of their times, in any sizes. What is certain comes back, in the order of the line. Call
-    `flush` while nothing comes, so that what only silence can end is not held back, and `finish` at the end.
+    Feed pieces in the order of their times, in any sizes. Items are returned once they are certain, in the order of the
+    line. Call `flush` during silence, so that no item that only silence can end is held back, and `finish` at the end.
     """
 
     def __init__(
@@ -89,7 +90,7 @@ class Sniffer:
         self._silence_s = 0.0
 
     def feed(self, piece: Piece) -> list[TrafficItem]:
-        """Take bytes from the line and return what is now certain."""
+        """Process bytes from the line and return the items that are now certain."""
         if not piece.data:
             return self.flush(piece.time_s)
         self._silence_s = 0.0
@@ -110,20 +111,20 @@ class Sniffer:
                 stretch.append(piece)
                 self._search()
                 return self._pending.certain()
-        # One whole telegram and nothing else, as nearly always.
+        # The usual case: the piece is exactly one whole telegram.
         name, before = readings[0].protocol.name, self._spoken_last
         self._spoken_last = name
         stretch.pass_by(piece)
         return self._pending.hear_alone(Observation(readings, began_s, ended_s, silence_s, before not in ("", name)))
 
     def flush(self, now: float) -> list[TrafficItem]:
-        """Return what is certain now that nothing has come up to this time."""
+        """Return the items that are certain because the line has been silent up to this time."""
         self._silence_s = max(0.0, self._stretch.silence_after(now))
         self._search()
         return self._pending.certain()
 
     def finish(self) -> list[TrafficItem]:
-        """Return all that is left, now that nothing follows."""
+        """Return all remaining items at the end of the traffic."""
         self._silence_s = inf
         self._search()
         self._pending.finish()
@@ -137,7 +138,7 @@ class Sniffer:
             self._report(self._place)
 
     def _expected(self, piece: Piece, began_s: float, silence_s: float) -> Sequence[Reading]:
-        """Return a piece that is the reply to the last request and nothing else, not read as a request then."""
+        """Return the reading of a piece that is exactly the reply to the last request; empty for any other piece."""
         name, data = self._spoken_last, piece.data
         if not name or piece.source == "master" or not (estimator := self._estimators[name]).awaits_any:
             return ()
@@ -151,7 +152,7 @@ class Sniffer:
         return readings if estimator.expects(readings[0], began_s, silence_s) else ()
 
     def _decide_single(self, piece: Piece, silence_s: float) -> bool:
-        """Decide about a single character that a whole telegram follows; returns whether nothing is left of it."""
+        """Classify a single character before a whole telegram; return whether it was removed from the stretch."""
         if self._place or silence_s > self._shortest_gap_s:
             return False
         ways, unfinished = self._single_before(self._stretch.data, piece.data)
@@ -163,7 +164,7 @@ class Sniffer:
         return self._conclude(*self._most_due(readings))
 
     def _single_before(self, character: bytes, data: bytes) -> tuple[list[Reading], frozenset[str]]:
-        """Return what a single character before this telegram may be, see `Beginnings.single`."""
+        """Return the readings of a single character before this telegram, from a cache; see `Beginnings.single`."""
         both = character + data
         known = self._singles.get(both)
         if known is None:
@@ -173,7 +174,7 @@ class Sniffer:
         return known
 
     def _readings_of_whole(self, data: bytes, source: Source) -> Sequence[Reading]:
-        """Return the ways to read a piece that is one telegram of one protocol for certain, none for any other."""
+        """Return the readings of a piece that is certainly one whole telegram of one protocol; empty for any other."""
         readings = self._whole.get(data)
         if readings is None:
             readings = self._beginnings.whole(data)
@@ -186,7 +187,7 @@ class Sniffer:
         return [reading for reading in readings if _SENDERS[source] == reading.direction]
 
     def _step(self) -> bool:
-        """Decide about one place; returns whether it could be decided."""
+        """Classify one position; return False if more bytes are needed first."""
         place, stretch = self._place, self._stretch
         if place and stretch.silence_before(place) > self._longest_gap_s:
             self._report(place)
@@ -203,7 +204,7 @@ class Sniffer:
         elif waiting:
             return False
         elif readings and place and stretch.silence_before(place) > stretch.quiet_s(place):
-            # What is before it may be the damaged request that it answers.
+            # The bytes before it may be the damaged request that it answers.
             self._report(place)
         elif readings:
             readings, belief = self._belief(readings)
@@ -215,7 +216,7 @@ class Sniffer:
         return True
 
     def _conclude(self, readings: list[Reading], belief: Belief) -> bool:
-        """Take a telegram of a few characters as far as it is one; returns whether it is gone."""
+        """Accept or skip a short telegram according to the belief in it; return whether its bytes were removed."""
         if belief == "no":
             self._place += 1
         elif belief == "perhaps":
@@ -225,9 +226,9 @@ class Sniffer:
         return belief != "no"
 
     def _behind_repetitions(self, place: int) -> int:
-        """Return the last place of a byte that is said again and again: before it nothing but single characters begins.
+        """Return the last position of a run of one byte, if only single characters can begin before it.
 
-        A flood of them would otherwise cost more than all else.
+        A flood of equal bytes would otherwise cost more time than all else.
         """
         stretch, byte = self._stretch, self._stretch.data[place]
         if (
@@ -240,7 +241,7 @@ class Sniffer:
         return min(same, stretch.unbroken_until(place, pause_s) - 1)
 
     def _readings_at(self, place: int, readers: Iterable[Reader]) -> tuple[list[Reading], bool]:
-        """Return the sound telegrams that begin at a place, and whether there may be more when more bytes come."""
+        """Return the sound telegrams that begin at a position, and whether more bytes may complete others."""
         stretch = self._stretch
         found, waiting = list[Reading](), False
         data, silence_s = stretch.data, self._silence_s
@@ -258,10 +259,9 @@ class Sniffer:
         return self._in_one_format(found) if found else found, waiting
 
     def _in_one_format(self, readings: list[Reading]) -> list[Reading]:
-        """Return the readings without those that say the same as others in another character format.
+        """Return the readings without duplicates that differ only in their character format.
 
-        A few characters are none at all in another format than the telegrams before them: one wrong bit may be what
-        looks like parity.
+        A short telegram must have the format of the telegrams before it, because one wrong bit can look like parity.
         """
         kept: dict[tuple[str, Direction, int], Reading] = {}
         for reading in readings:
@@ -275,7 +275,7 @@ class Sniffer:
         return list(kept.values())
 
     def _may_begin_here(self, reading: Reading, others: list[Reading]) -> bool:
-        """Whether this is no reply that only stands in a damaged request, as in a select of VABus without its EOT."""
+        """Whether this is not a reply inside a damaged request, such as a VABus select without its EOT."""
         place, stretch = reading.start, self._stretch
         if not place or reading.direction == "request" or stretch.silence_before(place) > stretch.quiet_s(place):
             return True
@@ -288,7 +288,7 @@ class Sniffer:
         return source is not None and _SENDERS.get(source, reading.direction) == reading.direction
 
     def _sharing_bytes(self, first: list[Reading]) -> list[Reading]:
-        """Return these readings and all others that share bytes with them, or with those that do."""
+        """Return these readings and all others that overlap them, directly or through further readings."""
         found = list(first)
         end = max(reading.end for reading in first)
         data, place = self._stretch.data, self._beginnings.next_place(self._stretch.data, first[0].start + 1, end)
@@ -324,15 +324,15 @@ class Sniffer:
         return estimator.plausibility(self._heard(readings)) + begun + over - _TORN * torn
 
     def _belief(self, readings: list[Reading]) -> tuple[list[Reading], Belief]:
-        """Return whether a telegram of a few characters is one, and which of the ways to read it are meant."""
+        """Return the plausible readings of a short telegram, and the belief that it is one."""
         if readings[0].start:
             return readings, "no"
         alone = self._stands_alone(readings[0].end)
-        # Of a request that was damaged after its first character, that one is left over.
+        # A request damaged after its first character leaves that character behind.
         return self._most_due(readings) if alone == "yes" else (readings, alone)
 
     def _most_due(self, readings: list[Reading]) -> tuple[list[Reading], Belief]:
-        """Return in which protocol a telegram of a few characters that stands alone is most due, and whether it is."""
+        """Return the readings of a lone short telegram in the protocol that most expects it, and the belief in them."""
         beliefs = [(reading, self._due(reading)) for reading in readings]
         for belief in ("yes", "perhaps"):
             if believed := [reading for reading, each in beliefs if each == belief]:
@@ -342,7 +342,7 @@ class Sniffer:
         return readings, "no"
 
     def _due(self, reading: Reading) -> Belief:
-        """Return whether a telegram of a few characters that stands alone is due."""
+        """Return the belief that a lone short telegram is due."""
         estimator = self._estimators[reading.protocol.name]
         if reading.direction == "reply":
             return "yes" if estimator.may_come(reading, self._stretch.began_s(reading.start)) else "no"
@@ -354,7 +354,7 @@ class Sniffer:
         return belief
 
     def _stands_alone(self, end: int) -> Belief:
-        """Return whether what is over here is followed by silence or by a telegram."""
+        """Return the belief that silence or a telegram follows at this position."""
         stretch = self._stretch
         if end == len(stretch):
             return "yes" if self._silence_s > stretch.quiet_s(end) else "wait"
@@ -362,7 +362,7 @@ class Sniffer:
             return "yes"
         following, waiting = self._readings_at(end, self._beginnings.of(stretch.data[end]))
         if following:
-            # The same again and again is no telegram after another.
+            # A run of the same character is noise, not one telegram after another.
             same = stretch.data[end - 1 : end] * _MANY == stretch.data[end - 1 : end - 1 + _MANY]
             return "no" if same and all(reading.short for reading in following) else "yes"
         return "wait" if waiting else "no"
@@ -389,7 +389,7 @@ class Sniffer:
         self._pending.add(AmbiguousTelegram(time_s=time_s, data=data, readings=ways_of(readings)))
 
     def _report(self, end: int) -> None:
-        """Report the bytes before this place as damaged telegrams, or as unknown."""
+        """Report the bytes before this position as damaged telegrams or unknown bytes."""
         for item in self._damage.items(end):
             self._pending.add(item)
         self._forget(end)

@@ -1,4 +1,4 @@
-"""Bytes of a line that are not yet decided, each with its time and its sender."""
+"""Undecided bytes of a line, each with its time and its sender."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ if TYPE_CHECKING:
     from drivecomm.capture import Piece, Source
     from drivecomm.protocol import LineSettings
 
-# Of a line whose settings are unknown: a character at 9600 baud.
+# For a line with unknown settings: the time of a character at 9600 baud.
 _UNKNOWN_CHARACTER_S = 10 / 9600
 
 
 class _Part(NamedTuple):
-    """A piece in its place; places count from the first byte that ever came. silence_s: nothing was heard before it."""
+    """A piece with its positions, which count from the first byte ever received. silence_s: silence before it."""
 
     start: int
     end: int
@@ -29,11 +29,11 @@ class _Part(NamedTuple):
 
 
 class Stretch:
-    """The bytes from the last certain one on. Places count from the first byte that is still kept.
+    """The bytes behind the last decided one. Positions count from the first byte that is still stored.
 
-    character_s: how long a character takes, where a piece does not say it itself; None where it is not known.
+    character_s: seconds per character for pieces without settings; None if unknown.
 
-    A line that never pauses may come in pieces of one byte, so nothing here goes through all pieces.
+    A line without pauses may deliver pieces of one byte, so no method iterates over all pieces.
     """
 
     def __init__(self, character_s: float | None = None) -> None:
@@ -51,7 +51,7 @@ class Stretch:
         return len(self.data)
 
     def append(self, piece: Piece) -> None:
-        """Take a piece that came later than all before."""
+        """Append a piece, which must be later than all before."""
         character_s = self._character_s_of(piece)
         start = self._dropped + len(self.data)
         self.data += piece.data
@@ -64,19 +64,19 @@ class Stretch:
         self._last_s = max(self._last_s, piece.time_s)
 
     def pass_by(self, piece: Piece) -> None:
-        """Take a piece and forget it, where nothing is kept."""
+        """Count a piece without storing it; the stretch must be empty."""
         self._dropped += len(piece.data)
         self._last_s = max(self._last_s, piece.time_s)
 
     def times_of(self, piece: Piece) -> tuple[float, float, float]:
-        """Return when a piece that comes next begins and ends, and the silence before."""
+        """Return the start, the end and the silence before a piece that comes next, in seconds."""
         character_s = self._character_s_of(piece)
         time_s, length = piece.time_s, len(piece.data)
         silence_s = time_s - length * character_s - self._last_s
         return time_s - (length - 1) * character_s - character_s, time_s, silence_s if silence_s > 0 else 0.0
 
     def drop(self, number: int) -> None:
-        """Forget the first bytes."""
+        """Remove this number of bytes from the beginning."""
         self._dropped += number
         if number == len(self.data):
             self.data = b""
@@ -92,18 +92,18 @@ class Stretch:
                 del pauses[: bisect_right(pauses, self._dropped - 1)]
 
     def silence_before(self, place: int) -> float:
-        """Return how long nothing was heard before a byte; 0 inside a piece, and after the last byte."""
+        """Return the seconds of silence before a byte; 0 inside a piece, and after the last byte."""
         if place >= len(self.data):
             return 0.0
         part = self._part(place)
         return part.silence_s if part.start == self._dropped + place else 0.0
 
     def silence_after(self, now: float) -> float:
-        """Return how long nothing has been heard."""
+        """Return the seconds since the last byte."""
         return now - self._last_s
 
     def unbroken_until(self, place: int, gap_s: float) -> int:
-        """Return where the bytes from this place on are first interrupted for longer than this."""
+        """Return the position of the first pause longer than `gap_s` behind this position; the end if there is none."""
         if len(self._parts) == 1:
             return len(self.data)
         pauses = self._pauses.get(gap_s)
@@ -113,20 +113,20 @@ class Stretch:
         return pauses[next_one] - self._dropped if next_one < len(pauses) else len(self.data)
 
     def quiet_s(self, place: int) -> float:
-        """Return the silence that shows that one telegram is over: one and a half characters."""
+        """Return the silence that shows the end of a telegram, one and a half characters, in seconds."""
         return 1.5 * self._part(place).character_s
 
     def ended_s(self, place: int) -> float:
-        """Return when this byte was there."""
+        """Return the time at which this byte ended."""
         return self._part(place).end_of(self._dropped + place)
 
     def began_s(self, place: int) -> float:
-        """Return when this byte began."""
+        """Return the time at which this byte began."""
         part = self._part(place)
         return part.end_of(self._dropped + place) - part.character_s
 
     def source_of(self, start: int, end: int) -> Source | None:
-        """Return who sent these bytes; None when it was more than one."""
+        """Return the sender of these bytes; None if there was more than one."""
         first, last = self._number_of(start), self._number_of(end - 1)
         source = self._parts[first].source
         for part in self._parts[first + 1 : last + 1]:

@@ -1,4 +1,4 @@
-"""What a listener makes of the bytes on a line: telegrams, damaged ones, ambiguous ones, and bytes that are none."""
+"""Items decoded from a line: telegrams, damaged telegrams, ambiguous telegrams, and unknown bytes."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ if TYPE_CHECKING:
 
 _made = tuple.__new__
 EVERYBODY = "all"
-"""Stands in place of the address in a broadcast."""
+"""Replacement for the address in a broadcast."""
 
 
 class HeardTelegram(NamedTuple):
     """A sound telegram.
 
-    time_s: when its last character was there; began_s: when its first one began, as far as the pieces tell. drive: who
-    is asked or answers, as PROTOCOL:ADDRESS; PROTOCOL:all for a broadcast, PROTOCOL where the telegram names nobody.
-    expects_reply: False for replies, broadcasts and other telegrams that nobody answers. guarded: whether any single
-    wrong bit would have been noticed; a VABus enquiry, say, has no check.
+    time_s: end of its last character. began_s: start of its first character, as precisely as the pieces show. drive:
+    the drive that is asked or that answers, as PROTOCOL:ADDRESS; PROTOCOL:all for a broadcast, PROTOCOL if the telegram
+    names no drive. expects_reply: False for replies, broadcasts and other telegrams without a reply. guarded: whether
+    any single wrong bit would have been detected; a VABus enquiry, for example, has no check.
     """
 
     time_s: float
@@ -41,15 +41,15 @@ class HeardTelegram(NamedTuple):
 
     @property
     def broadcast(self) -> bool:
-        """Whether it is for all drives."""
+        """Whether the telegram is for all drives."""
         return self.drive == f"{self.protocol}:{EVERYBODY}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DamagedTelegram:
-    """Bytes with the shape of a telegram that are none, on a line where this protocol is spoken.
+    """Bytes with the shape of a telegram that do not decode, in a protocol that is spoken on the line.
 
-    drive: the drive that was asked, where these bytes came when its reply was due; empty otherwise.
+    drive: the drive whose reply was due when these bytes came; empty if no reply was due.
     """
 
     time_s: float
@@ -62,10 +62,10 @@ class DamagedTelegram:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AmbiguousTelegram:
-    """Bytes that are a sound telegram in several ways, none of them more likely than the others.
+    """Bytes with several sound readings, none of them more likely than the others.
 
-    readings: each way, as protocol, direction and message; a single one where it is a single character that may as well
-    be all that came of a longer request.
+    readings: each as protocol, direction and message. There is only one if a single character may also be the rest of a
+    longer request.
     """
 
     time_s: float
@@ -75,28 +75,28 @@ class AmbiguousTelegram:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnknownBytes:
-    """Bytes that belong to no telegram of the protocols that are looked for."""
+    """Bytes that belong to no telegram of the protocols looked for."""
 
     time_s: float
     data: bytes
 
 
 TrafficItem: TypeAlias = HeardTelegram | DamagedTelegram | AmbiguousTelegram | UnknownBytes
-"""What the sniffer makes of bytes."""
+"""An item that the sniffer reports."""
 
 
 def ways_of(readings: Iterable[Reading]) -> tuple[tuple[str, Direction, Any], ...]:
-    """Return the readings as an ambiguous telegram lists them."""
+    """Return the readings in the form in which an ambiguous telegram lists them."""
     return tuple((reading.protocol.name, reading.direction, reading.message) for reading in readings)
 
 
 def ambiguous_of(heard: Observation) -> AmbiguousTelegram:
-    """Return the item for what may have gone either way."""
+    """Return the item for a telegram whose direction is open."""
     return AmbiguousTelegram(time_s=heard.ended_s, data=heard.readings[0].data, readings=ways_of(heard.readings))
 
 
 def telegram_of(reading: Reading, heard: Observation) -> HeardTelegram:
-    """Return the item for what was read so."""
+    """Return the item for a telegram with this reading."""
     protocol, message, data, direction = reading.protocol, reading.message, reading.data, reading.direction
     drive = drive_named_in(protocol, message)
     expects_reply = direction == "request" and ":" in drive and not drive.endswith(f":{EVERYBODY}")
@@ -108,7 +108,7 @@ def telegram_of(reading: Reading, heard: Observation) -> HeardTelegram:
 
 
 def drive_named_in(protocol: Protocol, message: Any) -> str:
-    """Return whom a message concerns, as PROTOCOL:ADDRESS; the protocol alone where it names nobody."""
+    """Return the drive that a message concerns, as PROTOCOL:ADDRESS; the protocol alone if it names no drive."""
     if is_broadcast(protocol, message):
         return f"{protocol.name}:{EVERYBODY}"
     address = getattr(message, "address", None)
