@@ -241,7 +241,7 @@ class _Recorder:
 
     def __init__(self) -> None:
         self.unclear: Counter[str] = Counter()
-        """Bytes that belong to nothing, by the drive that was asked."""
+        """Number of bytes that belong to no reply, by the drive of the request."""
 
         self.forget()
 
@@ -249,10 +249,10 @@ class _Recorder:
         """Start again with another drive."""
         self.pairs: list[tuple[TraceEvent, TraceEvent]] = []
         self.noise: list[bytes] = []
-        """What came beside sound replies."""
+        """Noise received together with sound replies."""
 
         self.damaged: list[bytes] = []
-        """What came in place of a sound reply."""
+        """Bytes received instead of a sound reply."""
 
         self.answered_by: int | None = None
         self._sent: TraceEvent | None = None
