@@ -1,4 +1,4 @@
-"""The alarms commands: what a plant file says of alarms, in words, and a message to try whether it arrives."""
+"""Command `alarms check`: the alarms of a plant file in words, and a test message to their receivers."""
 
 from __future__ import annotations
 

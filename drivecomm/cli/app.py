@@ -122,7 +122,7 @@ COMMANDS = {
     "vectors check": ("package_tests:check", "Run every check of every vector."),
     "vectors from-capture": ("package_tests:from_capture", "Turn a capture into vectors."),
 }
-"""By name: where it is, empty for a group, and what it does, with which the docstring there begins, too."""
+"""Commands by name: the location, empty for a group, and the summary, with which the docstring there begins as well."""
 
 READING = frozenset(
     {
@@ -143,7 +143,7 @@ READING = frozenset(
         ),
     }
 )
-"""Commands that only print: they end when their output cannot be written. The others finish their work."""
+"""Commands that only print: they end when their output cannot be written. All others complete their work."""
 
 
 @click.group(
@@ -161,6 +161,6 @@ def app() -> None:
 
 
 OTHERWISE = {"fleet": "show"}
-"""The command that is meant where the first word is none of a group."""
+"""Default command of a group, used if the first word is not a command of the group."""
 
 app.add_lazy(COMMANDS, OTHERWISE)

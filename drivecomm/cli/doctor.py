@@ -1,4 +1,4 @@
-"""The doctor command: what an adapter and its line do, and what to do about it."""
+"""Command `doctor`: measurements of an adapter and its line, with remedies."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def doctor(
         except LinkError as error:
             if len(lines) == 1:
                 raise
-            # The other lines are examined all the same.
+            # Other lines are examined even if this one fails.
             findings = [Finding(weight="problem", about="port", text=sentence(error))]
         sound = sound and all(one.weight != "problem" for one in findings)
         if line.json:
@@ -83,7 +83,7 @@ def doctor(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _ExaminedLine:
-    """A line to examine. name: the plant's, empty for a port that no plant has. drives: those that the plant says."""
+    """Line to examine. name: name in the plant, empty for a port without plant. drives: drives of the plant on it."""
 
     options: LineOptions
     name: str = ""
@@ -107,7 +107,7 @@ def _of_the_plant(each: PlantLine, known: Plant, line: LineOptions) -> _Examined
     return _ExaminedLine(
         options=line.on(each, known.file),
         name=each.name,
-        # What is given on the command line goes before what the plant says.
+        # Settings of the command line override those of the plant.
         drives=tuple(each.reached(drive).with_options(**line.said_facts) for drive in known.on_line(each.name)),
     )
 
@@ -120,12 +120,12 @@ def _protocols_of(drives: tuple[DriveConfig, ...]) -> list[str] | None:
 def _examined(
     line: _ExaminedLine, *, only: list[str] | None, addresses: list[int] | None, quick: bool, everything: bool
 ) -> tuple[list[Finding], dict[str, Any]]:
-    """Return what was found on a line, and what was measured for it; by the server that has the port, if any has."""
+    """Return the findings on a line and their measurements; through the server that has the port, if any."""
     options = line.options
     probes, search = _QUICK_PROBES if quick else _PROBES, not quick
     with progress_bar("", shown=not options.json) as progress:
         if options.server is not None:
-            # A line that a server keeps polling is not set to other baud rates unless that is asked for.
+            # Trying other baud rates disturbs the server's polls, so it needs a request of the user.
             asked = {"only": only, "addresses": addresses, "probes": probes, "search": search, "rates": everything}
             return _examined_by_server(options, {**asked, "options": options.said_facts}, progress)
         with options.opened() as opened:
@@ -151,7 +151,7 @@ def _examined_by_server(
     from drivecomm.client import examined
 
     findings, measured = [], {}
-    # The trace of the line is told while its bus is open.
+    # The server reports the trace of the line only while the bus is open.
     with options.bus() as bus:
         for each in examined(bus, asked, progress):
             if "finding" in each:

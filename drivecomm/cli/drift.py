@@ -1,4 +1,4 @@
-"""The drift command: what differs from the approved sets of the drives of a plant."""
+"""Command `drift`: differences between the drives of a plant and their approved sets."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def drift(*, drives: tuple[str, ...], line: LineOptions) -> int:
     What drives show or are commanded never counts. If one drive cannot be read, the others still are.
     """
     plant = plant_of_baselines(line.plant)
-    # Before the first drive is read, which takes its time.
+    # All drives are checked before the first one is read, because reading is slow.
     asked = line.reaching_each(drives or [each.name for each in plant.drives])
     known = {(each.line, str(each)) for each in plant.drives}
     if outside := [name.name for _, name in asked if (name.line, str(name)) not in known]:
@@ -56,7 +56,7 @@ def drift(*, drives: tuple[str, ...], line: LineOptions) -> int:
             _show(found, name, restore_command(name, paths[name.name], line.plant), as_json=line.json)
             code = max(code, 0 if found.same else 1)
     tell_lacking(lacking, as_json=line.json)
-    # Nothing was looked at where somebody wants to know.
+    # A requested comparison that could not be made must not end with success.
     return max(code, UsageError.exit_code) if lacking and (drives or len(lacking) == len(asked)) else code
 
 

@@ -1,4 +1,4 @@
-"""The fleet command: the plants that tell a broker how they are, at a glance, or the drives of one."""
+"""Command `fleet show`: all plants that publish to a broker at a glance, or the drives of one plant."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ async def _serve(
 
     past = None
     if open_database is not None:
-        # A record that cannot be read is told before the page is there.
+        # An unreadable record must raise its error before the page is served.
         open_database().close()
         past = PastPages(open_database)
 
@@ -138,7 +138,7 @@ def _cells(each: Summary, now: float) -> tuple[str, ...]:
         each.name,
         _GATEWAYS[each.gateway],
         str(each.drives),
-        # Of a plant whose server is gone nobody knows.
+        # Without its server, the state of a plant is unknown.
         *(str(number) if live else "-" for number in numbers),
         str(each.alarms),
         _age(each.read_s, now),

@@ -1,4 +1,4 @@
-"""The fleet acknowledge command: asks the server of a plant, over the broker, which judges by its own rights."""
+"""Command `fleet acknowledge`: requests to the server of a plant over the broker; the server checks the permission."""
 
 from __future__ import annotations
 

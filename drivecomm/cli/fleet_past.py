@@ -1,4 +1,4 @@
-"""The fleet history and fleet alarms commands: what a record of many plants holds."""
+"""Commands `fleet history` and `fleet alarms`: contents of a record of many plants."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The fleet record command: what the plants of a broker publish, into a database."""
+"""Command `fleet record`: messages of a broker's plants, stored in a database."""
 
 from __future__ import annotations
 
