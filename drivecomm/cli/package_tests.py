@@ -1,4 +1,4 @@
-"""The commands that test a protocol package: conformance, and the vectors commands."""
+"""Commands that test a protocol package: `conformance`, `vectors check` and `vectors from-capture`."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def conformance(
 
 
 def _tell(result: CheckResult, reasons: Reasons, *, as_json: bool) -> None:
-    """Print the result of a check: as JSON of each, as text of those that fail."""
+    """Print the result of a check: every check as JSON, only failed ones as text."""
     if as_json:
         check = result.check
         emit(

@@ -1,4 +1,4 @@
-"""The command that gives facts of a model the marks that a proof has shown."""
+"""Command `models apply-proof`: marks of facts in a model, from the report of a proof."""
 
 from __future__ import annotations
 

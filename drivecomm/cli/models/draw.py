@@ -1,4 +1,4 @@
-"""The command that draws facts of the packaged models, to be checked against their pages."""
+"""Command `models draw`: random facts of the packaged models, for checks against their pages."""
 
 from __future__ import annotations
 

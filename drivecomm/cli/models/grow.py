@@ -1,4 +1,4 @@
-"""The command that grows a model from a drive."""
+"""Command `models grow`: a model made from the answers of a drive."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from drivecomm.commissioning.exploring import Answer, Course
     from drivecomm.protocol import Model as KnownModel, ParameterInfo, Protocol
 
-# As many as fit below each other on a screen; the others are counted.
+# As many as fit on a screen; the rest is only counted.
 _MOST_SHOWN = 10
 
 
@@ -103,7 +103,7 @@ def grow(
 
 
 def _written(drive: Drive, answers: list[Answer], told: list[ParameterInfo], file: Path) -> KnownModel:
-    """Write the model that is made of a drive's answers, and return it. Raises DriveError where there are none."""
+    """Write the model made from a drive's answers, and return it. Raises DriveError without answers."""
     if not any(answer.told is not None for answer in answers):
         raise DriveError(f"{drive.name} tells nothing of {len(answers)} parameters, so there is no model to write")
     made = grown(
@@ -123,5 +123,5 @@ def _usual(model: KnownModel | None, plugin: Protocol) -> KnownModel:
 
 
 def _counts(answer: Answer, way: Course) -> bool:
-    """Whether it is worth a word that nothing was told: of all that a drive may hold, most is not there."""
+    """Return whether a missing answer is worth reporting; most addresses that a drive may hold do not exist."""
     return answer.address in way.known or not answer.absent

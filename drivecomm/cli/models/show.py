@@ -1,4 +1,4 @@
-"""The models commands: which drive series are known, what is known of them, and whether a model file is in order."""
+"""Commands `models list`, `show`, `check` and `names`: known drive series, their facts, and checks of model files."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def names(*, json: bool) -> int:
 
 
 def _contradicted(path: Path) -> str:
-    """Return what a drive has contradicted of a model file that is in order; empty where nothing was."""
+    """Return the facts of a valid model file that a drive has contradicted, as text; empty if there are none."""
     if "proofs" not in (content := open_model_file(path).content):
         return ""
     plugin = installed[content["protocol"]]
@@ -157,13 +157,13 @@ def _contradicted(path: Path) -> str:
 
 
 def _all_model_files() -> Iterator[Path]:
-    """Yield the files of all models, also packaged ones that a user's file of the same name hides."""
+    """Yield the files of all models, including packaged ones that a user's file of the same name hides."""
     for plugin in installed.working():
         yield from dict.fromkeys([*model_paths(plugin.package, plugin.name).values(), *packaged_models(plugin.package)])
 
 
 def _parameter(text: str, model: Model) -> ParameterInfo:
-    """Return what a model knows of an address, a name of its own or a common name. Raises ParameterAddressError."""
+    """Return a parameter of a model by its address, its name or a common name. Raises ParameterAddressError."""
     info = parameter_at(model.quantities.get(text, text), model)
     if info is None:
         raise ParameterAddressError(f"model {model.name} knows no parameter {text!r}; drivecomm models show lists them")
@@ -239,7 +239,7 @@ def _print_model(model: Model) -> None:
 
 
 def _needs(model: Model) -> str:
-    """Return the parameters that must hold certain values before such a drive obeys, as far as its model says."""
+    """Return the parameters that need certain values before such a drive obeys commands, by its model, as text."""
     told = ""
     for address, raws in model.control.get("needs", {}).items():
         info = parameter_at(address, model)
