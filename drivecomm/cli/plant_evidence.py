@@ -1,4 +1,4 @@
-"""The plant commands that only look: telegrams, violations, counters and states of virtual drives."""
+"""Read-only `plant` commands: telegrams, violations, counters and states of virtual drives."""
 
 from __future__ import annotations
 
