@@ -1,4 +1,4 @@
-"""The alarms of a running server: what stands, and acknowledging it."""
+"""Commands `alarms list` and `alarms acknowledge`: the alarms of a running server."""
 
 from __future__ import annotations
 

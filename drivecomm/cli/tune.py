@@ -1,4 +1,4 @@
-"""The tune command: the pause that a drive really needs after its replies, and how long it takes to answer."""
+"""Command `tune`: the shortest pause after a drive's replies, and the time that the drive takes to answer."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def _foretell(seconds: float, *, as_json: bool) -> None:
 
 
 def _tell_trials(trials: list[Trial], name: DriveConfig, *, as_json: bool) -> None:
-    """Say what was found before tuning ended early."""
+    """Print the trials so far after tuning ended early."""
     if as_json:
         for each in trials:
             emit(**labels(name), trial=plain(each))

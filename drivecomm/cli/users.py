@@ -1,4 +1,4 @@
-"""The users commands: who may reach a served plant over a network."""
+"""Commands `users ...`: the users with access to a served plant over a network."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the words of a call become: types of arguments and options, which refuse a wrong one in one sentence."""
+"""Types of command arguments and options, which refuse an invalid value with one sentence."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class InvalidValue(click.BadParameter):
-    """A value that an argument cannot have, in one sentence."""
+    """Invalid value of an argument, with one sentence as the message."""
 
     def format_message(self) -> str:
         """Return the sentence."""
@@ -26,7 +26,7 @@ def _refuse(value: Any, expected: str, param: click.Parameter | None, ctx: click
 
 
 class Number(click.ParamType[Any]):
-    """A number in plain digits, not as only Python writes it. kind: of which type."""
+    """Number in plain digits, without Python's own notations. kind: type of the number."""
 
     name = "number"
 
@@ -36,7 +36,7 @@ class Number(click.ParamType[Any]):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return the number. Raises InvalidValue."""
-        # The list of commands has no numbers.
+        # Imported late, because the list of commands needs no numbers.
         from drivecomm.protocol import is_plain
 
         made = None
@@ -49,7 +49,7 @@ class Number(click.ParamType[Any]):
 
 
 class OneOf(click.Choice[str]):
-    """One word of several."""
+    """One of several words."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """Return the word. Raises InvalidValue."""
@@ -63,6 +63,6 @@ WHOLE_NUMBER = Number(int, "a whole number")
 NUMBER = Number(float, "a number")
 
 FILE = click.Path(readable=False, path_type=Path)
-"""A file; whether it is there and can be read, and what to say if not, is for what uses it."""
+"""Path of a file; the code that opens the file checks its existence and permissions."""
 
 FILE.name = "file"

@@ -34,7 +34,7 @@ def say_event(event: LineEvent, meaning: Meaning) -> None:
     _, arrow, content = _described(event)
     line = f"{event.line}  " if event.line else ""
     parts = (f"{event.drive:<14}", content, _about(meaning))
-    # No flush here: live listening flushes by itself, and a long capture is written in blocks.
+    # No flush here: the reader of a live port flushes, and a long capture is written in blocks.
     text = line + line_text(event.time_s, arrow, *parts, remarks=_remarks(event))
     sys.stdout.write(printable(text) + "\n")
 

@@ -1,4 +1,4 @@
-"""The stop command as click reads it: any option, and any mistake."""
+"""Command `stop` for click: accepts all options, and reports mistakes."""
 
 from __future__ import annotations
 
