@@ -25,7 +25,7 @@ def run(begin: Callable[[], Coroutine[Any, Any, T]]) -> T:
     async def interruptible() -> T:
         nonlocal cancel
         loop, task = asyncio.get_running_loop(), asyncio.current_task()
-        assert task is not None  # noqa: S101 - this is one
+        assert task is not None  # noqa: S101 - this coroutine runs in a task
         cancel = partial(loop.call_soon_threadsafe, task.cancel)
         try:
             if signals.interrupted():

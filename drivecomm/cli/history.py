@@ -179,7 +179,7 @@ def _export(values: Iterable[PastValue], path: Path, *, is_csv: bool) -> int:
     before = os.umask(0o077)
     try:
         with _opened(path, is_csv=is_csv) as log:
-            for count, value in enumerate(values, 1):  # noqa: B007 - how many there were
+            for count, value in enumerate(values, 1):  # noqa: B007 - used after the loop
                 log.write(log_row(value))
     finally:
         os.umask(before)

@@ -105,7 +105,7 @@ def start_motor(
     link_loss: str | None,
     watchdog: str | None,
 ) -> int:
-    """Start a motor under a link loss policy; return the exit code, for other policies than hold after the motor stops.
+    """Start a motor under a link loss policy, and keep it unless the policy is hold; return the exit code.
 
     drive: name of the drive on the command line. Raises UsageError if neither link_loss nor the plant names a policy.
     """
@@ -197,8 +197,7 @@ def _start_and_stay(
 ) -> int:
     """Start a motor and keep it until Ctrl-C, a similar signal, or a fault; return the exit code.
 
-    A stop from another program ends the keeping as well. The other program may also stop other drives of the line
-    meanwhile.
+    A stop from another program ends the keeping as well. Stops of other drives of the line are carried out meanwhile.
     """
     with until_stopped() as stop:
         news = news_shown(name, stop, as_json=as_json)

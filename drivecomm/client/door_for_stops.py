@@ -72,7 +72,7 @@ def stop_door(port: str, program: str, carry_out: CarryOut, on_failure: Callable
                 program=program,
             )
             stack.enter_context(register_holder(registration, door.name))
-        except Exception as error:  # noqa: BLE001 - what the program does with its port, it does without a door, too
+        except Exception as error:  # noqa: BLE001 - the program also works without a door
             stack.close()
             on_failure(error)
         yield
@@ -171,7 +171,7 @@ class _Door:
             self._carry_out(order)
         except DriveCommError as error:
             return 200, {"outcome": "open", "error": error_content(error)}
-        except Exception as error:  # noqa: BLE001 - whatever it is, who asked is told that the drive was not stopped
+        except Exception as error:  # noqa: BLE001 - any error must be reported to the other program
             return 200, {"outcome": "open", "error": error_content(DriveCommError(repr(error)))}
         return 200, {"outcome": "done", "error": None}
 

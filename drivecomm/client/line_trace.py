@@ -55,7 +55,7 @@ def traced(bus: LineOfServer, trace: Listener | None, record: Record | None) -> 
                     if trace is not None and not raised:
                         try:
                             trace(event)
-                        except Exception as error:  # noqa: BLE001 - it is raised where somebody can catch it
+                        except Exception as error:  # noqa: BLE001 - raised again at the end of the block
                             raised.append(error)
                 if over.is_set():
                     ends_s = min(ends_s, time.monotonic() + _AFTERWARDS_S)
@@ -93,7 +93,7 @@ class LineEar:
         self._stack = ExitStack()
         self._news = self._stack.enter_context(LocalServer(server).stream(path_of(line, "trace")))
 
-    def configure(self, settings: LineSettings) -> str:  # noqa: ARG002 - the server has set the line
+    def configure(self, settings: LineSettings) -> str:  # noqa: ARG002 - the server sets the line settings
         """Return a note that the server listens with its own line settings."""
         return "through its server, with the settings of its drives"
 

@@ -214,7 +214,7 @@ def _with_port(programs: Iterable[Registration], port: str) -> Iterator[tuple[Re
 def _records(ending: str) -> Iterator[Path]:
     for folder in folders_to_search():
         try:
-            names = sorted(name for name in os.listdir(folder) if name.endswith(ending))  # noqa: PTH208 - one call
+            names = sorted(name for name in os.listdir(folder) if name.endswith(ending))  # noqa: PTH208 - a single system call
         except OSError:
             continue
         yield from (folder / name for name in names)

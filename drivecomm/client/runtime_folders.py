@@ -62,7 +62,7 @@ def why_unusable() -> str:
         folder = folder_of_servers()
         if not os.path.lexists(folder) or is_private(folder):
             return ""
-    except Exception as error:  # noqa: BLE001 - whatever it is, it is only said
+    except Exception as error:  # noqa: BLE001 - any error is only reported
         return str(error)
     return not_private(folder)
 

@@ -110,7 +110,7 @@ def _drives_of(plant: Plant) -> Iterator[tuple[DriveConfig, AsyncDrive]]:
         for config in plant.on_line(line.name):
             try:
                 drive = replace(config, confirmed=()).build(bus.drive)
-            except Exception:  # noqa: BLE001, S112 - whatever a package raises here, the server reports it
+            except Exception:  # noqa: BLE001, S112 - the server reports any error of a package later
                 continue
             yield config, drive
 

@@ -81,7 +81,7 @@ def plant_status(opened: OpenPlant) -> list[DriveReport]:
                     # No drive on a dead line can answer, and each attempt would fail after the same wait.
                     gone = report.error
                 reports[drive.name] = report
-        except BaseException as error:  # noqa: BLE001 - handed to the thread that waits, which raises it
+        except BaseException as error:  # noqa: BLE001 - raised again by the waiting thread
             failures.append(error)
 
     threads = [

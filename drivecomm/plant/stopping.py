@@ -57,7 +57,7 @@ def _stop_line(
 ) -> list[StopResult]:
     try:
         bus = opened()
-    except Exception as error:  # noqa: BLE001 - whatever is wrong with a line is reported for each of its drives
+    except Exception as error:  # noqa: BLE001 - any error of a line is reported for each of its drives
         results = [StopResult(line=each.line, drive=each.name, how=how, error=error) for each in drives]
         if on_result is not None:
             for result in results:

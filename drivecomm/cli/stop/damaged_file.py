@@ -20,11 +20,11 @@ def readable_plant(path: Path) -> tuple[Plant, list[str]]:
 
     try:
         return read_plant(path), []
-    except Exception as error:  # noqa: BLE001 - as far as it can be read
+    except Exception as error:  # noqa: BLE001 - the readable part is used instead
         from drivecomm.plant import salvaged
 
         try:
             plant, lost = salvaged(path)
-        except Exception:  # noqa: BLE001 - what was wrong first is said
+        except Exception:  # noqa: BLE001 - the first error is the useful one
             raise error from None
         return plant, [f"{error}; what else can be read of it is stopped", *lost]

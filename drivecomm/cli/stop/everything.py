@@ -114,7 +114,7 @@ def _of_server(line: LineOptions, path: Path, spite: InSpite) -> list[StoppedLin
 
     try:
         return lines_of_server(server, line)
-    except Exception as error:  # noqa: BLE001 - the file or the ports are left
+    except Exception as error:  # noqa: BLE001 - the file or the ports may still work
         spite.lost.add(server.pid)
         spite.note(f"{error}; the ports themselves are tried now")
         return []

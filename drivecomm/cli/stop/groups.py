@@ -94,7 +94,7 @@ def _of_plant(line: LineOptions, plant: Plant, text: str) -> PlacedDrives:
             try:
                 reached, drive = replace(line, arm=False).reaching_in(plant, member, behind)
                 places.append((reached.named_port, reached.opening, drive))
-            except Exception as error:  # noqa: BLE001 - the others are stopped
+            except Exception as error:  # noqa: BLE001 - the other drives must still be stopped
                 unreached[member.name] = error
     return PlacedDrives(places=places, unreached=unreached)
 

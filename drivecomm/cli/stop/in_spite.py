@@ -29,7 +29,7 @@ class InSpite:
         """
         try:
             return look_up()
-        except Exception as error:  # noqa: BLE001 - nothing that only helps keeps a motor running
+        except Exception as error:  # noqa: BLE001 - a failed look-up must not prevent a stop
             self.note(f"{what}: {error or type(error).__name__}")
             return otherwise
 

@@ -125,7 +125,7 @@ def _stop_line(line: StoppedLine, how: Stop, news: SimpleQueue[_Item], hurry: Ev
     except DriveCommError as error:
         for drive in rest().left:
             tell(StopResult(line=line.name, drive=drive.name, how=how, error=error))
-    except BaseException as error:  # noqa: BLE001 - handed to the thread that waits, which raises it after all others
+    except BaseException as error:  # noqa: BLE001 - raised again by the waiting thread, after all stops
         news.put(error)
     finally:
         news.put(None)
@@ -149,7 +149,7 @@ def _stop_through(program: Registration, name: str, line: StoppedLine, how: Stop
             tell(_stop_at(program, name, line, drive, how))
         except LinkError as error:
             lost.append(error)
-        except Exception as error:  # noqa: BLE001 - nothing that is wrong with one drive keeps the others running
+        except Exception as error:  # noqa: BLE001 - an error of one drive must not prevent other stops
             tell(StopResult(line=line.name, drive=drive.name, how=how, error=error))
 
     everybody = Thread(target=to_all, daemon=True)

@@ -40,7 +40,7 @@ def stop_one(line: LineOptions, drive: str, model: str | None, how: Stop) -> int
         return 0
     try:
         reached, name, broken = reached_for_stopping(line, drive, spite)
-    except Exception as error:  # noqa: BLE001 - raised there if nobody knows the drive
+    except Exception as error:  # noqa: BLE001 - raised again below if no server knows the drive
         return _stop_otherwise(line, drive, model, how, spite, failure=error)
     options = {**name.options, **chosen}
     ways = Ways(reached.named_port, spite)
@@ -173,7 +173,7 @@ def reached_for_stopping(line: LineOptions, text: str, spite: InSpite) -> tuple[
         if not isinstance(error, FileFormatError):
             raise
         failure: Exception = error
-    except Exception as error:  # noqa: BLE001 - whatever is wrong with the plant file, the drive may be found
+    except Exception as error:  # noqa: BLE001 - the drive may be found despite a faulty plant file
         failure = error
     word = text.partition(",")[0]
     if (file := the_plant_file(line, spite)) is not None:

@@ -45,7 +45,7 @@ def stop_protocol_of(bus: BlockingLine, name: str, how: Stop, tell: OnResult, *,
     except ServerLostError:
         # The caller tries another way.
         raise
-    except Exception as error:  # noqa: BLE001 - a package that is broken keeps no drive of another one running
+    except Exception as error:  # noqa: BLE001 - a broken package must not block the stops of other protocols
         told = StopResult(protocol=name, how=how, error=error)
     tell(told)
     return unreached

@@ -51,7 +51,7 @@ def _plant_file(line: LineOptions) -> Path | None:
     """Return the plant file of a call; None also if it is not accessible, such as in a protected folder."""
     try:
         return plant_file(line.plant, port_given="port" in line.given)
-    except Exception:  # noqa: BLE001 - a port, or its server, may be left
+    except Exception:  # noqa: BLE001 - a port or its server may still work
         return None
 
 

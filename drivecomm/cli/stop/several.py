@@ -33,7 +33,7 @@ def stop_several(line: LineOptions, names: Sequence[str], model: str | None, how
     for text in dict.fromkeys(names):
         try:
             found.append(_placed(line, text, servers, spite))
-        except Exception as error:  # noqa: BLE001 - the others are stopped
+        except Exception as error:  # noqa: BLE001 - the other drives must still be stopped
             unknown = True
             show(StopResult(drive=text, how=how, error=error), how, as_json=line.json)
     code = stop_placed(line, found, model, how, spite)

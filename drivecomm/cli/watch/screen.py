@@ -121,7 +121,7 @@ class WatchScreen(App[Exception | None]):
                 self.say("")
                 # The lines stay open, because the keys still send commands.
                 await asyncio.Event().wait()
-        except Exception as error:  # noqa: BLE001 - the command raises it when the screen is gone
+        except Exception as error:  # noqa: BLE001 - the command raises it after the screen is closed
             self.exit(error)
 
     def on_resize(self, _: Resize) -> None:

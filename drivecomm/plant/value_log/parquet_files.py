@@ -103,7 +103,7 @@ def _convert(journal: Path, target: Path) -> None:
 def _pyarrow() -> tuple[Any, Any]:
     """Return pyarrow and its Parquet module; both are optional, and slow to load."""
     try:
-        import pyarrow as arrow  # noqa: ICN001 - the name it has here
+        import pyarrow as arrow  # noqa: ICN001 - the name used in this module
         from pyarrow import parquet
     except ImportError:
         raise UsageError("Parquet needs pyarrow, which is not installed; install drivecomm[log], or use .csv") from None

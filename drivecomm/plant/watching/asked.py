@@ -106,7 +106,7 @@ class SeenDrive:
         """Return groups of parameters that one telegram reads, as positions in the list."""
         try:
             return self.drive.blocks(parameters)
-        except Exception:  # noqa: BLE001 - one package's mistake must not keep the other drives from being asked
+        except Exception:  # noqa: BLE001 - a bug of one package must not block the polls of other drives
             _log.exception("%s is asked for one parameter after the other, by a mistake in its package", self.name)
             return [[place] for place in range(len(parameters))]
 
