@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 def check(*, plant: Path, test: str | None, json: bool) -> int:
     """Show the alarms of a plant file in words, or try one out.
 
-    Exit code 1 when there are none, or when the test message could not be delivered to everybody.
+    Exit code 1 if there are none, or if a receiver did not get the test message.
     """
     settings, drives = read_settings(plant), read_plant(plant).drives
     rules = {rule.name: rule for rule in read_alarms(settings.alarms, drives, settings.backups.drives)}

@@ -45,9 +45,9 @@ if TYPE_CHECKING:
 @click.option("--why", metavar="TEXT", default="", help="Why it is right so.")
 @click.option("--from", "source", type=FILE, help="A file that backup wrote, instead of asking the drive.")
 def accept(*, drive: str, line: LineOptions, by: str | None, why: str, source: Path | None) -> int:
-    """Make what a drive holds, or a file, the approved set of that drive.
+    """Make the present parameters of a drive, or a file, its approved set.
 
-    It is kept in the folder baselines beside the plant file, in place of an older one; what changes is listed.
+    The set replaces an older one in the folder baselines beside the plant file; the changes are listed.
     """
     place = line.in_plant(drive)
     if place is None:

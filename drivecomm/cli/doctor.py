@@ -53,8 +53,9 @@ def doctor(
 ) -> int:
     """Examine a port and its line, and say how to fix what is wrong: adapter, noise, echo, drives, reply times.
 
-    Drives of the plant are asked first, at their own settings; on their line others are only looked for by the same
-    protocols, unless --all-protocols is given. Sends only what cannot move a motor. Exit code 1 if there is a problem.
+    Drives of the plant are asked first, at their own settings. The search for others on their line is limited to the
+    same protocols, unless --all-protocols is given. Sends only telegrams that cannot move a motor. Exit code 1 if there
+    is a problem.
     """
     if name is not None and line.port != name:
         line.refuse(f"{name} is the port", "port")

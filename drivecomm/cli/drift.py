@@ -30,9 +30,10 @@ if TYPE_CHECKING:
     help="Drives or groups. Default: all of the plant.",
 )
 def drift(*, drives: tuple[str, ...], line: LineOptions) -> int:
-    """List what differs from the approved sets of the drives of a plant. Exit code 1 when anything does.
+    """List the differences between the drives of a plant and their approved sets.
 
-    What drives show or are commanded never counts. If one drive cannot be read, the others still are.
+    Displayed values and commands never count. If one drive cannot be read, the others still are. Exit code 1 if there
+    are differences.
     """
     plant = plant_of_baselines(line.plant)
     # All drives are checked before the first one is read, because reading is slow.

@@ -51,7 +51,7 @@ def fleet(
     record: str | None,
     json: bool,
 ) -> int:
-    """Show the plants whose servers tell an MQTT broker how they are; it asks no server and commands nothing.
+    """Show the plants whose servers publish to an MQTT broker; it contacts no server and commands nothing.
 
     Exit code 5 when a drive has a fault, 4 when a server is not connected or a drive does not answer, 3 when the broker
     cannot be reached.

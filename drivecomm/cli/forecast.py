@@ -48,9 +48,9 @@ def forecast(
 ) -> int:
     """Estimate how long a round of a poll plan takes, and whether the plan fits its lines.
 
-    Takes the same plan as poll and opens no port. Of a plant file with a [server] or a [[door]] it counts all that its
-    server asks. Exit code 1 when the plan does not fit, or does so without room to spare, or when something in it
-    cannot be read.
+    Takes the same plan as poll and opens no port. For a plant file with a [server] or a [[door]], it counts all
+    requests of its server. Exit code 1 if the plan does not fit or has no room to spare, or if something in it cannot
+    be read.
     """
     if served and (words or period is not None):
         raise UsageError("a server asks what the plant file says; give --served without drives and parameters")

@@ -64,7 +64,7 @@ def history(
     force: bool,
     json: bool,
 ) -> int:
-    """Show what a server kept: values, events, commands, and the drives' own fault logs.
+    """Show the record of a server: values, events, commands, and the drives' own fault logs.
 
     The history can be read while the server writes it, and without a server. Times are local, and end with the zone.
     Without a time, the last hour is shown; --csv and --parquet export everything then.

@@ -106,7 +106,7 @@ def judge(
     html: Path | None,
     force: bool,
 ) -> int:
-    """Judge a master: run any program against a virtual drive through a catalogue of what goes wrong.
+    """Judge a master: run any program against a virtual drive through a catalogue of faults.
 
     Give an order file, or --drive, --task and the command behind --, with {port} where the port of the master belongs.
     Exit code 1 when a case fails.

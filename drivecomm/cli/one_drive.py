@@ -140,7 +140,7 @@ def write(
 ) -> int:
     """Write a parameter: to RAM, or with --store to EEPROM, where the protocol distinguishes them.
 
-    A write that may start the motor, such as to a control word, needs --link-loss and is kept as by start.
+    A write that may start the motor, such as to a control word, needs --link-loss and keeps the motor like start.
     """
     options = {"store": store, **verb_options(type, option)}
     with line.drive(drive, model) as (one, name):
@@ -181,8 +181,8 @@ def call(
 ) -> int:
     """Call a function that only this protocol has, such as jog.
 
-    One that may start the motor needs --link-loss, and is kept as by start: with hold the motor keeps running and the
-    command ends, otherwise Ctrl-C stops it.
+    A function that may start the motor needs --link-loss, and keeps the motor like start: with hold it keeps running
+    and the command ends, otherwise Ctrl-C stops it.
     """
     given = parse_options(arguments)
     with line.drive(drive, model) as (one, name):

@@ -140,7 +140,7 @@ def check(*, files: tuple[Path, ...], json: bool) -> int:
 def from_capture(*, file: Path, protocol: str, output: Path | None, force: bool, option: tuple[str, ...]) -> int:
     """Turn a capture into vectors: each sound telegram of a protocol once, replies with their requests.
 
-    They say what was on the line and what drivecomm makes of it today: look at the fields before you rely on them.
+    They show the bytes on the line and today's decoding of them: check the fields before you rely on them.
     """
     from drivecomm.capture import read_capture
     from drivecomm.traffic.replay import vectors_text

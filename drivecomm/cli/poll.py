@@ -65,10 +65,10 @@ def poll(
     cycles: int | None,
     log: Path | None,
 ) -> int:
-    """Read parameters periodically, until Ctrl-C unless told otherwise; a failed read is shown and the others go on.
+    """Read parameters periodically, by default until Ctrl-C; a failed read is shown and the others continue.
 
-    Exit code 0 when each was read at least once, otherwise that of the first one that never was; 1 when values are
-    missing in the log because there was no room for them.
+    Exit code 0 if each was read at least once, otherwise the code of the first one that never was; 1 if values are
+    missing in the log for lack of disk space.
     """
     chosen, line = given_plan(words, plan, line, period_s=period)
     show = _emit if line.json else _Rows().say

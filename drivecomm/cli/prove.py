@@ -55,10 +55,10 @@ def prove(
     dry_run: bool,
     force: bool,
 ) -> int:
-    """Hold a drive against its model, and write what agrees, what contradicts and what is new as a report.
+    """Compare a drive with its model, and report the facts that agree, those that contradict, and new ones.
 
     Takes one to three minutes. Nothing is written to the drive and no motor moves, unless --move is given and confirmed
-    by the drive's name. Ctrl-C leaves a whole report that says where it was interrupted. Exit code 1 when the drive
+    by the drive's name. Ctrl-C leaves a complete report that states where it was interrupted. Exit code 1 if the drive
     contradicts its model.
     """
     reached, name = line.reaching(drive)

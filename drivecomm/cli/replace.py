@@ -45,10 +45,10 @@ if TYPE_CHECKING:
 @click.option("--plate-compared", is_flag=True, help="You compared the name plates: type and size are the same.")
 @click.option("--yes", is_flag=True, help="Write without asking.")
 def replace(*, drive: str, file: Path | None, line: LineOptions, plate_compared: bool, yes: bool) -> int:
-    """Give the drive that took another one's place its approved settings, then compare.
+    """Restore the approved settings of a drive to its replacement, then compare.
 
-    While the new drive does not answer, shows what to set at its panel. A drive of another type or size gets nothing.
-    The watchdog is restored last. Run the command again after an interruption: it continues.
+    While the new drive does not answer, shows the settings to make at its panel. A drive of another type or size gets
+    nothing. The watchdog is restored last. Run the command again after an interruption: it continues.
     """
     reached, name = line.reaching(drive)
     path = file or _baseline(drive, name, line)

@@ -64,7 +64,7 @@ def scan(
     """Find the drives on a line, or several, with telegrams that cannot move a motor. Exit code 1 if there are none.
 
     A plain scan asks each protocol's drives at their usual line settings. With --wide, or with several values for a
-    setting, it tries others too; that takes long, so it first says how long, and Ctrl-C keeps what was found.
+    setting, it tries others too. That takes long, so it first shows how long, and Ctrl-C keeps the drives found so far.
     """
     given = LineChoices(
         baudrates=tuple(_number(text, "baud rate") for text in _parts(baudrate)),

@@ -45,10 +45,10 @@ def serve(
 ) -> int:
     """Own the lines of a plant, and serve its drives to commands, programs and people.
 
-    It ends with Ctrl-C or SIGTERM, and reads the plant file again at SIGHUP. Motors that it keeps running are treated
-    by their link-loss policy when it ends. Nothing listens on a network unless the plant file names a door that does.
-    A file that polls what a model does not have is refused. With --check the exit code is 1 where a line cannot keep
-    up with what is asked.
+    The server ends with Ctrl-C or SIGTERM, and reads the plant file again at SIGHUP. When it ends, it treats the motors
+    that it keeps by their link-loss policy. Nothing listens on a network unless the plant file names a door that does.
+    A file that polls values that a model does not have is refused. With --check, the exit code is 1 if a line cannot
+    keep up with its polls.
     """
     path = plant or plant_file(None, port_given=False) or PLANT_FILE
     if csv is not None and not registers:

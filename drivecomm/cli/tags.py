@@ -65,7 +65,7 @@ def export(*, plant: Path, file: Path | None, force: bool, json: bool) -> None:
 def import_tags(*, file: Path, plant: Path, json: bool) -> None:
     """Set names, groups and deadbands of values in the plant file; its comments stay.
 
-    Nothing is changed unless every row fits. A running server takes it when it reads its plant file again.
+    Nothing is changed unless every row fits. A running server applies the tags when it next reads its plant file.
     """
     from drivecomm.plant import imported_tags, read_plant, with_usual_polls, write_tags
     from drivecomm.server import read_settings

@@ -41,7 +41,7 @@ def tune(*, drive: str, line: LineOptions, model: str | None, exchanges: int, wr
     """Find the shortest pause after a drive's replies, and its reply time-out, with requests that cannot move a motor.
 
     Takes some seconds up to a minute; nothing is written to the drive. A drive that fails with its usual pause gets a
-    longer one, or more time for its replies. Exit code 1 when it fails with these, too.
+    longer one, or more time for its replies. Exit code 1 if it still fails.
     """
     reached, name = line.reaching(drive)
     place = line.in_plant(drive)

@@ -53,11 +53,11 @@ def grow(
     option: tuple[str, ...],
     force: bool,
 ) -> int:
-    """Write a model file from what a drive answers.
+    """Write a model file from the answers of a drive.
 
-    Drives whose protocol lets them describe their parameters give names, types, units, scales, limits, texts; of others
-    it is known which addresses they answer: what the model to start from does not know becomes read-only, without type
-    and unconfirmed. Changes nothing in the drive; an interrupted one is continued by the same command. Exit code 5 when
+    Drives that can describe their parameters supply names, types, units, scales, limits, texts. Other drives only show
+    which addresses they answer: a parameter that the base model does not have becomes read-only, without type and
+    unconfirmed. Changes nothing in the drive. After an interruption, run the same command to continue. Exit code 5 if
     the drive answers nothing.
     """
     if write.suffix != ".toml":

@@ -58,7 +58,7 @@ class FilledSheet:
 def setup(
     *, series: str | None, drive: str | None, plant: Path | None, html: Path | None, force: bool, json: bool
 ) -> int:
-    """Show what must be set at the panel of a drive, so that it talks and obeys.
+    """Show the panel settings that a drive needs to communicate and to obey commands.
 
     With --for, the address, line settings and link loss of that drive are filled in; without, the series' defaults.
     """

@@ -88,7 +88,7 @@ def list_models(*, protocol: str | None, json: bool) -> int:
 @click.option("--quantities", "common", is_flag=True, help="Only its common names.")
 @options.json
 def show(*, model: str, parameters: tuple[str, ...], protocol: str | None, common: bool, json: bool) -> int:
-    """Show what is known of a drive series: its parameters, common names, watchdog, and how sure each fact is."""
+    """Show the facts of a drive series: its parameters, common names, watchdog, and the mark of each fact."""
     known = model_named(model, protocol)
     if parameters:
         for number, info in enumerate([_parameter(each, known) for each in parameters]):
@@ -138,7 +138,7 @@ def check(*, files: tuple[Path, ...], json: bool) -> int:
 @click.command(cls=Command)
 @options.json
 def names(*, json: bool) -> int:
-    """List the common names: what each means on every drive, and its unit."""
+    """List the common names with their meaning on every drive, and their unit."""
     if json:
         for quantity in quantities().values():
             emit(**asdict(quantity))

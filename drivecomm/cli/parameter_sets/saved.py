@@ -72,10 +72,10 @@ def backup(
     everything: bool,
     within: tuple[str, ...],
 ) -> int:
-    """Save the parameters of a drive to a file. What cannot be read is listed in it.
+    """Save the parameters of a drive to a file. Parameters that cannot be read are listed in it.
 
-    With --everything every address that such a drive can have is asked for; what the model does not know is kept as
-    raw values, which are never restored. That takes minutes; the same command continues one that was interrupted.
+    With --everything, every possible address is requested; values that the model does not know are kept as raw values,
+    which are never restored. That takes minutes; after an interruption, run the same command to continue.
     """
     reached, name = line.reaching(drive)
     must_be_free(file, str(name))
@@ -154,7 +154,7 @@ def compare(
 ) -> int:
     """List the parameters in which two drives or files differ. Exit code 1 when they do.
 
-    What one of them lacks is listed and counted separately, and is not a difference.
+    Parameters that only one of them has are listed and counted separately, and are not a difference.
     """
     parts: list[Part] = ["settings"]
     if communication or everything:
