@@ -21,7 +21,7 @@ def main() -> int:
 
 
 def _end(number: int, _: object) -> None:
-    # Not by an exception, which does not get out of everything that happens while modules are loaded.
+    # No exception here: it may get lost while modules are imported.
     try:
         os.write(2, b"drivecomm: interrupted\n")
     finally:

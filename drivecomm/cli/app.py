@@ -13,7 +13,7 @@ COMMANDS = {
     "decode": ("telegrams:decode", "Decode one telegram."),
     "encode": ("telegrams:encode", "Build one telegram from its fields and print it in hexadecimal."),
     "scan": ("scan:scan", "Find the drives on a line."),
-    "doctor": ("doctor:doctor", "Examine a port and its line, and say how to fix what is wrong."),
+    "doctor": ("doctor:doctor", "Examine a port and its line, and suggest fixes for problems."),
     "tune": ("tune:tune", "Find the shortest pause after a drive's replies, and its reply time-out."),
     "prove": (
         "prove:prove",

@@ -51,7 +51,7 @@ def doctor(
     quick: bool,
     all_protocols: bool,
 ) -> int:
-    """Examine a port and its line, and say how to fix what is wrong: adapter, noise, echo, drives, reply times.
+    """Examine a port and its line, and suggest fixes for problems: adapter, noise, echo, drives, reply times.
 
     Drives of the plant are asked first, at their own settings. The search for others on their line is limited to the
     same protocols, unless --all-protocols is given. Sends only telegrams that cannot move a motor. Exit code 1 if there

@@ -143,7 +143,7 @@ def start_motor(
 
 
 def _chosen_policy(drive: bus.Drive, text: str | None, by: Starting) -> LinkLoss:
-    """Return the chosen policy. Raises UsageError with the possible options if it is missing or unknown."""
+    """Return the chosen policy. Raises UsageError with the possible options if the policy is missing or unknown."""
     if text is None:
         why = "this may start the motor; " if by.waits else ""
         raise UsageError(f"{why}say what the motor does if this line goes dead: {_choice(drive)}")

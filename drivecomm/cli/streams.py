@@ -56,7 +56,7 @@ class _Stream(io.TextIOWrapper):
 
 
 def guard() -> None:
-    """Replace the standard streams of this process by guarded ones."""
+    """Replace the standard streams of this process with streams that never raise errors."""
     # A missing descriptor would be reused for the next file opened, such as a port, which would then get the output.
     while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
         pass

@@ -16,7 +16,7 @@ class InvalidValue(click.BadParameter):
     """Invalid value of an argument, with one sentence as the message."""
 
     def format_message(self) -> str:
-        """Return the sentence."""
+        """Return the message."""
         return self.message
 
 
@@ -35,7 +35,7 @@ class Number(click.ParamType[Any]):
         self._expected = expected if at_least is None else f"{expected} from {at_least} on"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the number. Raises InvalidValue."""
+        """Parse a number. Raises InvalidValue."""
         # Imported late, because the list of commands needs no numbers.
         from drivecomm.protocol import is_plain
 
@@ -52,7 +52,7 @@ class OneOf(click.Choice[str]):
     """One of several words."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return the word. Raises InvalidValue."""
+        """Check a word against the choices, and return it. Raises InvalidValue."""
         if value not in self.choices:
             *others, last = self.choices
             _refuse(value, f"{', '.join(others)} or {last}", param, ctx)

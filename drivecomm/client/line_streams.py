@@ -55,14 +55,14 @@ def scan(
 
 
 def found_of(content: Mapping[str, Any]) -> Found:
-    """Return the scan result with this plain form."""
+    """Rebuild a scan result from its plain form."""
     settings, candidates = content.get("settings"), tuple(content.get("candidates", ()))
     made = {"settings": None if settings is None else settings_of(settings), "candidates": candidates}
     return Found(**{**content, **made})
 
 
 def settings_of(content: Mapping[str, Any]) -> LineSettings:
-    """Return the line settings with this plain form."""
+    """Rebuild line settings from their plain form."""
     bits = content.get("stopbits", 1)
     return LineSettings(**{**content, "stopbits": bits if isinstance(bits, int) else float(bits)})
 

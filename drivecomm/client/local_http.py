@@ -112,7 +112,7 @@ class LocalConnection(HttpStream):
         return bool(self._pending) or bool(select.select([self._socket], [], [], seconds)[0])
 
     def answer(self) -> LocalAnswer:
-        """Read the head of the response and return the response."""
+        """Read the head of the response, and return the response, whose content is read separately."""
         while True:
             first, headers = self.head()
             version, _, rest = first.partition(" ")

@@ -1,11 +1,11 @@
-"""A plant from its masters' side: its drives by name, on lines that are opened when they are needed.
+"""Plant as its masters use it: drives by name, on lines that are opened when they are needed.
 
     with open_plant("plant.toml") as plant:
         pump = plant.drive("pump")
         print(pump.read("output_frequency"))
 
-A drive that the plant does not arm is read-only: what writes or commands raises UsageError before anything is sent.
-Stopping it is always allowed.
+A drive that is not armed in the plant is read-only: writes and commands raise UsageError before anything is sent.
+Stops are always allowed.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class Tour:
-    """Console for the output, and the steps so far: title, whether the step succeeded, and its observations."""
+    """Tour of the demo: its console, and the steps so far with title, success and observations."""
 
     console: Console
     steps: list[tuple[str, bool, str]] = field(default_factory=list)

@@ -53,8 +53,8 @@ def import_file(
 ) -> int:
     """Make a model from a register list, or from the configuration of another program.
 
-    Its drives are monitoring only: they are read, and neither commanded nor written. Shows what was understood, what
-    was assumed and what was not carried over, and asks before it writes. Exit code 1 if nothing is written.
+    Its drives are monitoring only: they are read, and neither commanded nor written. Shows the registers found, the
+    assumptions and the items left out, and asks before it writes. Exit code 1 if nothing is written.
     """
     path = output or Path(f"{file.stem}.toml")
     if path.suffix != ".toml":

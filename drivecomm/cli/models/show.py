@@ -111,7 +111,7 @@ def show(*, model: str, parameters: tuple[str, ...], protocol: str | None, commo
 @click.argument("files", type=FILE, metavar="[FILE...]", nargs=-1, help="Default: all that drivecomm finds by name.")
 @options.json
 def check(*, files: tuple[Path, ...], json: bool) -> int:
-    """Check model files and list everything that is wrong. Exit code 2 when anything is."""
+    """Check model files and list all faults in them. Exit code 2 if there are any."""
     wrong = 0
     for path in files or _all_model_files():
         findings = check_model(path)

@@ -21,7 +21,7 @@ _PAUSES_S = (0.02, 0.05, 0.1, 0.2, 0.5)
 
 
 def needed_options(build: Callable[..., Drive]) -> Mapping[str, float]:
-    """Return the drive options with which a drive answers every request; empty if no option that was tried helps.
+    """Return the drive options with which a drive answers every request; empty if no tried option helps.
 
     build: returns the drive with additional options. The trials use a longer reply timeout, then longer and longer
     pauses between a reply and the next request. They send only probes, which move no motor.

@@ -6,7 +6,7 @@ from string import ascii_lowercase, ascii_uppercase, digits
 
 _PLAIN = frozenset(ascii_lowercase + ascii_uppercase + digits + "-_")
 _DEVICES = frozenset({"con", "prn", "aux", "nul", *(f"{port}{each}" for port in ("com", "lpt") for each in digits)})
-"""Names that Windows takes for devices, with any file ending."""
+"""Names that Windows reserves for devices, with any file ending."""
 
 
 def file_stem(drive: str) -> str:

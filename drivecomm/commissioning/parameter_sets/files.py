@@ -100,9 +100,6 @@ def read_set(path: Path) -> ParameterSet:
     return _set_in(read_toml(path, "a parameter set", parse_float=Decimal))
 
 
-# Writing
-
-
 def _lines(known: ParameterSet) -> Iterator[str]:
     yield f"format = {_FORMAT}"
     for key in ("protocol", "drive", "model", "firmware"):
@@ -153,9 +150,6 @@ def _line(entry: Entry) -> str:
 def _comment(entry: Entry) -> str:
     meaning = " ".join("".join(sign if sign.isprintable() else " " for sign in entry.meaning).split())
     return f" # {meaning}" if meaning else ""
-
-
-# Reading
 
 
 def _set_in(top: Table) -> ParameterSet:

@@ -69,7 +69,7 @@ class Journal:
         self.written |= {address}
 
     def over(self) -> None:
-        """Remove the file."""
+        """Remove the journal file."""
         self.path.unlink(missing_ok=True)
 
 

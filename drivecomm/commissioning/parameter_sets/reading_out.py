@@ -1,4 +1,4 @@
-"""Backup: reading the parameters of a drive into a parameter set; and the distinction of one drive from another."""
+"""Backup of a drive's parameters into a parameter set, and checks that two sets are of the same drive."""
 
 from __future__ import annotations
 
