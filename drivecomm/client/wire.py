@@ -121,7 +121,7 @@ def _names_of(owner: Any) -> tuple[str, ...]:
 
 
 def reading_of(content: Mapping[str, Any]) -> Reading:
-    """Return the reading with this plain form."""
+    """Rebuild a reading from its plain form."""
     from drivecomm.protocol import Reading
 
     fields = {key: each for key, each in content.items() if key != "quality"}
@@ -129,7 +129,7 @@ def reading_of(content: Mapping[str, Any]) -> Reading:
 
 
 def status_of(content: Mapping[str, Any]) -> DriveStatus:
-    """Return the status with this plain form."""
+    """Rebuild a status from its plain form."""
     from drivecomm.protocol import DriveState, DriveStatus
 
     exact = {
@@ -140,7 +140,7 @@ def status_of(content: Mapping[str, Any]) -> DriveStatus:
 
 
 def parameter_of(content: Mapping[str, Any]) -> ParameterInfo:
-    """Return the parameter description with this plain form."""
+    """Rebuild a parameter description from its plain form."""
     from drivecomm.protocol import ParameterInfo
 
     exact = {
@@ -157,9 +157,10 @@ def drive_options(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def result_of(content: Any) -> Any:
-    """Return the result of a verb: a reading, a status, a parameter description, a list of them, or a plain value.
+    """Rebuild the result of a verb from its plain form.
 
-    A list may contain an error in place of a reading.
+    The result is a reading, a status, a parameter description, or a list of them, in which an error may stand in place
+    of a reading. Any other value is returned unchanged.
     """
     if isinstance(content, list):
         return [result_of(each) for each in content]
@@ -198,7 +199,7 @@ def error_content(error: DriveCommError) -> dict[str, Any]:
 
 
 def error_of(content: Mapping[str, Any]) -> DriveCommError:
-    """Return the error with this plain form; one of the same branch if its kind is unknown here."""
+    """Rebuild an error from its plain form; an unknown kind becomes an error of the same branch."""
     kind = _kinds().get(str(content.get("kind", "")))
     text = str(content.get("text", "the server does not say why"))
     made: DriveCommError

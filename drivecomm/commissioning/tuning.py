@@ -208,7 +208,7 @@ class _Tuning:
         )
 
     def _with_more(self, before: Trial) -> Procedure[Trial]:
-        """Try more time for replies, then longer and longer pauses; return the first trial that succeeded, or `before`."""
+        """Try more time for replies, then longer and longer pauses; return the first trial that held, or `before`."""
         usual = self._facts
         self._use(usual.override({"reply_timeout_s": _patience_s(usual)}))
         trial = yield from self._trial(before.turnaround_s, _of_a_trial(self._exchanges))
