@@ -246,7 +246,7 @@ class LineOptions:
 
     @contextmanager
     def opened(self) -> Iterator[Port]:
-        """Open the bare port for the time of the block, which a stop of another program ends; errors name the port."""
+        """Open the bare port during the block; a stop of another program ends the block. Errors name the port."""
         with self.named_in_errors(), ExitStack() as stack:
             port = buses.port_opener(self.named_port, rs485=self.rs485, low_latency=self.low_latency)()
             if port.real_time:

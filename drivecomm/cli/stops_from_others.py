@@ -1,4 +1,4 @@
-"""Stops from other programs while a command has a port: sent over its bus, or given the port.
+"""Stops from other programs while a command has a port: sent over its bus, or let through by closing the port.
 
 A command with an open bus sends them with the priority of a stop, and continues. A command with the bare port, such as
 `doctor`, ends as by Ctrl-C, so that the other program can open the port.

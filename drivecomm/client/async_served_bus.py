@@ -102,12 +102,12 @@ class AsyncServedBus(LineOfServer):
         return self._statistics
 
     def at_server(self, do: Callable[[], Any]) -> Coroutine[Any, Any, Any]:
-        """Run a request to the server in its own thread, so that a lease waits for no busy thread pool."""
+        """Run a request to the server in its own thread, so that a lease never waits for a busy thread pool."""
         self._check_open()
         return in_own_thread(do)
 
     def carry_out(self, of: Any, verb: str, arguments: Mapping[str, Any]) -> Coroutine[Any, Any, Any]:
-        """Run a verb at the server; a stop gets its own thread, so that it waits for no busy thread pool."""
+        """Run a verb at the server; a stop gets its own thread, so that it never waits for a busy pool."""
         self._check_open()
         if verb == "stop":
             return in_own_thread(self.sent, of, verb, arguments)

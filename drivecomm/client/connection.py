@@ -61,7 +61,7 @@ class LocalServer:
 
     @contextmanager
     def stream(self, path: str, content: Mapping[str, Any] | None = None) -> Iterator[Iterator[Any]]:
-        """Yield an iterator over the objects of a stream, one a line; the stream has begun when the block is entered.
+        """Yield an iterator over the objects of a stream, one per line; the stream has begun when the block is entered.
 
         The iterator yields None now and then while nothing arrives, so that the reader can decide to stop.
         """

@@ -56,7 +56,7 @@ def stop_door(port: str, program: str, carry_out: CarryOut, on_failure: Callable
     """Accept stops of this user's other programs during the block.
 
     carry_out: stops a drive; called in threads. Its DriveCommError is sent to the other program. on_failure: called if
-    the door cannot be opened, which prevents nothing else.
+    the door cannot be opened; the block then runs without it.
     """
     with ExitStack() as stack:
         try:

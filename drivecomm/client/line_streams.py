@@ -1,4 +1,4 @@
-"""Services of a server for a whole line: scans, examinations, counters. One JSON object a line.
+"""Services of a server for a whole line: scans, examinations, counters. One JSON object per line.
 
 A stream has lines {"progress": [WHAT, DONE, TOTAL]} and result lines, such as {"found": ...}; {"error": ...} ends it.
 """

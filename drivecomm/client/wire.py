@@ -31,7 +31,7 @@ def json_text(content: Any) -> str:
 
     A decimal without a point is written with an exponent, 50E0, so that it is read as a decimal again.
     """
-    # Speed matters here: each changed value passes through for the stream.
+    # Speed matters: the stream encodes each changed value here.
     write = _WRITTEN.get(type(content))
     if write is not None:
         return write(content)

@@ -1,6 +1,6 @@
 """Plant files.
 
-A plant is a TOML file. All times are seconds from the start of the plant's process:
+A plant is a TOML file. All times are seconds from the start of the plant's process. Example:
 
 format = 1
 

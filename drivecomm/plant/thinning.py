@@ -1,7 +1,7 @@
 """Thinning of many values to the points that must be drawn, without losing any extreme. No I/O, no clock.
 
-The points are the first, the last, the lowest and the highest of each time span (M4, for charts with one pixel a span),
-and the points at which gaps begin and end.
+The points are the first, the last, the lowest and the highest of each time span (M4, for charts with one pixel per
+span), and the points at which gaps begin and end.
 """
 
 from __future__ import annotations

@@ -94,7 +94,7 @@ GAP = " "
 
 
 def sparkline(values: Sequence[float | None]) -> str:
-    """Return one character a value, scaled from 0 (or a lower minimum) to the maximum; a gap for None."""
+    """Return one character per value, scaled from 0 (or a lower minimum) to the maximum; a gap for None."""
     there = [value for value in values if value is not None]
     low, high = min([0.0, *there]), max([0.0, *there])
     return "".join(GAP if value is None else _step(value, low, high) for value in values)

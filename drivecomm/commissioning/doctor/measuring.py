@@ -229,7 +229,7 @@ def _no_answer(drive: Drive, tries: int) -> str:
         except ReplyError as failure:
             error, tries = in_one_line(failure), tries - 1
         except DriveError:
-            # A drive that refuses is there.
+            # A refusal also shows that the drive is there.
             return ""
         else:
             return ""

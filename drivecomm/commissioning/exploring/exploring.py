@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from drivecomm.commissioning.exploring.logbook import Remembers
 
 PAUSES_S = (1.0, 2.0, 5.0, 10.0, 30.0)
-"""Pauses in seconds before a silent drive is asked again; a changed fuse or a restart takes less than their sum."""
+"""Pauses in seconds before a silent drive is asked again; replacing a fuse or a restart takes less than their sum."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""Register lists as CSV: columns by their headings, delimiter and encoding detected, one register a row."""
+"""Register lists as CSV: columns by their headings, delimiter and encoding detected, one register per row."""
 
 from __future__ import annotations
 

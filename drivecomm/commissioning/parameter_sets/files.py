@@ -1,4 +1,4 @@
-"""Parameter sets as TOML files, for people and for version control: one line a parameter, in a fixed order.
+"""Parameter sets as TOML files, for people and for version control: one line per parameter, in a fixed order.
 
 `docs/how-to/parameter-sets.md` shows an example. Numbers are exact: fractions are decimal, never binary.
 """

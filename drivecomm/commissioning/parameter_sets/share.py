@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Share:
-    """held: number of values of a model's parameters in a set. of: total number of values, without commands."""
+    """Share of a model's values that a set holds. held: their number. of: number of all values, without commands."""
 
     model: str
     held: int

@@ -148,7 +148,7 @@ def state_words(status: DriveStatus) -> str:
 
 
 ROOM = 1200
-"""Number of samples that a trend holds: twenty minutes at one a second."""
+"""Number of samples that a trend holds: twenty minutes at one per second."""
 
 
 class Sample(NamedTuple):
