@@ -35,7 +35,7 @@ def check(*, plant: Path, test: str | None, json: bool) -> int:
         if test not in rules:
             raise UsageError(f"{plant}: unknown alarm {test!r}; {meant(test, rules, 'it has')}")
         if not rules[test].deliver:
-            raise UsageError(f"{plant}: the alarm {test!r} is delivered to nobody; give it deliver = [...]")
+            raise UsageError(f"{plant}: the alarm {test!r} has no receivers; give it deliver = [...]")
         tried = try_out(rules[test], plant.stem, os.environ)
         for label, failure in tried.items():
             if json:
@@ -47,7 +47,7 @@ def check(*, plant: Path, test: str | None, json: bool) -> int:
         if json:
             emit(alarm=rule.name, rule=str(rule), drives=list(rule.drives), receivers=list(rule.labels))
         else:
-            told = f"notifies {', '.join(rule.labels)}" if rule.labels else "nobody is notified"
+            told = f"notifies {', '.join(rule.labels)}" if rule.labels else "no receivers"
             say(f"{rule.name}: {rule}; {told}")
     if not rules and not json:
         say(f"{plant} has no alarms; write an [[alarm]] for each")

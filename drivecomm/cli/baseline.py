@@ -79,7 +79,7 @@ def system_user(remedy: str) -> str:
     try:
         return getpass.getuser()
     except (OSError, KeyError, ImportError) as error:
-        raise UsageError(f"this system does not tell who you are; {remedy}") from error
+        raise UsageError(f"this system does not report your user name; {remedy}") from error
 
 
 def _show_accepted(

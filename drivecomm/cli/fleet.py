@@ -119,7 +119,7 @@ def _show_plants(known: Fleet, *, as_json: bool) -> int:
         for each in summaries:
             emit(**each._asdict())
     elif not summaries:
-        say(f"no plant has told this broker anything below {known.prefix}")
+        say(f"no plant has published on this broker below {known.prefix}")
     else:
         print_columns([_HEAD, *(_cells(each, now) for each in summaries)])
         connected = sum(each.gateway == "online" for each in summaries)

@@ -143,7 +143,7 @@ def _ask(text: str) -> str:
     try:
         return input("> ")
     except EOFError:
-        raise UsageError("nobody answers: --manual needs somebody at the keyboard") from None
+        raise UsageError("no input: --manual needs a user at the keyboard") from None
 
 
 def _must_be_free(files: Mapping[str, Path | None], *, force: bool) -> None:

@@ -295,10 +295,10 @@ def _with_unit(value: str, machine: MachineUnit | None) -> tuple[str, str]:
     if begin := _FIGURE.match(text):
         units = [*_UNITS.values(), *([machine.unit] if machine is not None else [])]
         raise UsageError(
-            f"{value!r} is no reference in {_either(units)}; write {_either([begin[0] + unit for unit in units])}"
+            f"{value!r} is not a reference in {_either(units)}; write {_either([begin[0] + unit for unit in units])}"
             + ("" if machine is not None else ', or machine = { unit = "m/min", per_hz = "1.25" } in the plant file')
         )
-    raise UsageError(f"{value!r} is no reference; write a number and its unit, such as 50%, 25Hz or 1450rpm")
+    raise UsageError(f"{value!r} is not a reference; write a number and its unit, such as 50%, 25Hz or 1450rpm")
 
 
 def _either(words: list[str]) -> str:

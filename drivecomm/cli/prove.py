@@ -182,6 +182,6 @@ def _show(proof: Proof, path: Path, name: DriveConfig, *, as_json: bool) -> None
     )
     say(f"written to {path}")
     if proof.virtual:
-        say("the drive is a virtual one: this is no proof of a real drive")
+        say("the drive is a virtual one: this is not a proof of a real drive")
     elif not proof.name_plate:
         say("add what its name plate says (name_plate) before you contribute it")

@@ -164,8 +164,8 @@ def _foretell(forecast: ScanForecast, *, as_json: bool) -> None:
         return
     settings = counted(forecast.settings, "line setting")
     note(
-        f"{forecast.questions} questions at {settings} take {_duration(forecast.seconds)} at most while "
-        "nobody answers, the likely first; Ctrl-C ends it and keeps what was found"
+        f"{forecast.questions} questions at {settings} take {_duration(forecast.seconds)} at most if "
+        "no drive answers, the likely ones first; Ctrl-C ends the scan and keeps the drives found"
     )
 
 

@@ -42,5 +42,5 @@ def start_and_stay(
             said = {"watchdog_s": watchdog_s} if "watchdog_s" in event else {}
             news.tell(**{**event, **said})
     if ended != "stop commanded":
-        raise ServerLostError(f"{drive.name}: its server keeps it no more, and does not say why; look at the motor")
+        raise ServerLostError(f"{drive.name}: its server no longer keeps it, for an unknown reason; look at the motor")
     return DriveError.exit_code if news.fault else 0

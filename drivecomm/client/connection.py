@@ -203,4 +203,4 @@ def _refusal(content: Any) -> DriveCommError:
     try:
         return error_of(content["error"])
     except (KeyError, TypeError) as error:
-        raise ValueError("an error that says nothing") from error
+        raise ValueError("an error without a description") from error

@@ -117,7 +117,7 @@ class LocalConnection(HttpStream):
             first, headers = self.head()
             version, _, rest = first.partition(" ")
             if not version.startswith("HTTP/1."):
-                raise ValueError("an answer that is no HTTP")
+                raise ValueError("a response that is not HTTP")
             status = int(rest.partition(" ")[0])
             if status not in _INFORMATION:
                 return LocalAnswer(self, status, headers)

@@ -244,7 +244,7 @@ def _addresses(word: str) -> Iterator[str]:
         return
     begin, end = _RANGE_ENDS.fullmatch(first), _RANGE_ENDS.fullmatch(last)
     if begin is None or end is None or begin["before"] != end["before"]:
-        raise UsageError(f"{word!r} is no range; write its first and its last parameter, such as 16-10..16-18")
+        raise UsageError(f"{word!r} is not a range; write its first and its last parameter, such as 16-10..16-18")
     low, high = int(begin["number"]), int(end["number"])
     if high < low or high - low >= _LONGEST_RANGE:
         raise UsageError(f"the range {word!r} has no parameters, or more than {_LONGEST_RANGE}")

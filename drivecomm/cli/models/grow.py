@@ -105,7 +105,7 @@ def grow(
 def _written(drive: Drive, answers: list[Answer], told: list[ParameterInfo], file: Path) -> KnownModel:
     """Write the model made from a drive's answers, and return it. Raises DriveError without answers."""
     if not any(answer.told is not None for answer in answers):
-        raise DriveError(f"{drive.name} tells nothing of {len(answers)} parameters, so there is no model to write")
+        raise DriveError(f"{drive.name} answers none of {len(answers)} parameters, so there is no model to write")
     made = grown(
         told,
         protocol=drive.name.partition(":")[0],

@@ -166,7 +166,7 @@ def _parameter(text: str, model: Model) -> ParameterInfo:
     """Return a parameter of a model by its address, its name or a common name. Raises ParameterAddressError."""
     info = parameter_at(model.quantities.get(text, text), model)
     if info is None:
-        raise ParameterAddressError(f"model {model.name} knows no parameter {text!r}; drivecomm models show lists them")
+        raise ParameterAddressError(f"model {model.name} has no parameter {text!r}; drivecomm models show lists them")
     return info
 
 

@@ -177,7 +177,7 @@ def _drives(measurements: Measurements) -> Iterator[_Found]:
         "check that the drives have power, their address, protocol and baud rate (--baudrate, --parity), "
         "and whether the two signal wires are swapped"
     )
-    yield "problem", f"nobody answers at {measurements.addresses} addresses ({at})", remedy
+    yield "problem", f"no drive answers at {measurements.addresses} addresses ({at})", remedy
 
 
 def _expected(sought: Sought) -> _Found:

@@ -40,7 +40,7 @@ def read_baseline(path: Path) -> ParameterSet:
     known = read_set(path)
     if known.approved is None:
         raise FileFormatError(
-            f"{path}: nobody approved this parameter set: it has no [approved]; approve it with drivecomm baseline "
+            f"{path}: this parameter set is not approved: it has no [approved]; approve it with drivecomm baseline "
             "accept and --from, or remove it"
         )
     return known

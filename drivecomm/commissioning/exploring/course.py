@@ -45,8 +45,8 @@ def course(
     """
     if plugin.address_space is None:
         raise NotSupported(
-            f"the package {plugin.package} does not tell which addresses a {plugin.name} drive can hold, so nobody "
-            "knows what to ask; back up what its model knows"
+            f"the package {plugin.package} does not list the addresses of a {plugin.name} drive, so "
+            "they cannot be read; back up the parameters that its model knows"
         )
     _, options = resolve_options(plugin, model, {})
     space = plugin.address_space(options, model)

@@ -133,7 +133,7 @@ class Logbook:
                 self.path.write_bytes(whole)
         except (OSError, ValueError, KeyError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
             raise FileFormatError(
-                f"{self.path}: these are no answers of a drive; remove the file to begin anew"
+                f"{self.path}: these are not answers of a drive; remove the file to begin anew"
             ) from error
         if head is not None and head != self._head:
             raise FileFormatError(f"{self.path}: {self._differing(head)}; remove the file to begin anew")

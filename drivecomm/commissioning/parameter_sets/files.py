@@ -88,7 +88,7 @@ def must_be_free(path: Path, drive: str) -> None:
     try:
         there = read_set(path)
     except FileFormatError as error:
-        raise UsageError(f"{path}: there is a file that is no parameter set; give another name") from error
+        raise UsageError(f"{path} exists and is not a parameter set; give another name") from error
     if there.drive != drive:
         raise UsageError(f"{path}: this is the parameter set of {there.drive}, not of {drive}; give another name")
     if there.approved is not None:

@@ -104,7 +104,7 @@ def found_journal(path: Path, known: ParameterSet, drive: str) -> Journal:
             # New lines must not be appended to a line that was cut off.
             path.write_bytes(whole)
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise FileFormatError(f"{path}: this is no journal of a restore; remove it to begin again") from error
+        raise FileFormatError(f"{path}: this is not a journal of a restore; remove it to begin again") from error
     if head != _head(known, drive):
         raise FileFormatError(
             f"{path}: this journal is of another parameter set or drive, or the set was changed since; remove it to "

@@ -144,5 +144,7 @@ def in_unit(value: Value, given: str, wanted: str) -> Value:
     try:
         number = Decimal(value)
     except InvalidOperation:
-        raise UsageError(f"{value!r} is no number and cannot be given in {wanted or 'another unit'}") from None
+        raise UsageError(
+            f"{value!r} is not a number, so it cannot be converted to {wanted or 'another unit'}"
+        ) from None
     return converted(number, given, wanted)

@@ -99,7 +99,7 @@ def _stored(to: Subject, options: RestoreOptions) -> bool:
     if not options.volatile:
         return to.capabilities.stored_writes
     if not to.capabilities.volatile_writes:
-        raise NotSupported(f"{to.name} keeps every write over power-off, or nobody knows; restore without volatile")
+        raise NotSupported(f"{to.name} keeps every write over power-off, or this is unknown; restore without volatile")
     return False
 
 

@@ -63,7 +63,7 @@ def _whole_rows(path: Path) -> int:
         if head != _HEAD:
             if _HEAD.startswith(head):
                 return 0
-            raise FileFormatError(f"{path}: is there already and is no log of values; give another name")
+            raise FileFormatError(f"{path} exists already and is not a value log; give another name")
         size = file.seek(0, 2)
         file.seek(max(0, size - _LONGEST_ROW))
         return size - len(file.read().rpartition(b"\n")[2])
@@ -74,7 +74,7 @@ def read_csv(path: Path) -> Iterator[LogRow]:
     with path.open(encoding="utf-8", newline="") as file:
         lines = csv.DictReader(_whole_lines(file))
         if lines.fieldnames is None or set(COLUMNS) - set(lines.fieldnames):
-            raise FileFormatError(f"{path}: is no log of values; its first line must be {','.join(COLUMNS)}")
+            raise FileFormatError(f"{path} is not a value log; its first line must be {','.join(COLUMNS)}")
         try:
             for line in lines:
                 yield _row(line, path, lines.line_num)
@@ -91,4 +91,4 @@ def _row(content: dict[str, str], path: Path, line: int) -> LogRow:
     try:
         return row_from(content)
     except (ValueError, TypeError, KeyError) as error:
-        raise FileFormatError(f"{path}, line {line}: is no row of a log: {error}") from error
+        raise FileFormatError(f"{path}, line {line}: not a row of a value log: {error}") from error

@@ -28,7 +28,7 @@ class ParquetLog:
     def __init__(self, path: Path) -> None:
         _pyarrow()
         if path.exists():
-            raise FileFormatError(f"{path}: is there already, and a Parquet file takes no more rows; give another name")
+            raise FileFormatError(f"{path} exists already, and a Parquet file takes no more rows; give another name")
         self._path = path
         self._journal = CsvLog(journal_of(path))
 
@@ -70,7 +70,7 @@ def read_parquet(path: Path) -> Iterator[LogRow]:
         raise FileFormatError(f"{path}: cannot be read as Parquet: {' '.join(str(reason).split())}") from error
     with file:
         if set(COLUMNS) - set(file.schema_arrow.names):
-            raise FileFormatError(f"{path}: is no log of values; it must have the columns {', '.join(COLUMNS)}")
+            raise FileFormatError(f"{path} is not a value log; it must have the columns {', '.join(COLUMNS)}")
         for batch in file.iter_batches(batch_size=ROWS_A_GROUP, columns=list(COLUMNS)):
             # Reading whole columns, with times as numbers, is several times faster than row by row.
             stamps = batch.column("time").cast(arrow.timestamp("ms", tz="UTC")).cast(arrow.int64()).to_pylist()

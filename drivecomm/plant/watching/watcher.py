@@ -71,7 +71,7 @@ class Watcher:
     ) -> None:
         for name in names:
             if name not in quantities():
-                raise UsageError(f"{name!r} is no common name; drivecomm models names lists them")
+                raise UsageError(f"unknown common name {name!r}; drivecomm models names lists them")
         if not 0 < period_s < float("inf"):
             raise UsageError(f"a period of {period_s:g} s cannot be; write seconds above 0")
         self.names = tuple(names)
