@@ -1,4 +1,4 @@
-"""The console script. It loads nothing but the rest of it, so that Ctrl-C ends it with one sentence from here on."""
+"""The console script. It first imports nothing but the standard library, so that Ctrl-C always prints one sentence."""
 
 import os
 import sys
@@ -21,7 +21,7 @@ def main() -> int:
 
 
 def _end(number: int, _: object) -> None:
-    # Not by an exception, which does not get out of everything that happens while modules are loaded.
+    # No exception here: it may get lost while modules are imported.
     try:
         os.write(2, b"drivecomm: interrupted\n")
     finally:
@@ -29,4 +29,4 @@ def _end(number: int, _: object) -> None:
 
 
 def _go_on(number: int, _: object) -> None:
-    """Let a stop be carried through."""
+    """Ignore the signal, so that a stop is completed."""

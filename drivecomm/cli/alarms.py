@@ -1,4 +1,4 @@
-"""The alarms commands: what a plant file says of alarms, in words, and a message to try whether it arrives."""
+"""Command `alarms check`: the alarms of a plant file in words, and a test message to their receivers."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 def check(*, plant: Path, test: str | None, json: bool) -> int:
     """Show the alarms of a plant file in words, or try one out.
 
-    Exit code 1 when there are none, or when the test message could not be delivered to everybody.
+    Exit code 1 if there are none, or if a receiver did not get the test message.
     """
     settings, drives = read_settings(plant), read_plant(plant).drives
     rules = {rule.name: rule for rule in read_alarms(settings.alarms, drives, settings.backups.drives)}
@@ -35,7 +35,7 @@ def check(*, plant: Path, test: str | None, json: bool) -> int:
         if test not in rules:
             raise UsageError(f"{plant}: unknown alarm {test!r}; {meant(test, rules, 'it has')}")
         if not rules[test].deliver:
-            raise UsageError(f"{plant}: the alarm {test!r} is delivered to nobody; give it deliver = [...]")
+            raise UsageError(f"{plant}: the alarm {test!r} has no receivers; give it deliver = [...]")
         tried = try_out(rules[test], plant.stem, os.environ)
         for label, failure in tried.items():
             if json:
@@ -47,7 +47,7 @@ def check(*, plant: Path, test: str | None, json: bool) -> int:
         if json:
             emit(alarm=rule.name, rule=str(rule), drives=list(rule.drives), receivers=list(rule.labels))
         else:
-            told = f"notifies {', '.join(rule.labels)}" if rule.labels else "nobody is notified"
+            told = f"notifies {', '.join(rule.labels)}" if rule.labels else "no receivers"
             say(f"{rule.name}: {rule}; {told}")
     if not rules and not json:
         say(f"{plant} has no alarms; write an [[alarm]] for each")

@@ -13,11 +13,11 @@ COMMANDS = {
     "decode": ("telegrams:decode", "Decode one telegram."),
     "encode": ("telegrams:encode", "Build one telegram from its fields and print it in hexadecimal."),
     "scan": ("scan:scan", "Find the drives on a line."),
-    "doctor": ("doctor:doctor", "Examine a port and its line, and say how to fix what is wrong."),
+    "doctor": ("doctor:doctor", "Examine a port and its line, and suggest fixes for problems."),
     "tune": ("tune:tune", "Find the shortest pause after a drive's replies, and its reply time-out."),
     "prove": (
         "prove:prove",
-        "Hold a drive against its model, and write what agrees, what contradicts and what is new as a report.",
+        "Compare a drive with its model, and report the facts that agree, those that contradict, and new ones.",
     ),
     "stats": ("stats:stats", "Poll drives for a while and count replies, errors and reply times."),
     "read": ("one_drive:read", "Read parameters."),
@@ -32,11 +32,11 @@ COMMANDS = {
     "backup": ("parameter_sets.saved:backup", "Save the parameters of a drive to a file."),
     "compare": ("parameter_sets.saved:compare", "List the parameters in which two drives or files differ."),
     "restore": ("parameter_sets.restore:restore", "Write the parameters in a file to a drive."),
-    "replace": ("replace:replace", "Give the drive that took another one's place its approved settings, then compare."),
+    "replace": ("replace:replace", "Restore the approved settings of a drive to its replacement, then compare."),
     "baseline": ("", "The approved parameters of each drive of a plant: accept or show them."),
-    "baseline accept": ("baseline:accept", "Make what a drive holds, or a file, the approved set of that drive."),
+    "baseline accept": ("baseline:accept", "Make the present parameters of a drive, or a file, its approved set."),
     "baseline show": ("baseline:show", "Show which drives have an approved set: by whom, when and why."),
-    "drift": ("drift:drift", "List what differs from the approved sets of the drives of a plant."),
+    "drift": ("drift:drift", "List the differences between the drives of a plant and their approved sets."),
     "report": (
         "report:report",
         "Print the commissioning record of a drive: identity, motor, link loss, settings other than the factory's.",
@@ -46,7 +46,7 @@ COMMANDS = {
     "plot": ("plot:plot", "Plot a log or a history."),
     "history": (
         "history:history",
-        "Show what a server kept: values, events, commands, and the drives' own fault logs.",
+        "Show the record of a server: values, events, commands, and the drives' own fault logs.",
     ),
     "forecast": (
         "forecast:forecast",
@@ -62,7 +62,7 @@ COMMANDS = {
         "serve:serve",
         "Own the lines of a plant, and serve its drives to commands, programs and people.",
     ),
-    "tags": ("", "What supervisory systems call the values of a plant: export or import a table of tags."),
+    "tags": ("", "Names of a plant's values in supervisory systems: export or import a table of tags."),
     "tags export": (
         "tags:export",
         "Write each value that a server of the plant polls, with its tag and its address at each door, as CSV.",
@@ -71,8 +71,8 @@ COMMANDS = {
         "tags:import_tags",
         "Set names, groups and deadbands of values in the plant file; its comments stay.",
     ),
-    "fleet": ("", "Many plants by the broker that they publish on: as they are now, and their record."),
-    "fleet show": ("fleet:fleet", "Show the plants whose servers tell an MQTT broker how they are."),
+    "fleet": ("", "Many plants through their MQTT broker: present state and record."),
+    "fleet show": ("fleet:fleet", "Show the plants whose servers publish to an MQTT broker."),
     "fleet history": ("fleet_past:history", "Show values, events or commands of a plant from the record of its fleet."),
     "fleet alarms": ("fleet_past:alarms", "Show the alarms of all plants from the record of their fleet."),
     "fleet acknowledge": ("fleet_acknowledge:acknowledge", "Acknowledge alarms of a plant, as its server allows."),
@@ -86,43 +86,43 @@ COMMANDS = {
     "plant inject": ("plant:inject", "Inject foreign bytes into a line."),
     "plant fault": ("plant:fault", "Add a fault to the script of a running plant."),
     "plant show": ("plant:show", "Show the states of all drives, or parameter values of one."),
-    "plant telegrams": ("plant_evidence:telegrams", "Show what was on a line, decoded."),
-    "plant violations": ("plant_evidence:violations", "Show what the master of a line did wrong."),
-    "plant counters": ("plant_evidence:counters", "Show how many telegrams, faults and violations there were."),
-    "plant state": ("plant_evidence:state", "Show how each drive is at the moment: motor, reference, line settings."),
+    "plant telegrams": ("plant_evidence:telegrams", "Show the telegrams on a line, decoded."),
+    "plant violations": ("plant_evidence:violations", "Show the rule violations of a line's master."),
+    "plant counters": ("plant_evidence:counters", "Show the counters of telegrams, faults and violations."),
+    "plant state": ("plant_evidence:state", "Show the present state of each drive: motor, reference, line settings."),
     "models": ("", "Drive models: list, show, check or make them."),
     "models list": ("models.show:list_models", "List the models by protocol."),
-    "models show": ("models.show:show", "Show what is known of a drive series."),
+    "models show": ("models.show:show", "Show the facts of a drive series."),
     "models setup": (
         "models.setup:setup",
-        "Show what must be set at the panel of a drive, so that it talks and obeys.",
+        "Show the panel settings that a drive needs to communicate and to obey commands.",
     ),
     "models check": ("models.show:check", "Check model files."),
-    "models names": ("models.show:names", "List the common names: what each means on every drive, and its unit."),
-    "models draw": ("models.draw:draw", "Draw facts at random, each with the page that says so."),
+    "models names": ("models.show:names", "List the common names with their meaning on every drive, and their unit."),
+    "models draw": ("models.draw:draw", "Draw facts at random, each with its source page."),
     "models apply-proof": (
         "models.apply_proof:apply",
-        "Mark facts of a model as shown or contradicted by a drive, as a report of prove says.",
+        "Mark facts of a model as shown or contradicted by a drive, from a report of prove.",
     ),
     "models import": (
         "models.import_file:import_file",
         "Make a model from a register list, or from the configuration of another program.",
     ),
-    "models grow": ("models.grow:grow", "Write a model file from what a drive answers."),
+    "models grow": ("models.grow:grow", "Write a model file from the answers of a drive."),
     "judge": (
         "judge:judge",
-        "Judge a master: run any program against a virtual drive through a catalogue of what goes wrong.",
+        "Judge a master: run any program against a virtual drive through a catalogue of faults.",
     ),
     "conformance": ("package_tests:conformance", "Run the conformance tests of a protocol package."),
-    "users": ("", "Who may reach a served plant over a network: add, list or remove users."),
-    "users add": ("users:add", "Add a user, and print the token by which the user comes in; it is shown this once."),
-    "users list": ("users:list_users", "List the users with their roles, and by what they are recognised."),
-    "users remove": ("users:remove", "Remove a user; a running server lets them in no longer."),
+    "users": ("", "Users with access to a served plant over a network: add, list or remove."),
+    "users add": ("users:add", "Add a user, and print the user's access token; it is shown only once."),
+    "users list": ("users:list_users", "List the users with their roles and kinds of credentials."),
+    "users remove": ("users:remove", "Remove a user; a running server refuses them from then on."),
     "vectors": ("", "Test vectors: run them, or make them from a capture."),
     "vectors check": ("package_tests:check", "Run every check of every vector."),
     "vectors from-capture": ("package_tests:from_capture", "Turn a capture into vectors."),
 }
-"""By name: where it is, empty for a group, and what it does, with which the docstring there begins, too."""
+"""Commands by name: the location, empty for a group, and the summary, with which the docstring there begins as well."""
 
 READING = frozenset(
     {
@@ -143,7 +143,7 @@ READING = frozenset(
         ),
     }
 )
-"""Commands that only print: they end when their output cannot be written. The others finish their work."""
+"""Commands that only print: they end when their output cannot be written. All others complete their work."""
 
 
 @click.group(
@@ -161,6 +161,6 @@ def app() -> None:
 
 
 OTHERWISE = {"fleet": "show"}
-"""The command that is meant where the first word is none of a group."""
+"""Default command of a group, used if the first word is not a command of the group."""
 
 app.add_lazy(COMMANDS, OTHERWISE)

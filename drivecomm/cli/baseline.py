@@ -1,4 +1,4 @@
-"""The baseline commands: which parameters of the drives of a plant are approved."""
+"""Commands `baseline accept` and `baseline show`: the approved parameters of the drives of a plant."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ if TYPE_CHECKING:
 @click.option("--why", metavar="TEXT", default="", help="Why it is right so.")
 @click.option("--from", "source", type=FILE, help="A file that backup wrote, instead of asking the drive.")
 def accept(*, drive: str, line: LineOptions, by: str | None, why: str, source: Path | None) -> int:
-    """Make what a drive holds, or a file, the approved set of that drive.
+    """Make the present parameters of a drive, or a file, its approved set.
 
-    It is kept in the folder baselines beside the plant file, in place of an older one; what changes is listed.
+    The set replaces an older one in the folder baselines beside the plant file; the changes are listed.
     """
     place = line.in_plant(drive)
     if place is None:
@@ -75,11 +75,11 @@ def accept(*, drive: str, line: LineOptions, by: str | None, why: str, source: P
 
 
 def system_user(remedy: str) -> str:
-    """Return who uses this system. Raises UsageError with this remedy if the system does not tell."""
+    """Return the user name of this process. Raises UsageError with this remedy if the system does not report it."""
     try:
         return getpass.getuser()
     except (OSError, KeyError, ImportError) as error:
-        raise UsageError(f"this system does not tell who you are; {remedy}") from error
+        raise UsageError(f"this system does not report your user name; {remedy}") from error
 
 
 def _show_accepted(
@@ -102,7 +102,7 @@ def _show_accepted(
 
 
 def emit_differences(name: DriveConfig, differences: Sequence[Difference]) -> None:
-    """Print an object for each parameter that is not as approved."""
+    """Print an object for each parameter that differs from the approved one."""
     for each in differences:
         kind = "changed" if each.kind == "value" else each.kind
         emit(**labels(name), kind=kind, parameter=each.address, quantity=each.name, approved=told(each.left),
@@ -110,14 +110,14 @@ def emit_differences(name: DriveConfig, differences: Sequence[Difference]) -> No
 
 
 def show_changes(name: DriveConfig, found: Drift) -> None:
-    """Print each value that changed, as it was approved and as it is now."""
+    """Print each value that changed, with its approved and its present value."""
     width = max((len(called(each)) for each in found.changed), default=0)
     for each in found.changed:
         say(f"{name.name}  {called(each):<{width}}  {shown(each.left)} -> {shown(each.right)}")
 
 
 def plant_of_baselines(file: Path | None) -> Plant:
-    """Return the plant of a call. Raises UsageError where there is none."""
+    """Return the plant of a call. Raises UsageError if there is no plant file."""
     known = known_plant(file, port_given=False)
     if known is None:
         raise UsageError("no plant, beside whose file the baselines are kept; name one with --plant")
@@ -125,7 +125,7 @@ def plant_of_baselines(file: Path | None) -> Plant:
 
 
 def tell_lacking(names: Collection[str], *, as_json: bool) -> None:
-    """Say which drives have no baseline, and how to make one."""
+    """Print the drives without a baseline, and the command that makes one."""
     if names:
         command = f"drivecomm baseline accept {shlex.quote(next(iter(names)))}"
         text = f"without a baseline: {', '.join(names)}; make one: {command}"

@@ -1,4 +1,4 @@
-"""The cohabit command: whether drives on one line can take each other's telegrams for their own."""
+"""Command `cohabit`: check whether drives on one line can take each other's telegrams for their own."""
 
 from __future__ import annotations
 

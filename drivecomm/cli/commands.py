@@ -1,4 +1,4 @@
-"""Commands with help in sections, and groups of commands that are imported when they are called."""
+"""Click commands with help in sections, and groups that import a command only when it is called."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 NEGATIVE_NUMBERS = {"ignore_unknown_options": True}
-"""Settings of a command whose arguments may begin with a minus."""
+"""Click settings of a command whose arguments may begin with a minus sign."""
 
 
 class Command(click.Command):
-    """A command whose help has a section for each `section` that its options name, after those that name none."""
+    """Command whose help has a section for each `section` of its options, after the options without a section."""
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Carry it out. Its words have been read, so nothing is being loaded any more."""
+        """Run the command. All its modules are imported by now, as its words have been parsed."""
         signals.loaded()
         return super().invoke(ctx)
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the sections."""
+        """Write the sections of the help."""
         sections: dict[str, list[tuple[str, str]]] = {"Options": []}
         for parameter in self.get_params(ctx):
             record = parameter.get_help_record(ctx) if isinstance(parameter, click.Option) else None
@@ -38,10 +38,10 @@ class Command(click.Command):
 
 
 class LazyCommand(click.Command):
-    """A command of which only the name and a short text are known before it is called.
+    """Command that is imported when it is called; before that, only its name and a short text are known.
 
-    The lazy group of click's manual imports every command to list them, and to complete a name; this one imports the
-    command that is called. where: `module:function` in this package.
+    The lazy group of click's manual imports every command to list them, and to complete a name. This class imports only
+    the command that is called. where: `module:function` in this package.
     """
 
     def __init__(self, name: str, where: str, text: str) -> None:
@@ -50,7 +50,7 @@ class LazyCommand(click.Command):
 
     @cached_property
     def loaded(self) -> click.Command:
-        """The command itself."""
+        """The real command, imported on first use."""
         module, _, name = self._where.partition(":")
         command: click.Command = getattr(import_module(f"drivecomm.cli.{module}"), name)
         return command
@@ -58,14 +58,14 @@ class LazyCommand(click.Command):
     def make_context(
         self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
     ) -> click.Context:
-        """Let the command itself read its words."""
+        """Let the real command parse its words."""
         return self.loaded.make_context(info_name, args, parent=parent, **extra)
 
 
 class LazyGroup(click.Group):
-    """A group of lazy commands, listed in the order in which they were given.
+    """Group of lazy commands, listed in the order of their definition.
 
-    otherwise: the command that is meant where the first word names none of them.
+    otherwise: default command, used if the first word is not a command of the group.
     """
 
     def __init__(self, *given: Any, otherwise: str = "", **further: Any) -> None:
@@ -75,19 +75,19 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return the command that is meant, and its own words."""
+        """Return the command for these words, and the remaining words."""
         if self._otherwise and args[0] not in self.commands:
             args = [self._otherwise, *args]
         return super().resolve_command(ctx, args)
 
     def list_commands(self, _ctx: click.Context) -> list[str]:
-        """Return the names."""
+        """Return the names of the commands."""
         return list(self.commands)
 
     def add_lazy(self, commands: Mapping[str, tuple[str, str]], otherwise: Mapping[str, str]) -> None:
-        """Add commands by name: where they are, empty for a group, and what they do. Those of a group follow it.
+        """Add commands by name: location, empty for a group, and summary. The commands of a group follow it.
 
-        otherwise: of some groups, the command that is meant where no other one is named.
+        otherwise: default commands, by the name of the group.
         """
         for name, (where, text) in commands.items():
             group, _, within = name.rpartition(" ")
@@ -101,7 +101,7 @@ class LazyGroup(click.Group):
                     short_help=text,
                     no_args_is_help=True,
                     otherwise=otherwise.get(name, ""),
-                    # What is no option of the group is one of that command.
+                    # Options that the group does not know belong to its default command.
                     context_settings={"ignore_unknown_options": name in otherwise},
                 )
             )

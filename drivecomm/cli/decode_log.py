@@ -1,4 +1,4 @@
-"""The decode command for logs that other programs printed."""
+"""Decoding of logs that other programs printed, for the decode command."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def decode_log(path: Path, codecs: Mapping[str, Codec], *, as_json: bool) -> int:
-    """Show what a log holds, line by line. Exit code 4 if none of it is a telegram."""
+    """Print the telegrams of a log, line by line. Returns exit code 4 if there are none."""
     read = read_log(path)
     for remark in read.remarks:
         tell(remark, as_json=as_json, remark=remark)

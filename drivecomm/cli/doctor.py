@@ -1,4 +1,4 @@
-"""The doctor command: what an adapter and its line do, and what to do about it."""
+"""Command `doctor`: measurements of an adapter and its line, with remedies."""
 
 from __future__ import annotations
 
@@ -51,10 +51,11 @@ def doctor(
     quick: bool,
     all_protocols: bool,
 ) -> int:
-    """Examine a port and its line, and say how to fix what is wrong: adapter, noise, echo, drives, reply times.
+    """Examine a port and its line, and suggest fixes for problems: adapter, noise, echo, drives, reply times.
 
-    Drives of the plant are asked first, at their own settings; on their line others are only looked for by the same
-    protocols, unless --all-protocols is given. Sends only what cannot move a motor. Exit code 1 if there is a problem.
+    Drives of the plant are asked first, at their own settings. The search for others on their line is limited to the
+    same protocols, unless --all-protocols is given. Sends only telegrams that cannot move a motor. Exit code 1 if there
+    is a problem.
     """
     if name is not None and line.port != name:
         line.refuse(f"{name} is the port", "port")
@@ -71,7 +72,7 @@ def doctor(
         except LinkError as error:
             if len(lines) == 1:
                 raise
-            # The other lines are examined all the same.
+            # Other lines are examined even if this one fails.
             findings = [Finding(weight="problem", about="port", text=sentence(error))]
         sound = sound and all(one.weight != "problem" for one in findings)
         if line.json:
@@ -83,7 +84,7 @@ def doctor(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _ExaminedLine:
-    """A line to examine. name: the plant's, empty for a port that no plant has. drives: those that the plant says."""
+    """Line to examine. name: name in the plant, empty for a port without plant. drives: drives of the plant on it."""
 
     options: LineOptions
     name: str = ""
@@ -107,7 +108,7 @@ def _of_the_plant(each: PlantLine, known: Plant, line: LineOptions) -> _Examined
     return _ExaminedLine(
         options=line.on(each, known.file),
         name=each.name,
-        # What is given on the command line goes before what the plant says.
+        # Settings of the command line override those of the plant.
         drives=tuple(each.reached(drive).with_options(**line.said_facts) for drive in known.on_line(each.name)),
     )
 
@@ -120,12 +121,12 @@ def _protocols_of(drives: tuple[DriveConfig, ...]) -> list[str] | None:
 def _examined(
     line: _ExaminedLine, *, only: list[str] | None, addresses: list[int] | None, quick: bool, everything: bool
 ) -> tuple[list[Finding], dict[str, Any]]:
-    """Return what was found on a line, and what was measured for it; by the server that has the port, if any has."""
+    """Return the findings on a line and their measurements; through the server that has the port, if any."""
     options = line.options
     probes, search = _QUICK_PROBES if quick else _PROBES, not quick
     with progress_bar("", shown=not options.json) as progress:
         if options.server is not None:
-            # A line that a server keeps polling is not set to other baud rates unless that is asked for.
+            # Trying other baud rates disturbs the server's polls, so it needs a request of the user.
             asked = {"only": only, "addresses": addresses, "probes": probes, "search": search, "rates": everything}
             return _examined_by_server(options, {**asked, "options": options.said_facts}, progress)
         with options.opened() as opened:
@@ -151,7 +152,7 @@ def _examined_by_server(
     from drivecomm.client import examined
 
     findings, measured = [], {}
-    # The trace of the line is told while its bus is open.
+    # The server reports the trace of the line only while the bus is open.
     with options.bus() as bus:
         for each in examined(bus, asked, progress):
             if "finding" in each:

@@ -1,4 +1,4 @@
-"""The drift command: what differs from the approved sets of the drives of a plant."""
+"""Command `drift`: differences between the drives of a plant and their approved sets."""
 
 from __future__ import annotations
 
@@ -30,12 +30,13 @@ if TYPE_CHECKING:
     help="Drives or groups. Default: all of the plant.",
 )
 def drift(*, drives: tuple[str, ...], line: LineOptions) -> int:
-    """List what differs from the approved sets of the drives of a plant. Exit code 1 when anything does.
+    """List the differences between the drives of a plant and their approved sets.
 
-    What drives show or are commanded never counts. If one drive cannot be read, the others still are.
+    Displayed values and commands never count. If one drive cannot be read, the others still are. Exit code 1 if there
+    are differences.
     """
     plant = plant_of_baselines(line.plant)
-    # Before the first drive is read, which takes its time.
+    # All drives are checked before the first one is read, because reading is slow.
     asked = line.reaching_each(drives or [each.name for each in plant.drives])
     known = {(each.line, str(each)) for each in plant.drives}
     if outside := [name.name for _, name in asked if (name.line, str(name)) not in known]:
@@ -56,7 +57,7 @@ def drift(*, drives: tuple[str, ...], line: LineOptions) -> int:
             _show(found, name, restore_command(name, paths[name.name], line.plant), as_json=line.json)
             code = max(code, 0 if found.same else 1)
     tell_lacking(lacking, as_json=line.json)
-    # Nothing was looked at where somebody wants to know.
+    # A requested comparison that could not be made must not end with success.
     return max(code, UsageError.exit_code) if lacking and (drives or len(lacking) == len(asked)) else code
 
 

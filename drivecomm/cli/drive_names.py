@@ -1,4 +1,4 @@
-"""Drives as the command line names them: `PROTOCOL:ADDRESS`, or a name of the plant, with options behind commas."""
+"""Names of drives on the command line: `PROTOCOL:ADDRESS`, or a name in the plant, with options after commas."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ PLANT_FILE = Path("plant.toml")
 
 
 def plant_file(given: Path | None, *, port_given: bool) -> Path | None:
-    """Return the plant file of a call, see `known_plant`."""
+    """Return the path of the plant file of a call; see `known_plant`."""
     if given is not None or port_given:
         return given
     said = os.environ.get(PLANT_VARIABLE, "")
@@ -22,15 +22,15 @@ def plant_file(given: Path | None, *, port_given: bool) -> Path | None:
 
 
 def known_plant(given: Path | None, *, port_given: bool) -> Plant | None:
-    """Return the plant of a call: of the file that is given, that DRIVECOMM_PLANT names, or plant.toml in this folder.
+    """Return the plant of a call, from the given file, the file in DRIVECOMM_PLANT, or plant.toml in this folder.
 
-    The last two count only where no port is given, None where there is none. Raises FileFormatError for a file that is
-    no plant.
+    The last two count only if no port is given. Returns None without a plant file. Raises FileFormatError for a file
+    that is not a plant.
     """
     path = plant_file(given, port_given=port_given)
     if path is None:
         return None
-    # Loaded by those who have a plant only.
+    # Imported late, because only calls with a plant need it.
     from drivecomm.plant import read_plant
 
     return read_plant(path)

@@ -1,7 +1,7 @@
-"""Where the command line begins, and where its errors end: one sentence each, and an exit code.
+"""Entry point of the command line, which turns errors into one sentence each and an exit code.
 
-0 success, 1 a step or a check failed, 2 usage, 3 port or line, 4 no believable reply, 5 the drive said no, 130
-interrupted (143 by SIGTERM, 129 by SIGHUP). The codes live on the error classes.
+0 success, 1 a step or a check failed, 2 usage, 3 port or line, 4 no valid reply, 5 the drive refused, 130 interrupted
+(143 by SIGTERM, 129 by SIGHUP). The codes are defined on the error classes.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from drivecomm.version import __version__
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-# Loaded when they are needed: `--version` needs none of it, and stopping not even click.
+# Imports are late: `--version` needs none of them, and a stop does not even need click.
 COMPLETION = "_DRIVECOMM_COMPLETE"
-"""The variable by which a shell asks for the ends of words, as click has it."""
+"""Environment variable with which a shell requests completions from click."""
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one command and return its exit code; without arguments, as the whole of this process."""
+    """Run one command and return its exit code; without arguments, run this process's command line."""
     if arguments is not None:
         return _carry_out(arguments)
-    # Not for those who run commands within a program of their own.
+    # Only for this process as a whole, not for callers that run commands within their own program.
     from drivecomm.cli import signals, streams
 
     given = sys.argv[1:]
@@ -39,7 +39,7 @@ def main(arguments: list[str] | None = None) -> int:
         code = _carry_out(given)
         signals.ignore()
     except KeyboardInterrupt:
-        # While another error was told, or when all was done.
+        # The interrupt came while an error was being printed, or at the very end.
         from drivecomm.cli.output import interrupted
 
         code = interrupted(as_json="--json" in given)
@@ -50,9 +50,9 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _stop(given: list[str]) -> int:
-    """Carry a stop through, whatever signals come, and whatever of this process is not as it should be.
+    """Complete a stop despite any signal, and despite failures of this process's own setup.
 
-    The exit code says what came of it.
+    Returns the exit code of the stop.
     """
     from drivecomm.cli import signals, streams
 
@@ -68,7 +68,7 @@ def _stop(given: list[str]) -> int:
 
 def _carry_out(given: list[str]) -> int:
     if given == ["--version"]:
-        # Answered before anything is loaded: scripts ask for it often.
+        # Answered before any import, because scripts call it often.
         sys.stdout.write(f"drivecomm {__version__}\n")
         return 0
     if given[:1] == ["stop"]:
@@ -80,7 +80,7 @@ def _carry_out(given: list[str]) -> int:
 
 
 def run(arguments: list[str]) -> int:
-    """Run one command, whose words click reads, and return its exit code."""
+    """Run one command by its words, and return its exit code."""
     from drivecomm.cli import streams
     from drivecomm.cli.app import READING, app
 
@@ -98,7 +98,7 @@ def run(arguments: list[str]) -> int:
 
 
 def exit_code_of(command: Callable[[], Any], *, as_json: bool) -> int:
-    """Carry a command out and return its exit code; errors become sentences here, and only here."""
+    """Run a command and return its exit code; the only place where errors become sentences."""
     from drivecomm.cli import signals
     from drivecomm.cli.output import complain, interrupted
     from drivecomm.errors import DriveCommError
@@ -111,11 +111,11 @@ def exit_code_of(command: Callable[[], Any], *, as_json: bool) -> int:
     except KeyboardInterrupt:
         return interrupted(as_json=as_json)
     except BrokenPipeError:
-        # The reader of our output has gone, as `head` does.
+        # The reader of the output has closed it, as `head` does.
         return 0
     except Exception as error:
         if signals.interrupted():
-            # An interruption does not get out of everything as what it is.
+            # An interruption may arrive here as another exception.
             return interrupted(as_json=as_json)
         if hasattr(error, "exit_code"):
             return _usage_error(error, as_json=as_json)
@@ -126,12 +126,12 @@ def exit_code_of(command: Callable[[], Any], *, as_json: bool) -> int:
 
 
 def _systems_error(error: OSError, *, as_json: bool) -> int:
-    """Say what the system has refused, which cannot be foreseen everywhere."""
+    """Print an error of the operating system, and return the exit code."""
     from drivecomm.cli.output import complain
     from drivecomm.errors import DriveCommError, UsageError, reason_of
 
     if error.filename is None or error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EMFILE, errno.ENFILE, errno.EIO):
-        # The machine's: a full disk, no room for another file.
+        # The cause is the machine, such as a full disk or too many open files.
         complain(f"{error.filename or 'this machine'}: {reason_of(error)}", as_json=as_json)
         return DriveCommError.exit_code
     text = f"{error.filename}: cannot be used: {reason_of(error)}; make it usable for this user, or name another place"
@@ -140,7 +140,7 @@ def _systems_error(error: OSError, *, as_json: bool) -> int:
 
 
 def _usage_error(error: Any, *, as_json: bool) -> int:
-    """Say what is wrong with the words of a call; click's way to end, after --help, says nothing more."""
+    """Print an error in the words of a call, and return the exit code; prints nothing for click's exit after --help."""
     from drivecomm.cli.output import complain
 
     if not hasattr(error, "format_message"):

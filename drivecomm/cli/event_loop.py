@@ -1,4 +1,4 @@
-"""Running what awaits, so that a signal ends it in order wherever it comes, also while the event loop is being made."""
+"""Runner of coroutines that a signal can end in order at any time, even while the event loop starts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ T = TypeVar("T")
 
 
 def run(begin: Callable[[], Coroutine[Any, Any, T]]) -> T:
-    """Run a coroutine to its end and return what it returns; a signal cancels it, and raises KeyboardInterrupt then."""
+    """Run a coroutine and return its result; a signal cancels it, and then KeyboardInterrupt is raised."""
     cancel: Callable[[], object] | None = None
 
     def interrupt() -> None:
@@ -25,14 +25,14 @@ def run(begin: Callable[[], Coroutine[Any, Any, T]]) -> T:
     async def interruptible() -> T:
         nonlocal cancel
         loop, task = asyncio.get_running_loop(), asyncio.current_task()
-        assert task is not None  # noqa: S101 - this is one
+        assert task is not None  # noqa: S101 - this coroutine runs in a task
         cancel = partial(loop.call_soon_threadsafe, task.cancel)
         try:
             if signals.interrupted():
                 raise KeyboardInterrupt
             return await begin()
         finally:
-            # Nothing can be told to a loop that is closing.
+            # A closing loop accepts no calls.
             cancel = None
 
     with signals.calling(interrupt):

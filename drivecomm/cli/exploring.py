@@ -1,4 +1,4 @@
-"""What the commands that ask a drive for everything show meanwhile, and how they go on where they were cut off."""
+"""Progress output of commands that read everything of a drive, and their resumption after an interruption."""
 
 from __future__ import annotations
 
@@ -23,17 +23,18 @@ if TYPE_CHECKING:
     from drivecomm.commissioning.exploring import Course, Progress, Step
 
 _EVERY_S = 10.0
-"""How often it is said how far it is where there is no terminal to draw on."""
+"""Seconds between progress messages without a terminal."""
 
 
 @contextmanager
 def kept_answers(
     of: Path, drive: Drive, way: Course, asked: str, line: LineOptions
 ) -> Iterator[tuple[Logbook, Progress]]:
-    """Yield what remembers a drive's answers beside a file, and what shows them; before, say how long it will take.
+    """Yield the logbook of a drive's answers and a progress display; first print the expected duration.
 
-    asked: what each question is. When the block is left otherwise than at its end, the answers stay and it is said how
-    to go on; who has made the file calls `over`. Raises FileFormatError for answers of something else.
+    of: file of the result, beside which the logbook is kept. asked: kind of request. If the block ends early, the
+    answers stay and a message explains how to resume. The caller must call `over` once the result is written. Raises
+    FileFormatError for a logbook with other answers.
     """
     logbook = Logbook(logbook_path(of), drive=drive.name, model=drive.model, asked=asked)
     try:
@@ -73,14 +74,14 @@ def _foretell(drive: Drive, way: Course, logbook: Logbook, line: LineOptions) ->
 
 
 def duration(seconds: float) -> str:
-    """Return a time for people."""
+    """Return a duration as text for people."""
     if seconds < 100:
         return f"{seconds:.1f} s"
     return f"{round(seconds / 60)} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
 
 
 class _Shown:
-    """Shows how far it is: on a terminal as a bar, else a line now and then, or JSON objects for what is found."""
+    """Progress display: a bar on a terminal, otherwise a line now and then, or JSON objects for each value found."""
 
     def __init__(self, line: LineOptions, bar: Bar, clock: Callable[[], float] = monotonic) -> None:
         self._line = line

@@ -1,4 +1,4 @@
-"""What is installed only for those who ask for it."""
+"""Check of optional dependencies."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from drivecomm.errors import UsageError
 
 
 def must_have(what: str, extra: str, *modules: str) -> None:
-    """Raise UsageError where a module is not installed that something needs. extra: of drivecomm, which brings it."""
+    """Raise UsageError if one of these modules is not installed. what: feature that needs them. extra: their extra."""
     for module in modules:
         if find_spec(module) is None:
             raise UsageError(f"{what} needs {module}, which is not installed; install drivecomm[{extra}]")

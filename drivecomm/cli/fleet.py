@@ -1,4 +1,4 @@
-"""The fleet command: the plants that tell a broker how they are, at a glance, or the drives of one."""
+"""Command `fleet show`: all plants that publish to a broker at a glance, or the drives of one plant."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def fleet(
     record: str | None,
     json: bool,
 ) -> int:
-    """Show the plants whose servers tell an MQTT broker how they are; it asks no server and commands nothing.
+    """Show the plants whose servers publish to an MQTT broker; it contacts no server and commands nothing.
 
     Exit code 5 when a drive has a fault, 4 when a server is not connected or a drive does not answer, 3 when the broker
     cannot be reached.
@@ -97,7 +97,7 @@ async def _serve(
 
     past = None
     if open_database is not None:
-        # A record that cannot be read is told before the page is there.
+        # An unreadable record must raise its error before the page is served.
         open_database().close()
         past = PastPages(open_database)
 
@@ -119,7 +119,7 @@ def _show_plants(known: Fleet, *, as_json: bool) -> int:
         for each in summaries:
             emit(**each._asdict())
     elif not summaries:
-        say(f"no plant has told this broker anything below {known.prefix}")
+        say(f"no plant has published on this broker below {known.prefix}")
     else:
         print_columns([_HEAD, *(_cells(each, now) for each in summaries)])
         connected = sum(each.gateway == "online" for each in summaries)
@@ -138,7 +138,7 @@ def _cells(each: Summary, now: float) -> tuple[str, ...]:
         each.name,
         _GATEWAYS[each.gateway],
         str(each.drives),
-        # Of a plant whose server is gone nobody knows.
+        # Without its server, the state of a plant is unknown.
         *(str(number) if live else "-" for number in numbers),
         str(each.alarms),
         _age(each.read_s, now),

@@ -1,4 +1,4 @@
-"""The fleet acknowledge command: asks the server of a plant, over the broker, which judges by its own rights."""
+"""Command `fleet acknowledge`: requests to the server of a plant over the broker; the server checks the permission."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def acknowledge(
     reach: BrokerOptions,
     json: bool,
 ) -> int:
-    """Acknowledge alarms of a plant, as its server allows: to users by their token, or to everybody by the door's role.
+    """Acknowledge alarms of a plant, as its server allows: by the token of a user, or by the role of the door.
 
     Exit code 2 when the server refuses, 3 when the broker cannot be reached or the server does not answer.
     """

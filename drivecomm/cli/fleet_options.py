@@ -1,4 +1,4 @@
-"""What commands on a whole fleet are given: its broker, and the record of its plants."""
+"""Options of commands on a fleet: its broker, and the record of its plants."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ record_option = click.option(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BrokerOptions:
-    """How a broker is reached, and where plants are on it. insecure: also one on another machine without TLS."""
+    """Connection to a broker, and the topic of its plants. insecure: allow another machine without TLS."""
 
     prefix: str
     user: str | None
@@ -38,7 +38,7 @@ class BrokerOptions:
     insecure: bool
 
     def broker(self, url: str) -> BrokerSettings:
-        """Return the broker at a URL. Raises UsageError."""
+        """Return the broker settings for a URL. Raises UsageError."""
         from drivecomm.server.broker import broker_settings
 
         given = {"broker": url, "user": self.user, "insecure": self.insecure or None}
@@ -49,7 +49,7 @@ class BrokerOptions:
 
     @property
     def above(self) -> str:
-        """The levels above the plants' names. Raises UsageError for what is no topic."""
+        """Topic levels above the names of the plants. Raises UsageError for an invalid topic."""
         if not self.prefix or set(self.prefix) & set("+#"):
             raise UsageError(f"invalid --prefix {self.prefix!r}; give a topic without + and #")
         return self.prefix.strip("/")

@@ -1,4 +1,4 @@
-"""The fleet history and fleet alarms commands: what a record of many plants holds."""
+"""Commands `fleet history` and `fleet alarms`: contents of a record of many plants."""
 
 from __future__ import annotations
 
@@ -95,9 +95,9 @@ def alarms(
     insecure: bool,
     json: bool,
 ) -> int:
-    """Show the alarms of all plants from the record of their fleet: those that stand, and those of a time.
+    """Show the alarms of all plants from the record of their fleet: standing alarms, and those of a time range.
 
-    Exit code 5 when an alarm stands that nobody has acknowledged.
+    Exit code 5 if a standing alarm is not acknowledged.
     """
     from drivecomm.errors import DriveError
     from drivecomm.server.record import Past, Stretch, open_record

@@ -1,4 +1,4 @@
-"""The fleet record command: what the plants of a broker publish, into a database."""
+"""Command `fleet record`: messages of a broker's plants, stored in a database."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ def record(
 ) -> int:
     """Record the plants of a broker in PostgreSQL, or in a file.
 
-    Values, events, alarms and commands of all plants of an MQTT broker go there, until Ctrl-C or SIGTERM.
-    The password of the database is that of ~/.pgpass or $PGPASSWORD. Broker and database are waited for while they
-    are gone. Exit code 2 when another recorder begins under the same name.
+    Values, events, alarms and commands of all plants of an MQTT broker go there, until Ctrl-C or SIGTERM. The password
+    of the database comes from ~/.pgpass or $PGPASSWORD. The recorder waits while broker or database are unavailable.
+    Exit code 2 if another recorder begins under the same name.
     """
     must_have("a recorder", "mqtt", "aiomqtt")
     from drivecomm.server.record import Layout, Recorder, open_record

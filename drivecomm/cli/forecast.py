@@ -1,4 +1,4 @@
-"""The forecast command: how long a poll plan takes, and whether it fits its lines."""
+"""Command `forecast`: duration of a poll plan, and whether it fits its lines."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _COLUMNS = ("period\ns", "every\ns", "late\nms", "takes\nms", "wire\nms", "delay\nms", "pause\nms", "rest\nms")
 _WIDTH = 200
-"""Of the table at most, where it is not drawn on a terminal."""
+"""Limit of the width of the table without a terminal."""
 
 
 @click.command(cls=LineCommand)
@@ -48,9 +48,9 @@ def forecast(
 ) -> int:
     """Estimate how long a round of a poll plan takes, and whether the plan fits its lines.
 
-    Takes the same plan as poll and opens no port. Of a plant file with a [server] or a [[door]] it counts all that its
-    server asks. Exit code 1 when the plan does not fit, or does so without room to spare, or when something in it
-    cannot be read.
+    Takes the same plan as poll and opens no port. For a plant file with a [server] or a [[door]], it counts all
+    requests of its server. Exit code 1 if the plan does not fit or has no room to spare, or if something in it cannot
+    be read.
     """
     if served and (words or period is not None):
         raise UsageError("a server asks what the plant file says; give --served without drives and parameters")
@@ -77,7 +77,7 @@ def forecast(
 
 
 def _served_file(file: Path | None, line: LineOptions, *, always: bool) -> Path | None:
-    """Return the plant file that a server serves, None for a plan that is only polled. always: it is served."""
+    """Return the plant file that a server serves, None for a plan that is only polled. always: skip this test."""
     if always:
         line.refuse("the plant file names the ports of its drives", "port")
         return plant_file(file or line.plant, port_given=False) or PLANT_FILE
@@ -89,7 +89,7 @@ def _served_file(file: Path | None, line: LineOptions, *, always: bool) -> Path 
 
 
 def _served_plan(path: Path, line: LineOptions) -> tuple[Plan, float]:
-    """Return what a server of this plant asks of its drives all the time, and how often it asks for a status."""
+    """Return the permanent poll plan of a plant's server, and its status period in seconds."""
     from drivecomm.plant import read_plant, with_usual_polls
     from drivecomm.server import read_settings
 

@@ -1,4 +1,4 @@
-"""The history command: what a server kept of values, events, commands, and faults that drives remember."""
+"""Command `history`: a server's record of values, events, commands, and the fault logs of drives."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from drivecomm.server.history import PastValue
 
 _SHOWN = "1h"
-"""What is shown where no time is given; files get everything."""
+"""Default time range of the display; exports have no limit."""
 
 
 @click.command(cls=Command)
@@ -64,7 +64,7 @@ def history(
     force: bool,
     json: bool,
 ) -> int:
-    """Show what a server kept: values, events, commands, and the drives' own fault logs.
+    """Show the record of a server: values, events, commands, and the drives' own fault logs.
 
     The history can be read while the server writes it, and without a server. Times are local, and end with the zone.
     Without a time, the last hour is shown; --csv and --parquet export everything then.
@@ -100,11 +100,11 @@ def history(
 
 
 def history_file(plant: Path | None) -> Path:
-    """Return the history of a plant: of its server where one runs, otherwise where its file says. Raises UsageError."""
+    """Return the history file of a plant: of its running server, otherwise of its plant file. Raises UsageError."""
     path = plant_file(plant, port_given=False)
     if path is None:
         raise UsageError("there is no plant file here; give --plant plant.toml, or the history itself with --file")
-    # Loaded by those who do not say which file.
+    # Imported late, because --file makes it unnecessary.
     from drivecomm.client import server_of_plant
     from drivecomm.server import read_settings
 
@@ -124,13 +124,13 @@ def _flags(events: bool, commands: bool, fault_logs: bool, csv: Path | None, par
 
 
 def _wanted(history: History, drive: str | None, quantities: tuple[str, ...], when: TimeRange) -> Iterator[PastValue]:
-    """Return the values in the order in which they came."""
+    """Return the values in the order in which they were recorded."""
     names = quantities or (None,)
     return merge(*(history.values(drive, name, *when) for name in names), key=lambda value: value.row)
 
 
 def _show(value: PastValue, width: int, *, as_json: bool) -> None:
-    """Print a value. width: of the longest name of a drive."""
+    """Print a value. width: length of the longest drive name."""
     if as_json:
         emit(**plain(value), drive_name=value.drive)
         return
@@ -171,15 +171,15 @@ def _show_fault_logs(history: History, drive: str | None, when: TimeRange, *, as
 
 
 def _export(values: Iterable[PastValue], path: Path, *, is_csv: bool) -> int:
-    """Write values to a file as logs have them; returns how many."""
-    # A log of values would be gone on with.
+    """Write values to a file in the form of a value log, and return their number."""
+    # An existing log would be appended to instead of replaced.
     path.unlink(missing_ok=True)
     count = 0
-    # Who commanded and when motors ran is for whoever could read the history.
+    # Only users who may read the history may read its export, since it shows commands and motor activity.
     before = os.umask(0o077)
     try:
         with _opened(path, is_csv=is_csv) as log:
-            for count, value in enumerate(values, 1):  # noqa: B007 - how many there were
+            for count, value in enumerate(values, 1):  # noqa: B007 - used after the loop
                 log.write(log_row(value))
     finally:
         os.umask(before)

@@ -1,4 +1,4 @@
-"""The judge command: a master of any make against a virtual drive, through a catalogue of what goes wrong."""
+"""Command `judge`: a test of any master against a virtual drive, with a catalogue of faults."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from drivecomm.judge import Case, Judge, JudgeReport, Order, Verdict
 
 _MOST_LINES = 24
-"""Of the output and of the telegrams of a case on the terminal; the reports have more."""
+"""Limit of printed lines of output and telegrams of a case; the report files have all of them."""
 
 _AT_LEAST_ONE = Number(int, "a whole number", at_least=1)
 
@@ -106,7 +106,7 @@ def judge(
     html: Path | None,
     force: bool,
 ) -> int:
-    """Judge a master: run any program against a virtual drive through a catalogue of what goes wrong.
+    """Judge a master: run any program against a virtual drive through a catalogue of faults.
 
     Give an order file, or --drive, --task and the command behind --, with {port} where the port of the master belongs.
     Exit code 1 when a case fails.
@@ -138,12 +138,12 @@ def _announce(case: Case) -> None:
 
 
 def _ask(text: str) -> str:
-    """Tell a person what to do, and return what they type."""
+    """Print an instruction for the user, and return the reply."""
     say(text)
     try:
         return input("> ")
     except EOFError:
-        raise UsageError("nobody answers: --manual needs somebody at the keyboard") from None
+        raise UsageError("no input: --manual needs a user at the keyboard") from None
 
 
 def _must_be_free(files: Mapping[str, Path | None], *, force: bool) -> None:
@@ -181,13 +181,13 @@ def _judged(judge: Judge, jobs: int, *, verbose: bool) -> JudgeReport:
 
 
 class _Printed:
-    """The verdicts as they are printed; cases in a row that were not tried for one reason share a line."""
+    """Printer of verdicts; consecutive cases that were not tried for the same reason share a line."""
 
     def __init__(self) -> None:
         self._waiting: list[Verdict] = []
 
     def add(self, verdict: Verdict, *, verbose: bool) -> None:
-        """Print a verdict, or keep it until the next one is another."""
+        """Print a verdict, or hold it back until a different one follows."""
         if self._waiting and (verdict.outcome, verdict.reason) != ("not tried", self._waiting[0].reason):
             self.flush()
         if verdict.outcome == "not tried":
@@ -196,7 +196,7 @@ class _Printed:
             _say(verdict, verbose=verbose)
 
     def flush(self) -> None:
-        """Print what was kept."""
+        """Print the verdicts that were held back."""
         if self._waiting:
             first, more = self._waiting[0], len(self._waiting) - 1
             names = first.case + (f" and {counted(more, 'more case')}" if more else "")

@@ -1,4 +1,4 @@
-"""Commands on a line: they have the options of a line, and receive them together as their argument `line`."""
+"""Commands on a line: they get the options of a line, and receive them together as the argument `line`."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from drivecomm.link import Echo
 
 
 class LineSetting(click.Option):
-    """An option in the section of the line."""
+    """Option in the section "Line" of the help."""
 
     section = "Line"
 
 
 class PlantSetting(click.Option):
-    """An option in the section of the plant."""
+    """Option in the section "Plant" of the help."""
 
     section = "Plant"
 
@@ -62,14 +62,14 @@ _OPTIONS = (
     PlantSetting(["--arm"], is_flag=True, help="Command a drive that is not armed in the plant file."),
     click.Option(["--json"], is_flag=True, help="One JSON object per line."),
 )
-"""How each of the line options is written, and what it is for. `stop --all` is quicker without them."""
+"""Click options of a line. `stop --all` does without them, because that is faster."""
 
 STOPPING = frozenset({"stop"})
-"""What no file that is there keeps from being carried out: a recording replaces it then."""
+"""Commands that run even if the recording file already exists; the recording then replaces the file."""
 
 
 class LineCommand(Command):
-    """A command with the line options but those that it has itself, such as one with room for several values."""
+    """Command with the line options, except those that it defines itself, such as an option for several values."""
 
     def __init__(self, name: str, *, params: list[click.Parameter], **settings: Any) -> None:
         own = {parameter.name for parameter in params}
@@ -78,7 +78,7 @@ class LineCommand(Command):
         super().__init__(name, params=[*params, *self._shared], **settings)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Give a lone `--echo` its value: as click has it, the word behind it would be taken for that."""
+        """Add the value of a bare `--echo`, because click would take the next word for the value."""
         modes = get_args(Echo)
         ends = args.index("--") if "--" in args else len(args)
         given = []
@@ -89,7 +89,7 @@ class LineCommand(Command):
         return super().parse_args(ctx, given)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Carry it out with its line. Raises UsageError for an option that would have no effect."""
+        """Run the command with its line. Raises UsageError for an option without effect."""
         said = {each.name: ctx.params.pop(each.name) for each in self._shared}
         given = frozenset(each.name for each in _OPTIONS if _is_written(ctx, each.name))
         line = LineOptions(**said, given=given, stops=StopsFromOthers(f"drivecomm {self.name}"))
@@ -104,7 +104,7 @@ class LineCommand(Command):
 
 
 def _hidden(option: click.Option) -> click.Option:
-    """Return an option that is known, and not offered."""
+    """Return an option that is accepted but not shown in the help."""
     idle = copy(option)
     idle.hidden = True
     return idle

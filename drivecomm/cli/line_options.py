@@ -1,4 +1,4 @@
-"""The options that every command on a line has, declared once, and what they open: ports, buses and drives."""
+"""Common options of all commands on a line, and the ports, buses and drives that they open."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ WITHOUT_EFFECT: Mapping[str, Mapping[str, str]] = {
         "record": _RECORDS_NOTHING,
     },
 }
-"""Options of a line that a command has nothing to do with, by its name, and why; it refuses them."""
+"""Line options without effect on a command, by command and option, with the reason; the command refuses them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,18 +78,18 @@ class LineOptions:
     arm: bool = False
     json: bool = False
     given: frozenset[str] = frozenset()
-    """Which of these were written on the command line; the others have their defaults, or are of the environment."""
+    """Options that were written on the command line; the others have defaults or come from the environment."""
 
     stops: StopsFromOthers = field(default_factory=StopsFromOthers, compare=False, repr=False)
-    """What becomes of stops that come from other programs while a port is open here."""
+    """Handler of stops from other programs while a port is open here."""
 
     def reaching(self, text: str) -> tuple[LineOptions, DriveConfig]:
-        """Return the line of a drive and the drive, which is named as PROTOCOL:ADDRESS or as the plant names it.
+        """Return the line of a drive and the drive, which is named as PROTOCOL:ADDRESS or by its name in the plant.
 
-        This is where all that is said of a drive comes together. What protocol and model say, `Bus.drive` adds. The
-        plant's line goes before them, the plant's drive before its line, and what is written on the command line, by a
-        flag or behind the drive's name, before everything: whoever is at the keyboard knows better than a file. Drives
-        of a plant are read-only unless it arms them, or --arm is given. Raises UsageError.
+        All options of a drive are combined here. `Bus.drive` adds the defaults of protocol and model. The plant's line
+        overrides them, the plant's drive overrides its line, and the command line, by a flag or after the drive's name,
+        overrides everything, because the user knows better than a file. Drives of a plant are read-only unless it arms
+        them, or --arm is given. Raises UsageError.
         """
         place = _placed(text, self)
         if place is None:
@@ -97,16 +97,16 @@ class LineOptions:
                 raise UsageError(f"{text} is in no plant that keeps it read-only, so --arm has no effect; leave it out")
             drive = parse_drive(text)
             if drive.protocol not in installed:
-                # Before a port is missed that no typo needs.
+                # A mistyped protocol is reported before a missing port.
                 raise unknown_protocol(drive.protocol, installed)
             return self, replace(drive, options=self._over({}, drive.options), line=self.named_port)
         plant, drive, behind = place
         return self._reaching(plant, drive, behind)
 
     def reaching_each(self, texts: Iterable[str]) -> list[tuple[LineOptions, DriveConfig]]:
-        """Return the line of each drive and the drive, once, as `reaching` does; a group stands for its drives.
+        """Return the line and the drive of each name, as `reaching` does, without duplicates.
 
-        What follows a group behind commas is said of each of its drives. Raises UsageError.
+        A group stands for its drives. Options after the name of a group apply to each of its drives. Raises UsageError.
         """
         known = known_plant(self.plant, port_given=False)
         groups = known.groups if known else {}
@@ -124,7 +124,7 @@ class LineOptions:
     def reaching_in(self, plant: Plant, drive: DriveConfig, behind: Iterable[str]) -> tuple[LineOptions, DriveConfig]:
         """Return the line of a drive of this plant, and the drive, as `reaching` does.
 
-        behind: options as they stand behind its name. Raises UsageError.
+        behind: options as written after its name. Raises UsageError.
         """
         return self._reaching(plant, _permitted(plant, drive, self), parse_options(behind))
 
@@ -132,13 +132,13 @@ class LineOptions:
         return self.on(plant.line(drive.line), plant.file), replace(drive, options=self._over(drive.options, behind))
 
     def on(self, line: PlantLine, file: str) -> LineOptions:
-        """Return the options for a line of the plant, which says what is not written on the command line."""
+        """Return the options for a line of the plant, which fills in options missing on the command line."""
         echo: Echo = "expect" if line.echo and "echo" not in self.given else self.echo
         settings = {key: value for key, value in line.settings.items() if getattr(self, key) is None}
         return replace(self, port=self.port_of(line, file), echo=echo, given=self.given | {"port"}, **settings)
 
     def _over(self, options: Mapping[str, Any], behind: Mapping[str, Any]) -> dict[str, Any]:
-        """Return a drive's options with what the command line says in their place."""
+        """Return a drive's options, overridden by those of the command line."""
         for key in behind:
             if self.said_facts.get(key, behind[key]) != behind[key]:
                 raise UsageError(
@@ -148,15 +148,15 @@ class LineOptions:
         return {**options, **self.said_facts, **behind}
 
     def refuse(self, why: str, *names: str) -> None:
-        """Raise UsageError if one of these options is written on the command line, which has no effect on this call."""
+        """Raise UsageError if one of these options is written on the command line, where it has no effect."""
         for name in names or tuple(each.name for each in fields(self) if each.name != "json"):
             if name in self.given:
                 raise UsageError(f"{why}, so --{name.replace('_', '-')} has no effect; leave it out")
 
     def must_be_armed(self) -> None:
-        """Raise UsageError if the plant keeps a drive at this port read-only, and --arm is not given.
+        """Raise UsageError if the plant has a read-only drive at this port and --arm is not given.
 
-        For what commands whatever drives are there.
+        For commands that act on any drive of a line.
         """
         known = known_plant(self.plant, port_given=False)
         for drive in known.drives if known else ():
@@ -165,24 +165,24 @@ class LineOptions:
                 raise UsageError(f"{drive.why_read_only(known.file)}, or give --arm for this once")
 
     def link_loss_of(self, text: str) -> LinkLossPolicy | None:
-        """Return what the plant says that a drive's motor shall do when its master falls silent, None for nothing."""
+        """Return the plant's link loss policy of a drive, None if there is none."""
         place = _placed(text, self)
         return place[1].link_loss if place else None
 
     def in_plant(self, text: str) -> tuple[str, int] | None:
-        """Return the plant file that has a drive, and the number of the drive there, from 0; None where none has it."""
+        """Return the plant file of a drive and its position in the file, from 0; None for a drive without plant."""
         place = _placed(text, self)
         return (place[0].file, [each.name for each in place[0].drives].index(place[1].name)) if place else None
 
     def port_of(self, line: PlantLine, file: str) -> str:
-        """Return the port of a line of the plant, the one that is given where the plant names none."""
+        """Return the port of a line of the plant, or else the given port. Raises UsageError without a port."""
         port = line.reached_at or self.port
         if not port:
             raise UsageError(f'{file}: line {line.name} has no port; write port = "/dev/ttyUSB0" there, or give --port')
         return port
 
     def at(self, port: str) -> LineOptions:
-        """Return the options for another port; where the plant says that its line has an echo, there is one."""
+        """Return the options for another port; with an echo if the plant states one for its line."""
         known = known_plant(self.plant, port_given="port" in self.given)
         lines = known.lines if known else ()
         echoes = "echo" not in self.given and any(line.echo for line in lines if line.reached_at == port)
@@ -190,9 +190,9 @@ class LineOptions:
 
     @contextmanager
     def bus(self, listener: Callable[[TraceEvent], None] | None = None) -> Iterator[BlockingLine]:
-        """Open the bus for the time of the block; errors then name the port. listener: also told the trace.
+        """Open the bus for the time of the block; errors then name the port. listener: called with trace events, too.
 
-        Where a server has the port, everything goes through it. Where none has, stops of other programs get through.
+        If a server has the port, the bus uses the server. Otherwise stops of other programs reach the bus.
         """
         opening = {**self.opening, "trace": tell_all(self.shown_trace, listener)}
         with self._recorded(), self.named_in_errors():
@@ -205,40 +205,40 @@ class LineOptions:
 
     @contextmanager
     def own_bus(self) -> Iterator[Bus]:
-        """Open the bus as `bus` does, with the port itself whoever has it."""
+        """Open the bus as `bus` does, always with the port itself, even if a server has it."""
         with self._recorded(), self.named_in_errors(), buses.open_bus(self.named_port, **self.opening) as bus:
             yield bus
 
     @contextmanager
     def drive(self, text: str, model: str | None = None) -> Iterator[tuple[Drive, DriveConfig]]:
-        """Open the line of a drive and yield the drive and its name; errors within the block then name both."""
+        """Open the line of a drive and yield the drive and its configuration; errors in the block name both."""
         reached, name = self.reaching(text)
         with reached.drive_at(name, model) as drive:
             yield drive, name
 
     @contextmanager
     def drive_at(self, name: DriveConfig, model: str | None = None) -> Iterator[Drive]:
-        """Yield a drive of this line, as `drive` does."""
+        """Yield a drive of this line; see `drive`."""
         with self.bus() as bus, naming(name):
             yield name.with_options(**({"model": model} if model else {})).build(bus.drive)
 
     @property
     def server(self) -> tuple[Registration, str] | None:
-        """The server that has the port, and what it calls the line; None where none has."""
+        """Server that has the port, and its name of the line; None if no server has it."""
         found = server_of_port(self.named_port)
         if found is not None:
             self.refuse(f"{found[0]} has {self.named_port} open already", "echo", "rs485", "low_latency")
         return found
 
     def must_be_free(self, what: str) -> None:
-        """Raise PortError where a server has the port. what: needs the port for itself."""
+        """Raise PortError if a server has the port. what: name of the feature that needs the port for itself."""
         if (found := server_of_port(self.named_port)) is not None:
             raise PortError(
                 f"port {self.named_port} is in use by {found[0]}, and {what} needs it for itself; end that server first"
             )
 
     def _served_bus(self, found: tuple[Registration, str], opening: Mapping[str, Any]) -> ServedBus:
-        # Loaded by those who go through a server only.
+        # Imported late, because only calls through a server need it.
         from drivecomm.client import ServedBus
         from drivecomm.plant import drives_of
 
@@ -246,7 +246,7 @@ class LineOptions:
 
     @contextmanager
     def opened(self) -> Iterator[Port]:
-        """Open the port alone for the time of the block, which a stop of another program ends; errors name the port."""
+        """Open the bare port during the block; a stop of another program ends the block. Errors name the port."""
         with self.named_in_errors(), ExitStack() as stack:
             port = buses.port_opener(self.named_port, rs485=self.rs485, low_latency=self.low_latency)()
             if port.real_time:
@@ -256,8 +256,8 @@ class LineOptions:
 
     @property
     def named_port(self) -> str:
-        """The port that is given, or that of the plant's only line. Raises UsageError when there is none."""
-        # A plant that is named here counts more than a port that the environment has for all.
+        """The given port, or the port of the plant's only line. Raises UsageError if there is none."""
+        # A plant on the command line overrides the port of the environment.
         if self.port is not None and ("plant" not in self.given or "port" in self.given):
             return self.port
         known = known_plant(self.plant, port_given=False)
@@ -270,7 +270,7 @@ class LineOptions:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """The line facts for all drives, as keywords of `open_bus`; None for those that are not given."""
+        """Line facts for all drives, as keywords of `open_bus`; None for those that are not given."""
         return {
             "baudrate": self.baudrate,
             "bytesize": self.bytesize,
@@ -282,30 +282,30 @@ class LineOptions:
 
     @property
     def said_facts(self) -> dict[str, Any]:
-        """The line facts that are given."""
+        """Line facts that are given."""
         return {name: value for name, value in self.facts.items() if value is not None}
 
     @property
     def shown_trace(self) -> Callable[[TraceEvent], None] | None:
-        """What shows the trace, where it is wanted."""
+        """Printer of trace events, None unless --trace is given."""
         return partial(show_trace, as_json=self.json) if self.trace else None
 
     def _recorded(self) -> AbstractContextManager[None]:
         if self.record is None:
             return nullcontext()
-        # What records is for those who do.
+        # Imported late, because only recording needs it.
         from drivecomm.cli.value_files import recorded
 
         return recorded(self.record, as_json=self.json)
 
     @contextmanager
     def named_in_errors(self) -> Iterator[None]:
-        """Let the errors of the block name the port."""
+        """Add the port to errors raised in the block."""
         where = self.named_port
         try:
             yield
         except (FileFormatError, UnknownProtocolError, ProtocolLoadError):
-            # It names its file or protocol, and no port is at fault.
+            # The error names its file or protocol, and the port is not the cause.
             raise
         except DriveCommError as error:
             error.args = (sentence(str(error), where=where), *error.args[1:])
@@ -326,7 +326,7 @@ class LineOptions:
 
 @contextmanager
 def naming(name: DriveConfig) -> Iterator[None]:
-    """Let the errors of the block name a drive, as the plant calls it."""
+    """Add the drive's name in the plant to errors raised in the block."""
     try:
         yield
     except DriveCommError as error:
@@ -337,10 +337,10 @@ def naming(name: DriveConfig) -> Iterator[None]:
 
 
 def _placed(text: str, asked: LineOptions) -> tuple[Plant, DriveConfig, dict[str, Any]] | None:
-    """Return the plant, its drive, and the options behind its name; None for PROTOCOL:ADDRESS that no plant has.
+    """Return the plant, its drive, and the options after its name; None for PROTOCOL:ADDRESS without a plant.
 
-    With a port, PROTOCOL:ADDRESS is the plant's drive if that is where the plant has it: what the plant says of a drive
-    holds however it is named. Raises UsageError for a name that no plant has, and for one that is on another port.
+    With a port, PROTOCOL:ADDRESS is the plant's drive if the plant has it at that port, so that the plant's settings of
+    a drive apply under any name. Raises UsageError for an unknown name, and for a drive at another port.
     """
     word, *settings = text.split(",")
     known = known_plant(asked.plant, port_given=False)
@@ -356,7 +356,7 @@ def _placed(text: str, asked: LineOptions) -> tuple[Plant, DriveConfig, dict[str
 
 
 def _permitted(known: Plant, drive: DriveConfig, asked: LineOptions) -> DriveConfig:
-    """Return a drive of the plant, read-only unless it is armed. Raises UsageError if it is not on the port given."""
+    """Return a drive of the plant, read-only unless it is armed. Raises UsageError if it is not at the given port."""
     line = known.line(drive.line)
     if "port" in asked.given and asked.port and line.reached_at and not same_port(line.reached_at, asked.port):
         raise UsageError(

@@ -1,4 +1,4 @@
-"""The commands for one drive, and what they have in common."""
+"""Commands for one drive, and their common functions."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 _UNITS = {"percent": "%", "hz": "Hz", "rpm": "rpm"}
-"""The units of references that every drive may have, by the flags that stand for them."""
+"""Units of references that every drive may accept, by their flags."""
 _FIGURE = re.compile(r"[+-]?[0-9]+(\.[0-9]+)?")
 
 
@@ -36,12 +36,12 @@ def verb_options(type: str | None, further: tuple[str, ...]) -> dict[str, Any]:
 
 
 def number(text: str | None) -> Decimal | None:
-    """Return a number as it is written, None for none. Raises UsageError."""
+    """Return a number with the digits as written; None for None. Raises UsageError."""
     return None if text is None else exact(text.strip().removesuffix("%").strip(), "reference")
 
 
 def show_reading(drive: DriveConfig, parameter: str, reading: Reading, *, as_json: bool) -> None:
-    """Print a value that was read. parameter: as it was asked for."""
+    """Print a reading. parameter: the parameter as written by the user."""
     told = {**plain(reading), "parameter": parameter, "address": reading.parameter, "quantity": reading.name}
     name = f"{reading.parameter} {reading.name}".rstrip()
     note = f"  [{reading.remark}]" if reading.remark else ""
@@ -53,7 +53,7 @@ def show_reading(drive: DriveConfig, parameter: str, reading: Reading, *, as_jso
 
 
 def show_status(drive: DriveConfig, found: DriveStatus, *, as_json: bool, standing_stop: str = "") -> None:
-    """Show the status of one drive on a line. standing_stop: of it in its server, for programs."""
+    """Print the status of one drive on a line. standing_stop: its standing stop at the server, for JSON output."""
     machine = None if drive.machine is None or found.actual_hz is None else drive.machine.shown(found.actual_hz)
     if as_json:
         further = {"standing_stop": standing_stop} if standing_stop else {}
@@ -74,7 +74,7 @@ def show_status(drive: DriveConfig, found: DriveStatus, *, as_json: bool, standi
 
 
 def done(drive: DriveConfig, line: LineOptions, what: str, *, result: object = None) -> None:
-    """Print what was done with a drive."""
+    """Print the completed action on a drive."""
     text = f"{drive.name}  {what}" + (f": {result}" if result is not None else "")
     tell(text, as_json=line.json, **labels(drive), done=what, result=result)
 
@@ -140,7 +140,7 @@ def write(
 ) -> int:
     """Write a parameter: to RAM, or with --store to EEPROM, where the protocol distinguishes them.
 
-    A write that may start the motor, such as to a control word, needs --link-loss and is kept as by start.
+    A write that may start the motor, such as to a control word, needs --link-loss and keeps the motor like start.
     """
     options = {"store": store, **verb_options(type, option)}
     with line.drive(drive, model) as (one, name):
@@ -181,8 +181,8 @@ def call(
 ) -> int:
     """Call a function that only this protocol has, such as jog.
 
-    One that may start the motor needs --link-loss, and is kept as by start: with hold the motor keeps running and the
-    command ends, otherwise Ctrl-C stops it.
+    A function that may start the motor needs --link-loss, and keeps the motor like start: with hold it keeps running
+    and the command ends, otherwise Ctrl-C stops it.
     """
     given = parse_options(arguments)
     with line.drive(drive, model) as (one, name):
@@ -198,14 +198,14 @@ def call(
 
 
 def _start_by(*values: Any, **options: Any) -> int:
-    """Start the motor by a call or a write; loaded by those only who do."""
+    """Start the motor by a call or a write; imported late, because few calls start a motor."""
     from drivecomm.cli.start import start_by
 
     return start_by(*values, **options)
 
 
 def _starts_nothing(link_loss: str | None, watchdog: str | None) -> None:
-    """Raise UsageError if a policy is given for what starts no motor."""
+    """Raise UsageError if a link loss option is given for a command that does not start the motor."""
     for flag, given in (("--link-loss", link_loss), ("--watchdog", watchdog)):
         if given is not None:
             raise UsageError(f"{flag} is for what starts the motor, which this does not; leave it out")
@@ -261,7 +261,7 @@ def reference(
 
 
 def _with_range(drive: bus.Drive, error: NotSupported) -> NotSupported:
-    """Return an error that asks for the reference range of a drive, with what the drive itself says of it."""
+    """Return an error about a missing reference range, with the maximum reference that the drive reports, if any."""
     if not any("reference_maximum_hz" in each for each in error.says):
         return error
     with suppress(DriveCommError):
@@ -277,7 +277,7 @@ def _with_range(drive: bus.Drive, error: NotSupported) -> NotSupported:
 
 
 def _with_unit(value: str, machine: MachineUnit | None) -> tuple[str, str]:
-    """Return the flag that a reference such as 50% stands for, and its value: of a machine's, with its unit."""
+    """Return the flag for a reference such as 50%, and its value; the value of a machine speed keeps its unit."""
     text = value.strip()
     own = machine.unit if machine is not None and text.endswith(machine.unit) else ""
     for flag, unit in _UNITS.items():
@@ -295,10 +295,10 @@ def _with_unit(value: str, machine: MachineUnit | None) -> tuple[str, str]:
     if begin := _FIGURE.match(text):
         units = [*_UNITS.values(), *([machine.unit] if machine is not None else [])]
         raise UsageError(
-            f"{value!r} is no reference in {_either(units)}; write {_either([begin[0] + unit for unit in units])}"
+            f"{value!r} is not a reference in {_either(units)}; write {_either([begin[0] + unit for unit in units])}"
             + ("" if machine is not None else ', or machine = { unit = "m/min", per_hz = "1.25" } in the plant file')
         )
-    raise UsageError(f"{value!r} is no reference; write a number and its unit, such as 50%, 25Hz or 1450rpm")
+    raise UsageError(f"{value!r} is not a reference; write a number and its unit, such as 50%, 25Hz or 1450rpm")
 
 
 def _either(words: list[str]) -> str:

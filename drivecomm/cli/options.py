@@ -1,4 +1,4 @@
-"""Arguments and options that several commands have, declared once."""
+"""Arguments and options that several commands share."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class _Addresses(click.ParamType[list[int]]):
-    """Addresses, in order."""
+    """Click type of a list of addresses, in order."""
 
     name = "addresses"
 
@@ -32,13 +32,13 @@ class _Addresses(click.ParamType[list[int]]):
 
 
 def complete_drive(ctx: click.Context, _param: click.Parameter, begun: str) -> list[str]:
-    """Return the drives of the plant whose names begin so; none where it cannot be read."""
+    """Return the drives of the plant whose names begin with this text; empty if the plant cannot be read."""
     known = _plant(ctx)
     return [each.name for each in known.drives if each.name.startswith(begun)] if known else []
 
 
 def complete_drive_or_group(ctx: click.Context, _param: click.Parameter, begun: str) -> list[str]:
-    """Return the drives and then the groups whose names begin so, for arguments that take both."""
+    """Return the drives and then the groups whose names begin with this text."""
     known = _plant(ctx)
     names = [*(each.name for each in known.drives), *known.groups] if known else []
     return [name for name in names if name.startswith(begun)]
@@ -51,8 +51,8 @@ def _plant(ctx: click.Context) -> Plant | None:
 
 
 def complete_protocol(_ctx: click.Context, _param: click.Parameter, begun: str) -> list[str]:
-    """Return the installed protocols whose names begin so."""
-    # Completing a command needs no protocols.
+    """Return the installed protocols whose names begin with this text."""
+    # Imported late, because the completion of a command needs no protocols.
     from drivecomm.protocol import installed
 
     return [name for name in installed if name.startswith(begun)]

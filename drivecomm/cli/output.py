@@ -1,4 +1,4 @@
-"""What commands print: text, or JSON objects; errors in the words of the command line; a progress bar."""
+"""Output of commands: text, or JSON objects; errors in the words of the command line; a progress bar."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _NOTE_EVERY_S = 10.0
 
 
 def plain(value: Any) -> Any:
-    """Return a value in the types of JSON; exact decimals become text, so that nothing is rounded."""
+    """Convert a value to JSON types; exact decimals become text, so that nothing is rounded."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, Decimal):
@@ -46,31 +46,32 @@ def plain(value: Any) -> Any:
 
 
 def labels(drive: DriveConfig) -> dict[str, str]:
-    """Return how a JSON object names the drive that it is about.
+    """Return the keys with which a JSON object names its drive.
 
-    drive_name is the same in all commands; what the others mean differs between them since the first version.
+    drive_name is the same in all commands; the other keys have had different meanings in different commands since the
+    first version.
     """
     return {**drive.labels, "drive_name": drive.name}
 
 
 def machine_content(machine: MachineValue) -> dict[str, Any]:
-    """Return what a JSON object says of the machine's speed beside a frequency."""
+    """Return the keys of a JSON object for a machine speed beside a frequency."""
     return {"machine_value": machine.value, "machine_unit": machine.unit}
 
 
 def emit(**content: Any) -> None:
-    """Print one JSON object on a line of its own."""
+    """Print one JSON object on a separate line."""
     say(json.dumps(plain(content)))
 
 
 def say(text: str = "") -> None:
-    """Print a line of text; what drives, files or servers have brought into it commands no terminal."""
+    """Print a line of text; control characters from drives, files or servers are made harmless."""
     sys.stdout.write(printable(text) + "\n")
     sys.stdout.flush()
 
 
 def tell(text: str, /, *, as_json: bool, **content: Any) -> None:
-    """Print a line of text, or the same as one JSON object."""
+    """Print a line of text, or its content as one JSON object."""
     if as_json:
         emit(**content)
     else:
@@ -78,7 +79,7 @@ def tell(text: str, /, *, as_json: bool, **content: Any) -> None:
 
 
 def counted(number: int, what: str) -> str:
-    """Return `1 drive` or `2 drives`."""
+    """Return a number with its noun: `1 drive` or `2 drives`."""
     return f"{number} {what}{'' if number == 1 else 's'}"
 
 
@@ -94,7 +95,7 @@ def times_ms(times: ReplyTimes, percentiles: Iterable[int]) -> dict[str, float]:
 
 
 def print_columns(rows: Iterable[tuple[str, ...]]) -> None:
-    """Print rows under each other, every column as wide as its longest text."""
+    """Print rows with aligned columns, each as wide as its longest text."""
     lines = [tuple(map(printable, row)) for row in rows]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     for line in lines:
@@ -102,7 +103,7 @@ def print_columns(rows: Iterable[tuple[str, ...]]) -> None:
 
 
 def print_table(table: Any, width: int) -> None:
-    """Print a table: as wide as the terminal, or so wide where there is none."""
+    """Print a table in the width of the terminal, or in this width without a terminal."""
     from rich.console import Console
 
     on_terminal = sys.stdout.isatty()
@@ -110,7 +111,7 @@ def print_table(table: Any, width: int) -> None:
 
 
 def sentence(error: Exception | str, *, where: str = "") -> str:
-    """Return an error as one sentence: where, what, and what to do about it."""
+    """Return an error as one sentence: place, cause and remedy."""
     text = " ".join(str(error).split())
     place = where if where and where not in text else ""
     remedy = error.remedy if isinstance(error, DriveCommError) else ""
@@ -120,7 +121,7 @@ def sentence(error: Exception | str, *, where: str = "") -> str:
 def complain(error: Exception | str, *, as_json: bool, where: str = "", exit_code: int = 1) -> None:
     """Print an error: as a sentence on standard error, and with --json as an object on standard output.
 
-    exit_code: of an error that is not one of the tree's.
+    exit_code: exit code of an error that is not a DriveCommError.
     """
     text = sentence(error, where=where)
     if as_json:
@@ -132,13 +133,13 @@ def complain(error: Exception | str, *, as_json: bool, where: str = "", exit_cod
 
 
 def note(text: str) -> None:
-    """Say on standard error what is no result: what went wrong, how long it takes, what is left out."""
+    """Print a remark on standard error, such as an error, an expected duration, or an omission."""
     sys.stderr.write(f"drivecomm: {printable(text)}\n")
     sys.stderr.flush()
 
 
 def interrupted(*, as_json: bool) -> int:
-    """Say that a command was interrupted, unless what it says is not read any more, and return its exit code."""
+    """Print that a command was interrupted, and return its exit code; print nothing if the output is closed."""
     number = signals.interrupted()
     if not number and streams.is_lost():
         return 0
@@ -148,7 +149,7 @@ def interrupted(*, as_json: bool) -> int:
 
 
 def show_trace(event: TraceEvent, *, as_json: bool) -> None:
-    """Print a trace event on standard error: as text, or as a JSON object apart from the command's own objects."""
+    """Print a trace event on standard error: as text, or as a JSON object separate from the command's own objects."""
     show_traced({"trace": event.what, **link.trace_data(event)} if as_json else link.trace_line(event))
 
 
@@ -166,11 +167,11 @@ _FLAGS = {
     "rs485": "--rs485",
     "low_latency": "--low-latency",
 }
-"""Keywords that are flags; all others are options of a drive, and are written behind its name."""
+"""Keywords that are flags; all others are options of a drive, and are written after its name."""
 
 
 def in_flags(text: str, error: Exception | str) -> str:
-    """Return what an error says with the command line's words for its keywords."""
+    """Return an error's text with its keywords replaced by the words of the command line."""
     about = error.about if isinstance(error, DriveCommError) else None
     for keyword in _said_by(error):
         text = text.replace(keyword, _written(keyword, about["name"] if about else "DRIVE"))
@@ -178,7 +179,7 @@ def in_flags(text: str, error: Exception | str) -> str:
 
 
 def _said_by(error: object) -> tuple[str, ...]:
-    """Return the keywords in an error's sentence; one that tells of another one has its words, too."""
+    """Return the keywords in an error's sentence, including those of its cause, whose words it may repeat."""
     if not isinstance(error, DriveCommError):
         return ()
     return tuple(dict.fromkeys((*error.says, *_said_by(error.__cause__))))
@@ -208,9 +209,9 @@ def _notes(what: str) -> Progress:
 
 @contextmanager
 def progress_bar(what: str, *, shown: bool) -> Iterator[Progress]:
-    """Yield a function that is told what is done now, how much is done, and of how much; on standard error.
+    """Yield a function that displays progress on standard error: current work, amount done, and total.
 
-    A bar on a terminal; elsewhere a line now and then, so that a log shows that work goes on.
+    On a terminal it draws a bar; otherwise it prints a line now and then, so that a log shows that the work continues.
     """
     if not shown:
         yield lambda *_: None
@@ -222,7 +223,7 @@ def progress_bar(what: str, *, shown: bool) -> Iterator[Progress]:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    # What is printed to standard output meanwhile stands above the bar where both are one terminal.
+    # If output and bar share a terminal, printed lines appear above the bar.
     redirected = sys.stdout.isatty()
     with Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=redirected) as drawing:
         task = drawing.add_task(what, total=None)

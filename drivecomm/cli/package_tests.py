@@ -1,4 +1,4 @@
-"""The commands that test a protocol package: conformance, and the vectors commands."""
+"""Commands that test a protocol package: `conformance`, `vectors check` and `vectors from-capture`."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def conformance(
 
 
 def _tell(result: CheckResult, reasons: Reasons, *, as_json: bool) -> None:
-    """Print the result of a check: as JSON of each, as text of those that fail."""
+    """Print the result of a check: every check as JSON, only failed ones as text."""
     if as_json:
         check = result.check
         emit(
@@ -140,7 +140,7 @@ def check(*, files: tuple[Path, ...], json: bool) -> int:
 def from_capture(*, file: Path, protocol: str, output: Path | None, force: bool, option: tuple[str, ...]) -> int:
     """Turn a capture into vectors: each sound telegram of a protocol once, replies with their requests.
 
-    They say what was on the line and what drivecomm makes of it today: look at the fields before you rely on them.
+    They show the bytes on the line and today's decoding of them: check the fields before you rely on them.
     """
     from drivecomm.capture import read_capture
     from drivecomm.traffic.replay import vectors_text

@@ -1,4 +1,4 @@
-"""The plant commands: controlling virtual drives that `drivecomm simulate` serves, from outside."""
+"""Commands `plant ...`: control of the virtual drives that `drivecomm simulate` serves, from another process."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def _state_line(state: dict[str, Any]) -> str:
 
 
 def given_order(control: str, order: str, **fields: Any) -> dict[str, Any]:
-    """Give an order to a running plant and return its answer. Raises UsageError without a control socket."""
+    """Send an order to a running plant and return its response. Raises UsageError without a control socket."""
     if not control:
         raise UsageError("no control socket; give --control with the address that drivecomm simulate printed")
     with ControlClient(control) as connection:

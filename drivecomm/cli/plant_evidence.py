@@ -1,4 +1,4 @@
-"""The plant commands that only look: telegrams, violations, counters and states of virtual drives."""
+"""Read-only `plant` commands: telegrams, violations, counters and states of virtual drives."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _line_option = click.option("--line", metavar="LINE", default="", help="The line
 @control_option
 @options.json
 def telegrams(*, since: int, line: str, control: str, json: bool) -> int:
-    """Show what was on a line, decoded, with what the master did wrong; the last 5000 transmissions are kept."""
+    """Show the telegrams on a line, decoded, with the master's violations; the last 5000 transmissions are kept."""
     while True:
         answer = given_order(control, "telegrams", line=line, since=since)
         since = answer["last"]
@@ -41,7 +41,7 @@ def telegrams(*, since: int, line: str, control: str, json: bool) -> int:
 @control_option
 @options.json
 def violations(*, line: str, control: str, json: bool) -> int:
-    """Show what the master of a line did wrong. Exit code 1 when it broke a number that is demanded."""
+    """Show the rule violations of a line's master. Exit code 1 if it violated a required limit."""
     answer = given_order(control, "violations", line=line)
     if json:
         emit(**answer)
@@ -57,7 +57,7 @@ def violations(*, line: str, control: str, json: bool) -> int:
 @control_option
 @options.json
 def counters(*, control: str, json: bool) -> int:
-    """Show how many telegrams, faults and violations there were."""
+    """Show the counters of telegrams, faults and violations."""
     answer = given_order(control, "counters")
     if json:
         emit(**answer)
@@ -85,7 +85,7 @@ def _notes(notes: dict[str, int]) -> dict[str, int]:
 @control_option
 @options.json
 def state(*, control: str, json: bool) -> int:
-    """Show how each drive is at the moment: motor, reference, line settings."""
+    """Show the present state of each drive: motor, reference, line settings."""
     answer = given_order(control, "state")
     if json:
         emit(**answer)

@@ -1,4 +1,4 @@
-"""The plot command: a log of values, or a server's history, as a picture or a page."""
+"""Command `plot`: a value log, or a server's history, as a picture or a page."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def _rows(log: Path, drives: Sequence[str], when: TimeRange) -> Iterator[LogRow]
     if log.suffix != HISTORY_ENDING:
         yield from (row for row in read_rows(log) if when.has(row.time.timestamp()))
         return
-    # Not for logs.
+    # Imported late, because log files do not need it.
     from drivecomm.server.history import History, log_row
 
     with History(log) as history:

@@ -1,4 +1,4 @@
-"""The poll command, and poll plans as the command line writes them: drives, each followed by its parameters."""
+"""Command `poll`, and the notation of poll plans on the command line: drives, each followed by its parameters."""
 
 from __future__ import annotations
 
@@ -65,10 +65,10 @@ def poll(
     cycles: int | None,
     log: Path | None,
 ) -> int:
-    """Read parameters periodically, until Ctrl-C unless told otherwise; a failed read is shown and the others go on.
+    """Read parameters periodically, by default until Ctrl-C; a failed read is shown and the others continue.
 
-    Exit code 0 when each was read at least once, otherwise that of the first one that never was; 1 when values are
-    missing in the log because there was no room for them.
+    Exit code 0 if each was read at least once, otherwise the code of the first one that never was; 1 if values are
+    missing in the log for lack of disk space.
     """
     chosen, line = given_plan(words, plan, line, period_s=period)
     show = _emit if line.json else _Rows().say
@@ -89,7 +89,7 @@ def poll(
 
 @contextmanager
 def _opened(line: LineOptions, ports: Sequence[str]) -> Iterator[dict[str, BlockingLine]]:
-    """Open all lines of a plan for the time of the block. Raises LinkError for the first that cannot be opened."""
+    """Open all lines of a plan for the time of the block. Raises LinkError for the first line that cannot be opened."""
     if "" in ports:
         raise UsageError("some drives have no port: give --port, or write port in the [[line]] of the plant")
     if line.record is not None and len(ports) > 1:
@@ -98,7 +98,7 @@ def _opened(line: LineOptions, ports: Sequence[str]) -> Iterator[dict[str, Block
         try:
             yield {port: stack.enter_context(line.at(port).bus()) for port in ports}
         except DriveCommError:
-            # Leaving the lines by this error would put the names of all of them in front of it.
+            # Closed here, so that the exit of each line does not add its name to the error.
             stack.close()
             raise
 
@@ -136,7 +136,7 @@ def _at_machine(result: PollResult) -> MachineValue | None:
 
 
 class _Rows:
-    """The results as rows; the note on a parameter stands on its first row, and again when it is another one."""
+    """Poll results as rows; the note on a parameter appears in its first row, and again when it changes."""
 
     def __init__(self) -> None:
         self._notes: dict[tuple[str, str], str] = {}
@@ -162,17 +162,17 @@ class _Rows:
 def given_plan(
     words: Sequence[str], plan_file: Path | None, line: LineOptions, *, period_s: float | None = None
 ) -> tuple[Plan, LineOptions]:
-    """Return the plan of a call, and the line options for it; drives whose line has no port are on that of the call.
+    """Return the poll plan of a call, and the line options for it; drives without a port use the port of the call.
 
-    Without words it is what the plant polls. What the command line says of all drives goes before what a file says of
-    one. period_s: for parameters on the command line without one of their own, a second if absent. Raises UsageError.
+    Without words, the plan is that of the plant. Options of the command line override those of single drives in a file.
+    period_s: default period of parameters on the command line; None for one second. Raises UsageError.
     """
     if plan_file is not None:
         if words:
             raise UsageError("give --plan or drives and parameters, not both")
         line.refuse(f"the drives are those of {plan_file}", "plant")
         line = replace(line, plant=plan_file)
-    # What begins with a name means the plant, whatever port is given.
+    # A first word without a colon names a drive of the plant, even if a port is given.
     begins_with_name = bool(words) and ":" not in words[0].partition(",")[0]
     known = known_plant(line.plant, port_given="port" in line.given and not begins_with_name)
     if words or known is None:
@@ -189,17 +189,17 @@ def given_plan(
 
 
 def parse_plan(words: Sequence[str], *, period_s: float, known: Plant | None = None) -> Plan:
-    """Read `vabus:1 481 482@0.2 fuji:7,model=g11s M09!2`. Raises UsageError.
+    """Parse a plan such as `vabus:1 481 482@0.2 fuji:7,model=g11s M09!2`. Raises UsageError.
 
-    known: the plant, whose names and groups stand for its drives; PROTOCOL:ADDRESS is a drive of the plant that has one
-    there.
+    known: the plant, whose names and groups stand for its drives; PROTOCOL:ADDRESS is the drive of the plant at that
+    address, if there is one.
     """
     drives: dict[str, tuple[DriveConfig, ...]] = {}
     chosen: tuple[DriveConfig, ...] = ()
     reads: list[PollItem[DriveConfig]] = []
     for word in words:
         if _names_drives(word, known):
-            # A drive that is named again goes on with what it had.
+            # A drive that is named again keeps its earlier options.
             chosen = drives.setdefault(word, _drives(word, known))
         elif not chosen:
             hint = f"; a file is given by --plan {word}" if word.endswith(".toml") else ""
@@ -215,7 +215,7 @@ def parse_plan(words: Sequence[str], *, period_s: float, known: Plant | None = N
         raise UsageError(
             "nothing to read; name drives and parameters, such as vabus:1 481 482@0.2, or give --plan FILE"
         )
-    # Groups may share drives.
+    # Groups may share drives, so duplicates are removed.
     return Plan(reads=tuple(dict.fromkeys(reads)))
 
 
@@ -242,7 +242,7 @@ def _read(word: str, drive: DriveConfig, period_s: float) -> PollItem[DriveConfi
     match = _PARAMETER.fullmatch(word)
     if match is None:
         raise UsageError(f"{word!r} is not a parameter; write PARAM[@SECONDS][!PRIORITY], such as 481@0.2!1")
-    # A comma may be part of a parameter's address; options follow it as name=value.
+    # A comma may be part of a parameter's address; options follow as name=value.
     parameter, *settings = _NEXT_SETTING.split(match["what"])
     try:
         period = period_s if match["period"] is None else float(match["period"])

@@ -1,4 +1,4 @@
-"""The prove command: a real drive held against its model, as a report that others can check."""
+"""Command `prove`: a real drive compared with its model, as a report that others can check."""
 
 from __future__ import annotations
 
@@ -55,10 +55,10 @@ def prove(
     dry_run: bool,
     force: bool,
 ) -> int:
-    """Hold a drive against its model, and write what agrees, what contradicts and what is new as a report.
+    """Compare a drive with its model, and report the facts that agree, those that contradict, and new ones.
 
     Takes one to three minutes. Nothing is written to the drive and no motor moves, unless --move is given and confirmed
-    by the drive's name. Ctrl-C leaves a whole report that says where it was interrupted. Exit code 1 when the drive
+    by the drive's name. Ctrl-C leaves a complete report that states where it was interrupted. Exit code 1 if the drive
     contradicts its model.
     """
     reached, name = line.reaching(drive)
@@ -100,7 +100,7 @@ def prove(
 
 @contextmanager
 def _always_whole(record: ProofRecord, path: Path, *, as_json: bool) -> Iterator[None]:
-    """Write the report with what has ended the block early, and say where it is."""
+    """Complete the report with the reason if the block ends early, and print its path."""
     try:
         yield
     except (LinkError, ReplyError, KeyboardInterrupt) as error:
@@ -136,7 +136,7 @@ def _show_questions(name: DriveConfig, *, move: bool, as_json: bool) -> int:
 
 
 def _must_agree(name: DriveConfig, title: str) -> None:
-    """Ask for the drive's name, which nobody types by accident. Raises UsageError for anything else."""
+    """Ask the user to type the drive's name as a safeguard. Raises UsageError for any other reply."""
     note(
         f"--move starts the motor of {name.full_name} ({title}) slowly, twice, stops it, and lets its watchdog stop "
         "it; it writes its reference and its watchdog, which is set back. Nobody and nothing may be near the shaft"
@@ -149,7 +149,7 @@ def _must_agree(name: DriveConfig, title: str) -> None:
 
 
 def _move(proving: Proving, drive: Any, *, as_json: bool) -> None:
-    # A signal must not cut the stop at the end in two.
+    # A signal must not interrupt the stop at the end.
     with until_stopped() as stop:
         moving = Moving(proving, drive, proving.subject.model, stop.is_set)
         try:
@@ -182,6 +182,6 @@ def _show(proof: Proof, path: Path, name: DriveConfig, *, as_json: bool) -> None
     )
     say(f"written to {path}")
     if proof.virtual:
-        say("the drive is a virtual one: this is no proof of a real drive")
+        say("the drive is a virtual one: this is not a proof of a real drive")
     elif not proof.name_plate:
         say("add what its name plate says (name_plate) before you contribute it")

@@ -1,4 +1,4 @@
-"""The replace command: give the drive that took the place of another one its approved settings."""
+"""Command `replace`: the approved settings of a drive, restored to its replacement."""
 
 from __future__ import annotations
 
@@ -45,10 +45,10 @@ if TYPE_CHECKING:
 @click.option("--plate-compared", is_flag=True, help="You compared the name plates: type and size are the same.")
 @click.option("--yes", is_flag=True, help="Write without asking.")
 def replace(*, drive: str, file: Path | None, line: LineOptions, plate_compared: bool, yes: bool) -> int:
-    """Give the drive that took another one's place its approved settings, then compare.
+    """Restore the approved settings of a drive to its replacement, then compare.
 
-    While the new drive does not answer, shows what to set at its panel. A drive of another type or size gets nothing.
-    The watchdog is restored last. Run the command again after an interruption: it continues.
+    While the new drive does not answer, shows the settings to make at its panel. A drive of another type or size gets
+    nothing. The watchdog is restored last. Run the command again after an interruption: it continues.
     """
     reached, name = line.reaching(drive)
     path = file or _baseline(drive, name, line)
@@ -106,7 +106,7 @@ def _must_be_replacement(
 
 
 def _agreed(plan: Plan, name: DriveConfig, *, as_json: bool) -> bool:
-    """Ask whether to write; without a terminal the answer is no."""
+    """Ask the user whether to write; False without a terminal."""
     if as_json or not sys.stdin.isatty():
         return False
     show_plan(plan, name, as_json=False)
@@ -115,7 +115,7 @@ def _agreed(plan: Plan, name: DriveConfig, *, as_json: bool) -> bool:
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class _NewDrive:
-    """The drive that gets an approved set. path: of the file with the set."""
+    """Drive that gets an approved set. path: file of the set."""
 
     drive: Drive
     approved: ParameterSet
@@ -138,7 +138,7 @@ class _NewDrive:
             return 1
         codes = [self._carry_out(plan)]
         if watchdog:
-            # A watchdog that is on would trip the drive between two slow writes.
+            # An active watchdog would trip the drive between two slow writes.
             only = RestoreOptions(only=watchdog, another_drive=True, communication=True)
             codes.append(
                 self._carry_out(dataclasses.replace(plan_restore(self.drive, self.approved, only), remarks=()))
@@ -156,7 +156,7 @@ class _NewDrive:
         return exit_code_of_restore(done)
 
     def _watchdog(self) -> frozenset[str]:
-        """Return which entries of the set are the drive's watchdog, which a restore of everything leaves alone."""
+        """Return the addresses of the drive's watchdog in the set, which a restore of everything leaves alone."""
         watchdog = self.drive.model.watchdog if self.drive.model else None
         if watchdog is None:
             return frozenset()
@@ -164,7 +164,7 @@ class _NewDrive:
         return frozenset(entry.address for entry in self.approved.entries.values() if entry.parameter in own)
 
     def _show(self, drift: Drift) -> None:
-        """Report how the drive compares with the approved set, and what to do next."""
+        """Print how the drive differs from the approved set, and the next command."""
         plant = ["--plant", str(self.line.plant)] if self.line.plant else []
         accept = shlex.join(["drivecomm", "baseline", "accept", self.name.name, *plant, "--why", "replaced"])
         if self.line.json:

@@ -1,4 +1,4 @@
-"""The replay command: a capture as drives that answer, or as a master that asks."""
+"""Command `replay`: a capture as drives that answer, or as a master that sends requests."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def _ask(asking: ReplayMaster, line: LineOptions, plugins: Sequence[Protocol]) -
 
 
 def _show(different: Sequence[ReplayedRequest], plugins: Sequence[Protocol]) -> None:
-    """Print the requests that were answered differently, and in what."""
+    """Print the requests that got a different reply, with the differences."""
     rows = [
         (
             f"{each.number:>7}",

@@ -1,4 +1,4 @@
-"""The report command: the commissioning record of a drive, as text and as a page to print."""
+"""Command `report`: the commissioning record of a drive, as text and as a page to print."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ if TYPE_CHECKING:
     from drivecomm.protocol import DriveConfig
 
 Section = tuple[str, list[tuple[str, str, str]]]
-"""A heading, and its rows: what, its value, a remark."""
+"""Heading and rows of a section; a row has a subject, its value and a remark."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SignedRecord:
-    """A commissioning record with who took it when. title: of the drive's series."""
+    """Commissioning record with its author and time. title: title of the drive's series."""
 
     name: DriveConfig
     title: str
@@ -44,7 +44,7 @@ class SignedRecord:
 
     @property
     def sections(self) -> list[Section]:
-        """The record in the order in which people read it."""
+        """Sections of the record, in reading order."""
         now, watchdog = self.record.now, self.record.watchdog
         drive = [
             ("drive", self.name.full_name, ""),
@@ -111,7 +111,7 @@ def report(*, drive: str, line: LineOptions, model: str | None, by: str | None, 
     else:
         _print(signed)
     if html is not None:
-        # Who reads text needs no page.
+        # Imported late, because text output does not need it.
         from drivecomm.cli.report_page import page
 
         write_whole(html, page(signed))
@@ -121,7 +121,7 @@ def report(*, drive: str, line: LineOptions, model: str | None, by: str | None, 
 def _compared_with_baseline(
     text: str, now: ParameterSet, live: frozenset[str], name: DriveConfig, line: LineOptions
 ) -> str:
-    """Return whether the drive is as its approved set says, and who approved it."""
+    """Return a text on whether the drive agrees with its approved set, and who approved the set."""
     place = line.in_plant(text)
     path = baseline_path(Path(place[0]), name.name) if place else None
     if path is None or not path.exists():
@@ -138,7 +138,7 @@ def _compared_with_baseline(
 
 
 def _content(signed: SignedRecord) -> dict[str, Any]:
-    """Return a record for programs."""
+    """Return a record as JSON content."""
     record, now = signed.record, signed.record.now
     differing = None
     if record.differing is not None:

@@ -1,4 +1,4 @@
-"""The commissioning record of a drive as a page to print, sign and file."""
+"""Commissioning record of a drive as an HTML page to print, sign and file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def page(signed: SignedRecord) -> str:
-    """Return a record as HTML: one file, black on white."""
+    """Return a record as one HTML file, black on white."""
     not_read = signed.record.now.not_read
     sections = [*signed.sections]
     if not_read:

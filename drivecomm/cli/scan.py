@@ -1,4 +1,4 @@
-"""The scan command: who is on the line."""
+"""Command `scan`: the drives on a line."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 _LINE = "Line"
 _MOST_NAMED = 8
-"""Models of a drive that a line of the list names."""
+"""Limit of models named in one line of the list."""
 
 
 @click.command(cls=LineCommand)
@@ -64,7 +64,7 @@ def scan(
     """Find the drives on a line, or several, with telegrams that cannot move a motor. Exit code 1 if there are none.
 
     A plain scan asks each protocol's drives at their usual line settings. With --wide, or with several values for a
-    setting, it tries others too; that takes long, so it first says how long, and Ctrl-C keeps what was found.
+    setting, it tries others too. That takes long, so it first shows how long, and Ctrl-C keeps the drives found so far.
     """
     given = LineChoices(
         baudrates=tuple(_number(text, "baud rate") for text in _parts(baudrate)),
@@ -85,7 +85,7 @@ def scan(
     if add is not None:
         read_plant(add)
     must_be_free(write, "--write", force=force)
-    # How a scan is told the settings: those to try, or the one for everybody.
+    # A scan gets either the settings to try, or single settings for all drives.
     settings = {"choices": given} if several else {name: some[0] for name, some in tried.items() if some}
     asked: dict[str, Any] = {"only": protocol or None, "addresses": addresses, **settings}
     for each in lines:
@@ -110,7 +110,7 @@ def scan(
             scanned.append(ScannedLine(port=each.named_port, found=found, echo=each.echo == "expect"))
             _scan_line(each, asked, found, wide=several)
     except (DriveCommError, KeyboardInterrupt):
-        # By Ctrl-C or because a port was lost; what was found until then is worth having.
+        # After Ctrl-C or a lost port, the drives found so far are still reported.
         if any(each.found for each in scanned):
             _report(scanned, write=write, add=add, as_json=line.json)
         raise
@@ -139,7 +139,7 @@ def _scan_line(line: LineOptions, asked: dict[str, Any], found: list[Found], *, 
 
 
 def _report(scanned: list[ScannedLine], *, write: Path | None, add: Path | None, as_json: bool) -> None:
-    """Write what was found, and say how much it is."""
+    """Write the drives found to a file, and print their number."""
     found = [one for each in scanned for one in each.found]
     added: Sequence[DriveConfig] = ()
     if found and write is not None:
@@ -164,8 +164,8 @@ def _foretell(forecast: ScanForecast, *, as_json: bool) -> None:
         return
     settings = counted(forecast.settings, "line setting")
     note(
-        f"{forecast.questions} questions at {settings} take {_duration(forecast.seconds)} at most while "
-        "nobody answers, the likely first; Ctrl-C ends it and keeps what was found"
+        f"{forecast.questions} questions at {settings} take {_duration(forecast.seconds)} at most if "
+        "no drive answers, the likely ones first; Ctrl-C ends the scan and keeps the drives found"
     )
 
 

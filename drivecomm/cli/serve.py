@@ -1,4 +1,4 @@
-"""The serve command: one process that owns the lines of a plant, and lets everybody else reach its drives."""
+"""Command `serve`: one process that owns the lines of a plant and gives other programs access to its drives."""
 
 from __future__ import annotations
 
@@ -45,10 +45,10 @@ def serve(
 ) -> int:
     """Own the lines of a plant, and serve its drives to commands, programs and people.
 
-    It ends with Ctrl-C or SIGTERM, and reads the plant file again at SIGHUP. Motors that it keeps running are treated
-    by their link-loss policy when it ends. Nothing listens on a network unless the plant file names a door that does.
-    A file that polls what a model does not have is refused. With --check the exit code is 1 where a line cannot keep
-    up with what is asked.
+    The server ends with Ctrl-C or SIGTERM, and reads the plant file again at SIGHUP. When it ends, it treats the motors
+    that it keeps by their link-loss policy. Nothing listens on a network unless the plant file names a door that does.
+    A file that polls values that a model does not have is refused. With --check, the exit code is 1 if a line cannot
+    keep up with its polls.
     """
     path = plant or plant_file(None, port_given=False) or PLANT_FILE
     if csv is not None and not registers:
@@ -89,11 +89,11 @@ def serve(
 
 
 def _check(path: Path, serving: Serving, *, as_json: bool) -> int:
-    """Print what is wrong with the users of a plant file, and what its lines carry; no line is opened."""
+    """Check the users of a plant file, and print the load of its lines; opens no line."""
     from drivecomm.server import line_loads, read_users
 
     if serving.settings.users is not None:
-        # A server does not begin without them.
+        # A server does not start with an invalid users file.
         read_users(serving.settings.users)
     well = True
     for load in line_loads(serving.plant, serving.settings.status_period_s):
@@ -107,8 +107,8 @@ def _check(path: Path, serving: Serving, *, as_json: bool) -> int:
 
 
 def _tell_registers(path: Path, target: Path | None, *, as_json: bool) -> None:
-    """Print what the registers of a plant's Modbus TCP doors are, or write it to a file; no line is opened."""
-    # Loaded only where they are asked for.
+    """Print the registers of a plant's Modbus TCP doors, or write them to a file; opens no line."""
+    # Imported late, because only --registers needs it.
     from drivecomm.plant import read_plant
     from drivecomm.server import read_settings
     from drivecomm.server.modbus_tcp import (

@@ -1,7 +1,7 @@
-"""Ctrl-C, and SIGTERM and SIGHUP, which every command treats as Ctrl-C, from its first moment to its last.
+"""Handling of Ctrl-C, and of SIGTERM and SIGHUP, which every command treats like Ctrl-C during its whole run.
 
-They raise KeyboardInterrupt; what must not be interrupted only gets an event. SIGHUP stays ignored where it was at the
-start, as nohup wants it.
+Signals raise KeyboardInterrupt; a section that must not be interrupted only gets an event. SIGHUP stays ignored if it
+was ignored at the start, as nohup requires.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ if TYPE_CHECKING:
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
 _ALL = tuple(signal.Signals[name] for name in _NAMES if name in signal.Signals.__members__)
 
-# When an interruption that was lost is repeated: late enough to be out of where it was lost.
+# Delay before a lost interruption is repeated, so that the code that lost it has ended.
 _REPEATED_AFTER_S = 0.001
 
-# A terminal that is closed sends more than one, and people press Ctrl-C twice: that is the same wish.
+# A closing terminal sends more than one signal, and users press Ctrl-C twice; both count as one request.
 _ONE_WISH_S = 1.0
 
 
 class _State:
-    """The first signal that came to the command, and when; loading: the command has not begun."""
+    """First signal that the command received, and its time; loading: whether the command has not begun yet."""
 
     loading = True
     number = 0
@@ -37,15 +37,15 @@ class _State:
 
 
 def interrupted() -> int:
-    """Return the number of the first signal that came to the command, 0 for none."""
+    """Return the number of the first signal that the command received, 0 for none."""
     return _State.number
 
 
 def interrupt() -> None:
-    """Let the first signal raise KeyboardInterrupt, and later ones end what does not come to its end by that.
+    """Let the first signal raise KeyboardInterrupt, and later ones end the process if it is still running.
 
-    Until `loaded` the first one ends the process: an exception does not get out of all that happens in an import, and
-    nothing has been opened or sent.
+    Until `loaded` is called, the first signal ends the process: an exception may get lost during an import, and nothing
+    has been opened or sent yet.
     """
     _State.loading = True
     _take(_interrupt)
@@ -53,7 +53,7 @@ def interrupt() -> None:
 
 
 def interrupt_main_thread() -> None:
-    """Interrupt the command from another thread as Ctrl-C does; also out of a call of the system that waits."""
+    """Interrupt the command from another thread as Ctrl-C does, even out of a blocking system call."""
     if hasattr(signal, "pthread_kill"):
         signal.pthread_kill(main_thread().ident or 0, signal.SIGINT)
     else:
@@ -61,25 +61,25 @@ def interrupt_main_thread() -> None:
 
 
 def loaded() -> None:
-    """Say that the command begins."""
+    """Mark the beginning of the command, after all imports."""
     _State.loading, _State.number = False, 0
 
 
 def ignore() -> None:
-    """Let signals do nothing."""
+    """Ignore signals."""
     _take(_nothing)
 
 
 def restore() -> None:
-    """Let signals end the process as they end any other."""
+    """Restore the default handling of signals, which ends the process."""
     _take(signal.SIG_DFL)
 
 
 class SignalledEvent(Event):
-    """An event that a signal handler may set at any moment.
+    """Event that a signal handler may set at any moment.
 
-    `Event.set` takes a lock, for which a handler would wait for ever where it interrupts whoever has it: a wait, or
-    another set, of the same thread. Once set, it stays so.
+    `Event.set` takes a lock. A handler that interrupts the holder of that lock, in a wait or another set of the same
+    thread, would wait forever. Once set, this event stays set.
     """
 
     def __init__(self) -> None:
@@ -89,27 +89,27 @@ class SignalledEvent(Event):
         self._gate.acquire()
 
     def is_set(self) -> bool:
-        """Whether it was set."""
+        """Return whether the event is set."""
         return self._happened
 
     def set(self) -> None:
-        """Set it, and let all go on who wait for it; waits for nobody."""
+        """Set the event and wake all waiting threads; never blocks."""
         self._happened = True
-        # Somebody else, or this thread where it was interrupted, may have opened it.
+        # Another thread, or this one before the interruption, may have released it already.
         with suppress(RuntimeError):
             self._gate.release()
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait until it is set, so many seconds at most; returns whether it is."""
+        """Wait until the event is set, up to timeout seconds; return whether it is set."""
         if not self._happened and self._gate.acquire(timeout=-1 if timeout is None else max(0.0, timeout)):
-            # One after the other.
+            # Each waiting thread wakes the next one.
             self.set()
         return self._happened
 
 
 @contextmanager
 def until_stopped() -> Iterator[Event]:
-    """Yield an event that signals set; they do nothing else within the block: for what must not be interrupted."""
+    """Yield an event that signals set instead of interrupting; for sections that must not be interrupted."""
     stop = SignalledEvent()
 
     def tell(number: int, _: object) -> None:
@@ -122,7 +122,7 @@ def until_stopped() -> Iterator[Event]:
 
 @contextmanager
 def calling(interrupt: Callable[[], object]) -> Iterator[None]:
-    """Let the first signal call something within the block, and later ones end what does not end by that."""
+    """Let the first signal call a function within the block, and later ones end the process if it is still running."""
 
     def tell(number: int, frame: object) -> None:
         if _State.number:
@@ -146,7 +146,7 @@ def _taken(handler: Any) -> Iterator[None]:
 
 
 def _take(handler: Any) -> dict[signal.Signals, Any]:
-    """Return what was there before."""
+    """Install a handler and return the previous ones."""
     taken = (number for number in _ALL if not (number.name == "SIGHUP" and signal.getsignal(number) == signal.SIG_IGN))
     return {number: signal.signal(number, handler) for number in taken}
 
@@ -166,7 +166,7 @@ def _interrupt(number: int, _: object) -> None:
 
 
 def _repeat(lost: sys.UnraisableHookArgs) -> None:
-    """Interrupt again what was interrupted where no exception gets out, as in a finalizer; tell of any other error."""
+    """Repeat an interruption that was lost where exceptions are ignored, as in a finalizer; report any other error."""
     if not isinstance(lost.exc_value, KeyboardInterrupt):
         sys.__unraisablehook__(lost)
         return
@@ -177,7 +177,7 @@ def _repeat(lost: sys.UnraisableHookArgs) -> None:
 
 
 def _remember(number: int) -> bool:
-    """Remember the first signal; returns whether it is."""
+    """Record the first signal; return whether this is the first one."""
     if _State.number:
         return False
     _State.number, _State.at = number, time.monotonic()

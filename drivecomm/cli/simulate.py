@@ -1,4 +1,4 @@
-"""The simulate command: virtual drives for other programs, in real time."""
+"""Command `simulate`: virtual drives for other programs, in real time."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def simulate(
 
 @contextmanager
 def _recording(server: PlantServer, path: Path | None, *, as_json: bool) -> Iterator[None]:
-    """Serve for the time of the block, and record to a file if one is wanted."""
+    """Run the server for the time of the block, and record to a file if a path is given."""
     with ExitStack() as opened:
         if path is not None:
             opened.enter_context(recorded(path, as_json=as_json))
@@ -123,7 +123,7 @@ def _recording(server: PlantServer, path: Path | None, *, as_json: bool) -> Iter
 
 @contextmanager
 def _traced(server: PlantServer, *, wanted: bool, as_json: bool) -> Iterator[None]:
-    """Print the telegrams of the block, those at its end as well."""
+    """Print the telegrams of the block, including the last ones."""
     if not wanted:
         yield
         return

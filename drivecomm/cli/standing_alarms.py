@@ -1,4 +1,4 @@
-"""The alarms of a running server: what stands, and acknowledging it."""
+"""Commands `alarms list` and `alarms acknowledge`: the alarms of a running server."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def list_alarms(*, plant: Path | None, json: bool) -> int:
 def acknowledge(*, alarms: tuple[str, ...], plant: Path | None, json: bool) -> int:
     """Acknowledge alarms of a running server by their ids.
 
-    Nobody is reminded of them any more, and those that are over leave the list.
+    No more reminders are sent for them, and those that are over leave the list.
     """
     with closing(_server(plant)) as server:
         for each in alarms:

@@ -1,4 +1,4 @@
-"""The start command: no motor turns without somebody having said what stops it."""
+"""Command `start`: it starts a motor only with a stated policy for the loss of its master."""
 
 from __future__ import annotations
 
@@ -31,10 +31,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Starting:
-    """What starts a motor.
+    """Way to start a motor.
 
-    procedure: makes what starts it from here. choices: what a server is told that keeps it. waits: it is started by a
-    call or a write, and may run at a speed that is no reference, such as a jog speed.
+    procedure: returns the steps that start the motor from here. choices: options for a server that starts and keeps the
+    motor. waits: whether a call or a write starts the motor, which may then run at a speed other than the reference,
+    such as a jog speed.
     """
 
     procedure: Callable[[], Procedure[Any]]
@@ -85,7 +86,7 @@ def start_by(
     link_loss: str | None,
     watchdog: str | None,
 ) -> int:
-    """Start a motor by another verb, such as call or write, as `start_motor` does."""
+    """Start a motor by another verb, such as call or write; see `start_motor`."""
     by = Starting(
         procedure=partial(starting_by, verb, arguments),
         choices={"by": {"verb": verb, "arguments": dict(arguments)}},
@@ -104,16 +105,16 @@ def start_motor(
     link_loss: str | None,
     watchdog: str | None,
 ) -> int:
-    """Start a motor under a link-loss policy, and stay with it unless that is hold; return the exit code.
+    """Start a motor under a link loss policy, and keep it unless the policy is hold; return the exit code.
 
-    drive: as it was named on the command line. Raises UsageError if neither link_loss nor the plant names a policy.
+    drive: name of the drive on the command line. Raises UsageError if neither link_loss nor the plant names a policy.
     """
     if name.read_only_reason:
-        # Said before its watchdog is looked at.
+        # A read-only drive is refused before its watchdog is read.
         raise UsageError(name.read_only_reason)
     said = line.link_loss_of(drive)
     policy = _chosen_policy(one, link_loss or (said.policy if said else None), by)
-    # What the plant says of a watchdog belongs to the policy that it says.
+    # The plant's watchdog time belongs to the plant's policy only.
     usual_s = f"{said.watchdog_s:g}" if said and policy == said.policy else str(USUAL_WATCHDOG_S)
 
     def run() -> str:
@@ -123,7 +124,7 @@ def start_motor(
         return f"{what}, {speed}" if speed else what
 
     if policy != "hold" and line.reaching(drive)[0].server is not None:
-        # Loaded by those who go through a server only.
+        # Imported late, because only starts through a server need it.
         from drivecomm.cli.start_served import start_and_stay
 
         return start_and_stay(
@@ -142,7 +143,7 @@ def start_motor(
 
 
 def _chosen_policy(drive: bus.Drive, text: str | None, by: Starting) -> LinkLoss:
-    """Return the policy that was asked for. Raises UsageError with what to write where none was, or none that is."""
+    """Return the chosen policy. Raises UsageError with the possible options if the policy is missing or unknown."""
     if text is None:
         why = "this may start the motor; " if by.waits else ""
         raise UsageError(f"{why}say what the motor does if this line goes dead: {_choice(drive)}")
@@ -154,9 +155,9 @@ def _chosen_policy(drive: bus.Drive, text: str | None, by: Starting) -> LinkLoss
 
 
 def _start_and_leave(drive: bus.Drive, name: DriveConfig, start: Callable[[], str], *, as_json: bool) -> None:
-    """Start a motor that nobody watches from here; its own watchdog, where its model knows one, must be off.
+    """Start a motor without a watcher; its own watchdog, if its model has one, must be off.
 
-    Whoever interrupts this before it says that the motor was started does not want it to turn: it is stopped again.
+    If the user interrupts before the success message, the motor is stopped again.
     """
     with until_stopped() as stop:
         with keep(drive, "hold") as kept:
@@ -194,9 +195,9 @@ def _start_and_stay(
     stops: StopsFromOthers,
     as_json: bool,
 ) -> int:
-    """Start a motor and keep it in hand until Ctrl-C or a signal like it, or until it has a fault; return the code.
+    """Start a motor and keep it until Ctrl-C, a similar signal, or a fault; return the exit code.
 
-    A stop from another program ends it, too, and other drives of its line are stopped for it.
+    A stop from another program ends the keeping as well. Stops of other drives of the line are carried out meanwhile.
     """
     with until_stopped() as stop:
         news = news_shown(name, stop, as_json=as_json)
@@ -215,7 +216,7 @@ def _start_and_stay(
 
 
 def _choice(drive: bus.Drive) -> str:
-    """Return what can be written, in words."""
+    """Return the possible link loss options of a drive, in words."""
     known = policies(drive.model)
     watched = [f"--link-loss {policy}" for policy in known if policy != "hold"]
     if watched:

@@ -1,4 +1,4 @@
-"""Starting a motor through the server that owns its line: the server keeps it, for as long as this command is there."""
+"""Start of a motor through the server that owns its line; the server keeps the motor while this command runs."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 def start_and_stay(
     drive: ServedDrive, news_of: Callable[[Event], KeepNews], policy: LinkLoss, watchdog_s: str, **choices: Any
 ) -> int:
-    """Start a motor, and stay until Ctrl-C or until the server keeps it no more; return the exit code.
+    """Start a motor, and stay until Ctrl-C or until the server no longer keeps it; return the exit code.
 
-    choices: its reference and its direction. What happens is told as where no server is.
+    choices: reference and direction. Events are shown in the same way as without a server.
     """
     ended = ""
     silence_s = exact(watchdog_s, "watchdog time")
@@ -42,5 +42,5 @@ def start_and_stay(
             said = {"watchdog_s": watchdog_s} if "watchdog_s" in event else {}
             news.tell(**{**event, **said})
     if ended != "stop commanded":
-        raise ServerLostError(f"{drive.name}: its server keeps it no more, and does not say why; look at the motor")
+        raise ServerLostError(f"{drive.name}: its server no longer keeps it, for an unknown reason; look at the motor")
     return DriveError.exit_code if news.fault else 0

@@ -1,4 +1,4 @@
-"""What a start command shows of the motor that it keeps in hand."""
+"""Output of a start command about the motor that it keeps."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def news_shown(name: DriveConfig, stop: Event, *, as_json: bool) -> KeepNews:
-    """Return what shows the news of a kept motor. stop: set when the drive has a fault, which ends the command."""
+    """Return a display of the events of a kept motor. stop: set on a fault of the drive, which ends the command."""
 
     def show(done: str, text: str, **further: object) -> None:
         tell(f"{name.name}  {text}", as_json=as_json, **labels(name), done=done, **further)

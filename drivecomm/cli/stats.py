@@ -1,4 +1,4 @@
-"""The stats command: ask drives for a while, and count what happens."""
+"""Command `stats`: drives are polled for a while, and their replies and errors counted."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 _ALWAYS_SHOWN = ("requests", "replies", "retries", "timeouts", "damaged")
 _PERCENTILES = (50, 95, 99)
 _BAR_WIDTH = 40
-# What is not read on a terminal is not broken at the width of one.
+# Output that is not a terminal is not wrapped at a terminal's width.
 _WIDTH = 250
-# How long to leave the line alone when none of the drives may be asked just now.
+# Pause in seconds while every drive is given up.
 _IDLE_S = 0.02
 
 
@@ -63,7 +63,7 @@ def stats(*, line: LineOptions, drives: tuple[str, ...], seconds: float) -> int:
 
 
 def _measure(line: LineOptions, names: Mapping[str, DriveConfig], seconds: float, *, headed: bool) -> bool:
-    """Ask the drives of one line, and show what was counted; return whether all of them have answered."""
+    """Poll the drives of one line, and print the statistics; return whether all of them have answered."""
     if headed and not line.json:
         say(line.named_port)
     with line.bus() as bus:
@@ -73,14 +73,14 @@ def _measure(line: LineOptions, names: Mapping[str, DriveConfig], seconds: float
         try:
             _ask_all(bus, list(asked.values()), began + seconds)
         finally:
-            # Also when it ends early, by Ctrl-C or because the port was lost: what was counted is worth having.
+            # Statistics are also printed after Ctrl-C or the loss of the port.
             counted = {called: bus.statistics.get(one.name, Statistics()) for called, one in asked.items()}
             _show(counted, names, bus.now() - began, line)
     return all(each.counters["replies"] for each in counted.values())
 
 
 def _count_from_now(bus: BlockingLine) -> None:
-    """Let a line that a server has counted on for days begin at nothing."""
+    """Reset the counters of a line on which a server may have counted for days."""
     from drivecomm.client import ServedBus
 
     if isinstance(bus, ServedBus):
@@ -88,7 +88,7 @@ def _count_from_now(bus: BlockingLine) -> None:
 
 
 def _scanned(line: LineOptions) -> list[DriveConfig]:
-    """Return the drives on the line; on a bus of its own, so that its questions are not counted, nor recorded."""
+    """Return the drives on the line, found over a separate bus, so that the scan is neither counted nor recorded."""
     note("no drive named, so the line is scanned first")
     with replace(line, record=None).bus() as bus:
         found = [one for one in bus.scan() if one.sound]
@@ -116,14 +116,14 @@ def _ask_all(bus: BlockingLine, drives: Sequence[Drive], until: float) -> None:
 
 
 def _question(bus: BlockingLine, drive: Drive) -> Callable[[], object]:
-    """Return what asks a drive whether it is there."""
+    """Return a function that probes a drive."""
     from drivecomm.bus import Bus
     from drivecomm.line import Job
 
     probe = drive.peer.probe
     if probe is None or not isinstance(bus, Bus):
         return drive.probe
-    # Not Drive.probe, which insists: a drive that does not answer is given up, as in any program.
+    # Drive.probe would keep probing a silent drive; here it is given up, as in any program.
     return lambda: bus.run(Job(drive.peer, probe()))
 
 
@@ -213,12 +213,12 @@ def _draw(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 
 
 def _say_histogram(times: ReplyTimes) -> None:
-    """Print from the first class that holds something to the last."""
+    """Print the classes from the first to the last one with replies."""
     held = [number for number, count in enumerate(times.classes) if count]
     for number in range(held[0], held[-1] + 1):
         lower = REPLY_TIME_BOUNDS_MS[number - 1] if number else 0
         upper = f"{REPLY_TIME_BOUNDS_MS[number]}" if number < len(REPLY_TIME_BOUNDS_MS) else ""
         count = times.classes[number]
-        # What is there at all is seen.
+        # A class with any reply has a visible bar.
         bar = "#" * max(count > 0, round(count / max(times.classes) * _BAR_WIDTH))
         say(f"{lower:>5} to {upper:<4} ms  {count:>7}  {bar}".rstrip())

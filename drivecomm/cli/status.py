@@ -1,4 +1,4 @@
-"""The status command: of one drive, or of the whole plant."""
+"""Command `status`: the state of one drive, of a group, or of the whole plant."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import MachineValue
 
 _WIDTH = 80
-"""Of the table, where it is not drawn on a terminal."""
+"""Width of the table without a terminal."""
 
 _COLOURS = {
     "fault": "bold red",
@@ -58,7 +58,7 @@ def status(*, line: LineOptions, drive: str | None, model: str | None) -> int:
     if (group := _group(drive, line)) is not None:
         return _of_the_plant(group, line, model)
     with line.drive(drive, model) as (one, name):
-        # A drive on a port of one's own has none.
+        # Only a drive of a server has standing stops.
         stop = getattr(one, "standing_stop", "")
         if stop and not line.json:
             say(f"{name.name}  {stop}")
@@ -68,7 +68,7 @@ def status(*, line: LineOptions, drive: str | None, model: str | None) -> int:
 
 
 def _group(text: str, line: LineOptions) -> Plant | None:
-    """Return the part of the plant that is a group, with the options behind its name; None if it is not a group."""
+    """Return the part of the plant that is a group, with the options after its name; None if it is not a group."""
     word, *behind = text.split(",")
     known = None if ":" in word else known_plant(line.plant, port_given=False)
     if known is None or word not in known.groups:
@@ -96,7 +96,7 @@ def _of_the_plant(known: Plant, line: LineOptions, model: str | None) -> int:
         raise UsageError("--record is for one line, and this plant has several; name a drive, or leave it out")
     if "port" in line.given and all(each.reached_at for each in lines):
         line.refuse(f"{known.file} names the ports of all its lines", "port")
-    # Loaded by those who have a plant only.
+    # Imported late, because only calls with a plant need it.
     from drivecomm.plant import OpenPlant, plant_status
 
     opening = {key: value for key, value in line.opening.items() if key != "echo" or "echo" in line.given}
@@ -151,11 +151,11 @@ def _at_machine(report: DriveReport) -> dict[str, object]:
 
 
 _Cell = tuple[str, str]
-"""A text, and the style that it is drawn in."""
+"""Text of a cell, and its style."""
 
 _HEAD = ("name", "drive", "model", "state", "output", "current", "reference", "age")
 _TO_THE_RIGHT = frozenset({"output", "current", "reference", "age"})
-# What gives way first where a terminal is narrow.
+# Columns that are dropped first on a narrow terminal.
 _DISPENSABLE = ("age", "model", "drive")
 
 
@@ -203,7 +203,7 @@ def _draw(reports: Sequence[DriveReport], now: float) -> None:
 
 
 def _cannot_be_asked(report: DriveReport) -> bool:
-    """Whether nothing was sent to a drive, for what is said of it: nobody should look at its wiring."""
+    """Return whether a wrong configuration prevented every request to a drive, so that its wiring is not suspected."""
     return report.status is None and isinstance(report.error, UsageError)
 
 
@@ -237,7 +237,7 @@ def _beside(machine: MachineValue | None) -> str:
 
 
 def _explain(report: DriveReport, width: int, tell: Callable[[str, str], None]) -> None:
-    """Show below a drive's row what is wrong with it, and which stop of it stands."""
+    """Print the error or fault of a drive, and its standing stop, below its row."""
     if report.standing_stop:
         _wrapped(report.standing_stop, "yellow", width, tell)
     if report.error is not None:

@@ -1,7 +1,7 @@
-"""Stops from other programs while a command has a port: carried out over its bus, or made way for.
+"""Stops from other programs while a command has a port: sent over its bus, or let through by closing the port.
 
-A command whose bus is open sends them at the rank of a stop, and continues. One that has the bare port, such as
-`doctor`, ends as by Ctrl-C, and the stop takes the port.
+A command with an open bus sends them with the priority of a stop, and continues. A command with the bare port, such as
+`doctor`, ends as by Ctrl-C, so that the other program can open the port.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from drivecomm.client import StopOrder
     from drivecomm.protocol import Stop
 
-# To end: a stop with all its attempts, and the watchdog's parameters.
+# Time for a stop with all its attempts, and for the watchdog's parameters.
 _END_S = 12.0
 
 
 @dataclass(slots=True)
 class _KeptDrive:
-    """A drive that its command keeps running. end: stops it and ends the command. left: the outcome, when it has."""
+    """Drive that its command keeps running. end: stops it and ends the command. left: set when the block has ended."""
 
     protocol: str
     address: int
@@ -39,16 +39,16 @@ class _KeptDrive:
     failed: bool = False
 
     def is_meant(self, order: StopOrder) -> bool:
-        """Whether a stop is for this drive, too; ALL stops whatever is kept."""
+        """Return whether a stop concerns this drive; ALL concerns any kept drive."""
         return order.protocol == ALL or (order.protocol == self.protocol and order.address in (None, self.address))
 
 
 ALL = "*"
-"""In place of a protocol: what the command keeps running, whatever that is."""
+"""Placeholder for a protocol that stands for any drive that the command keeps running."""
 
 
 class StopsFromOthers:
-    """What becomes of stops from other programs in one command. program: what people know it by."""
+    """Handling of stops from other programs in one command. program: its name for display."""
 
     def __init__(self, program: str = "drivecomm") -> None:
         self._program = program
@@ -59,12 +59,12 @@ class StopsFromOthers:
     def ended_by(self, name: str, end: Callable[[Stop], None]) -> Iterator[Event]:
         """Let stops of this drive, PROTOCOL:ADDRESS, end the block.
 
-        end: stops the drive that way and ends the block. Yields an event that is set when such a stop has come.
+        end: stops the drive in this way and ends the block. Yields an event that is set when such a stop arrives.
         """
         protocol, _, address = name.partition(":")
         kept = self._kept = _KeptDrive(protocol, int(address), end, Event(), Event())
         try:
-            # One that came while the command was still preparing its start is not undone by that.
+            # A start must not undo a stop that arrived during its preparation.
             for order in filter(kept.is_meant, list(self._came)):
                 kept.stopping.set()
                 kept.end(order.how)
@@ -77,7 +77,7 @@ class StopsFromOthers:
 
     @contextmanager
     def over(self, port: str, bus: Bus) -> Iterator[None]:
-        """Carry stops for a port out over its bus for the time of the block."""
+        """Carry out stops for a port over its bus for the time of the block."""
         if not bus.real_time:
             yield
             return
@@ -88,7 +88,7 @@ class StopsFromOthers:
 
     @contextmanager
     def over_async(self, port: Any, bus: AsyncBus) -> Iterator[None]:
-        """Carry stops out over an awaited bus, in the loop that runs when the block is entered."""
+        """Carry out stops over an asyncio bus, in the event loop that is running when the block is entered."""
         if not isinstance(port, str) or not bus.real_time:
             yield
             return
@@ -106,7 +106,7 @@ class StopsFromOthers:
 
     @contextmanager
     def make_way(self, port: str) -> Iterator[None]:
-        """End the block by a KeyboardInterrupt when a stop for its port comes, so that the port is free for that."""
+        """End the block by a KeyboardInterrupt when a stop for its port arrives, so that the port becomes free."""
         from drivecomm.client import stop_door
 
         def leave(_: StopOrder) -> None:
@@ -126,11 +126,11 @@ class StopsFromOthers:
                 raise UsageError(f"{self._program} keeps no motor running")
             stop(order)
             return
-        # First, so that it does not start what is being stopped.
+        # Set first, so that the command does not start the motor that is being stopped.
         kept.stopping.set()
         wrong: DriveCommError | None = None
         if order.protocol != ALL:
-            # Ending has the watchdog's parameters to write, which a stop goes before.
+            # The end also writes the watchdog's parameters, so the stop is sent before.
             try:
                 stop(order)
             except NotSupported:
@@ -139,7 +139,7 @@ class StopsFromOthers:
             except DriveCommError as error:
                 wrong = error
         kept.end(order.how)
-        # Ending stops it once more.
+        # The end stops the motor once more.
         if not (kept.left.wait(_END_S) and not kept.failed) and wrong is not None:
             raise wrong
 

@@ -1,7 +1,7 @@
-"""Standard output and standard error that do not raise: where all that the command line says leaves the process.
+"""Standard output and standard error that never raise an error, for all output of the command line.
 
-What cannot be written because nobody reads it, the disk is full or the terminal has gone is lost, and the command goes
-on: it may be stopping a motor. A command that only reads ends then, as by Ctrl-C. A character that an encoding lacks is
+Output is lost if its reader is gone, the disk is full or the terminal is closed. The command then continues, because it
+may be stopping a motor; only a command that only reads ends, as by Ctrl-C. A character that the encoding lacks is
 written as its number.
 """
 
@@ -14,13 +14,13 @@ import sys
 from contextlib import suppress
 from threading import current_thread, main_thread
 
-# What a shell takes for "nobody read it any more", as of any program that is ended by SIGPIPE.
+# Exit code that shells expect of a program whose output is no longer read, as after SIGPIPE.
 NOT_READ = 141
 NOT_WRITTEN = 1
 
 
 class _Stream(io.TextIOWrapper):
-    """A standard stream. lost: why what is written gets nowhere any more. reads: the command only reads."""
+    """Standard stream. lost: the error after which its output is lost. reads: whether the command only reads."""
 
     lost: OSError | None = None
     reads = True
@@ -44,7 +44,7 @@ class _Stream(io.TextIOWrapper):
     def _lose(self, error: OSError) -> None:
         self.lost = self.lost or error
         with suppress(OSError):
-            # What is in the buffers would be tried again, at the very end of the process too.
+            # Buffered output would otherwise be retried, even at the very end of the process.
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, self.fileno())
             os.close(nowhere)
@@ -56,32 +56,32 @@ class _Stream(io.TextIOWrapper):
 
 
 def guard() -> None:
-    """Put such streams in the place of those that this process was started with."""
-    # A descriptor that is missing would be given to the next thing opened: a port, that would then be printed to.
+    """Replace the standard streams of this process with streams that never raise errors."""
+    # A missing descriptor would be reused for the next file opened, such as a port, which would then get the output.
     while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
         pass
     os.close(descriptor)
     if sys.stdin is None:
         sys.stdin = sys.__stdin__ = open(0, encoding="utf-8", closefd=False)  # type: ignore[misc]  # noqa: SIM115
-    # Their originals hold nothing any more, and would be asked to write it at the end.
+    # The original streams are empty now, and would still be flushed at exit.
     sys.stdout = sys.__stdout__ = _guarded(sys.stdout, 1)  # type: ignore[misc]
     sys.stderr = sys.__stderr__ = _guarded(sys.stderr, 2)  # type: ignore[misc]
     sys.stderr.reads = False
 
 
 def begin(*, reads: bool) -> None:
-    """Say whether the command that begins only reads, so that it ends when what it says cannot be written."""
+    """Mark the beginning of a command. reads: whether it only reads, so that it ends when its output is lost."""
     if isinstance(sys.stdout, _Stream):
         sys.stdout.reads = reads
 
 
 def is_lost() -> bool:
-    """Whether standard output cannot be written any more."""
+    """Return whether the standard output is lost."""
     return isinstance(sys.stdout, _Stream) and sys.stdout.lost is not None
 
 
 def finished(code: int) -> int:
-    """Write what is left, and return the exit code: that of the command, or, where it only reads, of what was lost."""
+    """Flush the output, and return the exit code of the command; of a lost output if the command only reads."""
     out = sys.stdout
     if not isinstance(out, _Stream):
         return code
@@ -89,7 +89,7 @@ def finished(code: int) -> int:
     out.flush()
     if out.lost is None:
         return code
-    # Windows has no name of its own for it.
+    # Windows reports a closed pipe with this general error code.
     not_read = isinstance(out.lost, ConnectionError) or (os.name == "nt" and out.lost.errno == errno.EINVAL)
     if not not_read:
         sys.stderr.write(f"drivecomm: standard output cannot be written: {out.lost.strerror or out.lost}\n")

@@ -1,4 +1,4 @@
-"""The tags commands: what supervisory systems call the values of a plant, out to a spreadsheet and back."""
+"""Commands `tags export` and `tags import`: names of a plant's values in supervisory systems, as a spreadsheet."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def export(*, plant: Path, file: Path | None, force: bool, json: bool) -> None:
         for line in text.getvalue().splitlines():
             say(line)
         return
-    # Spreadsheets take a file without it for one of the system's own character set.
+    # Without the mark, spreadsheets assume the system's own character set.
     write_whole(file, _BYTE_ORDER_MARK + text.getvalue())
     tell(f"{file}: {counted(len(rows), 'value')}", as_json=json, output=str(file), values=len(rows))
 
@@ -65,7 +65,7 @@ def export(*, plant: Path, file: Path | None, force: bool, json: bool) -> None:
 def import_tags(*, file: Path, plant: Path, json: bool) -> None:
     """Set names, groups and deadbands of values in the plant file; its comments stay.
 
-    Nothing is changed unless every row fits. A running server takes it when it reads its plant file again.
+    Nothing is changed unless every row fits. A running server applies the tags when it next reads its plant file.
     """
     from drivecomm.plant import imported_tags, read_plant, with_usual_polls, write_tags
     from drivecomm.server import read_settings
@@ -103,7 +103,10 @@ def _rows(path: Path) -> Iterator[dict[str, str]]:
 
 
 def _address_columns(path: Path) -> dict[str, AddressesValues]:
-    """Return the doors of a plant file that have addresses of values, by their columns: their kinds, numbered."""
+    """Return the doors with addresses of values, by the names of their columns.
+
+    A column has the kind of the door as its name, with a number for further doors of this kind.
+    """
     from drivecomm.server import AddressesValues, kind_of_door, read_settings
 
     found: dict[str, AddressesValues] = {}

@@ -1,4 +1,4 @@
-"""The commands without a port: protocols, encode and decode."""
+"""Commands without a port: `protocols`, `encode` and `decode`."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def encode(
 def _encoded(
     protocol: str, direction: Direction, given: dict[str, Any], written: dict[str, str], options: dict[str, Any]
 ) -> bytes:
-    """Encode; a field that is refused as a number is tried as text, for VABus data 1234 are four characters."""
+    """Encode a telegram; retry a refused number as text, since VABus data 1234 are four characters."""
     try:
         return encode_telegram(protocol, given, direction=direction, **options)
     except TelegramError as error:
@@ -84,7 +84,7 @@ def _pair(text: str) -> tuple[str, str]:
 
 
 def _field(value: str) -> Any:
-    """Return a field's value in the type that vectors give it: numbers for numbers, text for texts."""
+    """Return a field's value in the type that vectors use: number, list, boolean or text."""
     if value.startswith("[") and value.endswith("]"):
         return [int(part, 0) for part in value[1:-1].split(",")]
     if value.lower() in ("true", "false"):

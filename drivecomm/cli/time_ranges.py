@@ -1,4 +1,4 @@
-"""Options for a stretch of time: from when to when, or the last hours; times are local unless they name a zone."""
+"""Options for a time range: from one time to another, or the last hours; times without a zone are local."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ last_option = click.option("--last", metavar="DURATION", help="The last 30min, 2
 
 
 class TimeRange(NamedTuple):
-    """From when to when, in seconds since 1970; None without an end."""
+    """Begin and end of a time range, in seconds since 1970; None for an open end."""
 
     from_s: float | None
     to_s: float | None
 
     def has(self, time_s: float) -> bool:
-        """Whether a time is within."""
+        """Return whether a time is within the range."""
         return (self.from_s is None or self.from_s <= time_s) and (self.to_s is None or time_s <= self.to_s)
 
 
@@ -36,7 +36,7 @@ def time_range(
     otherwise: str | None = None,
     flags: tuple[str, str] = ("--from", "--to"),
 ) -> TimeRange:
-    """Return what is asked for. otherwise: the last DURATION where nothing is. flags: how begin and end are called.
+    """Return the time range of a call. otherwise: default DURATION before now. flags: names of the two options.
 
     Raises UsageError.
     """
@@ -60,7 +60,7 @@ def time_range(
 
 
 def clock(time_s: float) -> str:
-    """Return a time as people read it: local, with the zone."""
+    """Return a time as text for people: local, with the zone."""
     return datetime.fromtimestamp(time_s).astimezone().isoformat(sep=" ", timespec="milliseconds")
 
 

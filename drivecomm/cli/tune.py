@@ -1,4 +1,4 @@
-"""The tune command: the pause that a drive really needs after its replies, and how long it takes to answer."""
+"""Command `tune`: the shortest pause after a drive's replies, and the time that the drive takes to answer."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def tune(*, drive: str, line: LineOptions, model: str | None, exchanges: int, wr
     """Find the shortest pause after a drive's replies, and its reply time-out, with requests that cannot move a motor.
 
     Takes some seconds up to a minute; nothing is written to the drive. A drive that fails with its usual pause gets a
-    longer one, or more time for its replies. Exit code 1 when it fails with these, too.
+    longer one, or more time for its replies. Exit code 1 if it still fails.
     """
     reached, name = line.reaching(drive)
     place = line.in_plant(drive)
@@ -93,7 +93,7 @@ def _foretell(seconds: float, *, as_json: bool) -> None:
 
 
 def _tell_trials(trials: list[Trial], name: DriveConfig, *, as_json: bool) -> None:
-    """Say what was found before tuning ended early."""
+    """Print the trials so far after tuning ended early."""
     if as_json:
         for each in trials:
             emit(**labels(name), trial=plain(each))

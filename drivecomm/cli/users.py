@@ -1,4 +1,4 @@
-"""The users commands: who may reach a served plant over a network."""
+"""Commands `users ...`: the users with access to a served plant over a network."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _file_option = click.option(
 @_file_option
 @options.json
 def add(*, name: str, role: str, password: bool, file: Path, json: bool) -> None:
-    """Add a user, and print the token by which the user comes in; it is shown this once."""
+    """Add a user, and print the user's access token; it is shown only once."""
     if role not in ROLES:
         raise UsageError(f"unknown role {role!r}; {meant(role, ROLES, 'use')}")
     token = new_token()
@@ -44,7 +44,7 @@ def add(*, name: str, role: str, password: bool, file: Path, json: bool) -> None
 @_file_option
 @options.json
 def list_users(*, file: Path, json: bool) -> None:
-    """List the users with their roles, and by what they are recognised."""
+    """List the users with their roles and kinds of credentials."""
     rows = []
     for user in read_users(file):
         role = user.role.name.lower()
@@ -60,7 +60,7 @@ def list_users(*, file: Path, json: bool) -> None:
 @_file_option
 @options.json
 def remove(*, name: str, file: Path, json: bool) -> None:
-    """Remove a user; a running server lets them in no longer."""
+    """Remove a user; a running server refuses them from then on."""
     remove_user(file, name)
     tell(f"{name} removed from {file}", as_json=json, name=name, file=str(file))
 

@@ -1,4 +1,4 @@
-"""The files that commands fill besides what they print: --log for values, --record for the bytes of a line."""
+"""Additional output files of commands: --log for values, --record for the bytes of a line."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ log_option = click.option("--log", type=FILE, help="Log every value to a file: .
 
 @contextmanager
 def opened_log(path: Path | None, *, as_json: bool) -> Iterator[Callable[[PollResult], Any]]:
-    """Open the log, if one is wanted, for the time of the block; yield what is to be told every result.
+    """Open the log, if one is requested, for the time of the block; yield a callback for every result.
 
-    Raises DriveCommError at the end when rows are missing because there was no room for them.
+    Raises DriveCommError at the end if rows are missing for lack of disk space.
     """
     if path is None:
         yield lambda _: None
@@ -42,7 +42,7 @@ def opened_log(path: Path | None, *, as_json: bool) -> Iterator[Callable[[PollRe
             tell(log.summary)
         raise
     except KeyboardInterrupt:
-        # The usual end of polling; that something is missing is more than that.
+        # Polling usually ends by Ctrl-C; missing rows matter more than the interrupt.
         if not log.missing:
             raise
     if log.missing:
@@ -53,7 +53,7 @@ _LOGGER = logging.getLogger("drivecomm.capture")
 
 
 class _Said(logging.Handler):
-    """Says on the command line what the recording of the block says."""
+    """Log handler that prints the warnings of a recording."""
 
     def __init__(self, *, as_json: bool) -> None:
         super().__init__(logging.WARNING)
@@ -67,7 +67,7 @@ class _Said(logging.Handler):
 
 @contextmanager
 def recorded(path: Path, *, as_json: bool) -> Iterator[None]:
-    """Say what goes wrong with a recording meanwhile; raise DriveCommError at the end if anything did."""
+    """Print problems of a recording during the block; raise DriveCommError at the end if there were any."""
     handler = _Said(as_json=as_json)
     propagates, _LOGGER.propagate = _LOGGER.propagate, False
     _LOGGER.addHandler(handler)

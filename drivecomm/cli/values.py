@@ -1,4 +1,4 @@
-"""What the words of a call become: types of arguments and options, which refuse a wrong one in one sentence."""
+"""Types of command arguments and options, which refuse an invalid value with one sentence."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ if TYPE_CHECKING:
 
 
 class InvalidValue(click.BadParameter):
-    """A value that an argument cannot have, in one sentence."""
+    """Invalid value of an argument, with one sentence as the message."""
 
     def format_message(self) -> str:
-        """Return the sentence."""
+        """Return the message."""
         return self.message
 
 
@@ -26,7 +26,7 @@ def _refuse(value: Any, expected: str, param: click.Parameter | None, ctx: click
 
 
 class Number(click.ParamType[Any]):
-    """A number in plain digits, not as only Python writes it. kind: of which type."""
+    """Number in plain digits, without Python's own notations. kind: type of the number."""
 
     name = "number"
 
@@ -35,8 +35,8 @@ class Number(click.ParamType[Any]):
         self._expected = expected if at_least is None else f"{expected} from {at_least} on"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the number. Raises InvalidValue."""
-        # The list of commands has no numbers.
+        """Parse a number. Raises InvalidValue."""
+        # Imported late, because the list of commands needs no numbers.
         from drivecomm.protocol import is_plain
 
         made = None
@@ -49,10 +49,10 @@ class Number(click.ParamType[Any]):
 
 
 class OneOf(click.Choice[str]):
-    """One word of several."""
+    """One of several words."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return the word. Raises InvalidValue."""
+        """Check a word against the choices, and return it. Raises InvalidValue."""
         if value not in self.choices:
             *others, last = self.choices
             _refuse(value, f"{', '.join(others)} or {last}", param, ctx)
@@ -63,6 +63,6 @@ WHOLE_NUMBER = Number(int, "a whole number")
 NUMBER = Number(float, "a number")
 
 FILE = click.Path(readable=False, path_type=Path)
-"""A file; whether it is there and can be read, and what to say if not, is for what uses it."""
+"""Path of a file; the code that opens the file checks its existence and permissions."""
 
 FILE.name = "file"

@@ -1,6 +1,6 @@
-"""The files that commands write: none replaces one that is there unless it is told to, and all is checked before.
+"""Output files of commands: never overwritten without --force, and checked before the work begins.
 
-A log goes on with the rows that it has, and a backup with the set of its drive.
+A log continues after its existing rows, and a backup replaces an older set of its drive.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ force_option = click.option("--force", is_flag=True, help="Replace a file that i
 
 
 def must_be_free(path: Path | None, named_by: str, *, force: bool) -> None:
-    """Raise UsageError if a file is there that is not to be replaced, FileFormatError if it could not be written.
+    """Raise UsageError if an existing file must not be replaced, FileFormatError if the path is not writable.
 
-    named_by: the option that names the file, if it is given.
+    named_by: option that names the file, for the error message.
     """
     if path is None:
         if force:
@@ -33,7 +33,7 @@ def must_be_free(path: Path | None, named_by: str, *, force: bool) -> None:
 
 
 def must_be_new(path: Path) -> None:
-    """Raise UsageError if there is a file, FileFormatError if it could not be written."""
+    """Raise UsageError if the file exists, FileFormatError if the path is not writable."""
     if path.is_file():
         raise UsageError(f"{path} exists already; name another file, or remove it")
     must_be_writable(path)

@@ -1,4 +1,4 @@
-"""The way to a server that runs: where it is found, what goes over its local socket, and drives reached through it."""
+"""Access to a running server: discovery, messages over its local socket, and drives reached through it."""
 
 import lazy_loader
 

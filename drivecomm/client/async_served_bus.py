@@ -1,4 +1,4 @@
-"""One line that a server owns, for callers that await: what `drivecomm.client.served_bus` offers, asked in threads."""
+"""Line that a server owns, for asyncio callers: the interface of `drivecomm.client.served_bus`, run in threads."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ class AsyncServedDrive(SentDrive, AsyncDrive):
 
 
 class AsyncServedBroadcast(SentBroadcast, AsyncBroadcast):
-    """All drives of one protocol on a line of a server at once, as `AsyncBroadcast` has them."""
+    """All drives of one protocol on a line of a server, addressed together; the counterpart of `AsyncBroadcast`."""
 
     _bus: AsyncServedBus
 
 
 class AsyncServedBus(LineOfServer):
-    """A line that a server owns, an `AwaitedLine`; for tasks of one event loop, which it never holds up."""
+    """Line that a server owns, an `AwaitedLine`; for tasks of one event loop, which it never blocks."""
 
     def __init__(self, *given: Any, **options: Any) -> None:
         super().__init__(*given, **options)
@@ -62,14 +62,14 @@ class AsyncServedBus(LineOfServer):
         machine: MachineUnit | None = None,
         **options: Any,
     ) -> AsyncServedDrive:
-        """Return the drive at an address, as `AsyncBus.drive` does; nothing is sent."""
+        """Return the drive at an address; see `AsyncBus.drive`. Nothing is sent."""
         said = self.described(protocol, address, model, set_up, options, read_only=read_only, machine=machine)
         return AsyncServedDrive(self, **said)
 
     def broadcast(
         self, protocol: str, *, model: str | Path | Model | None = None, **options: Any
     ) -> AsyncServedBroadcast:
-        """Return all drives of a protocol at once, as `AsyncBus.broadcast` does."""
+        """Return all drives of a protocol, addressed together; see `AsyncBus.broadcast`."""
         return AsyncServedBroadcast(self, *self.all_made_here(protocol, model, options))
 
     def poll(
@@ -85,45 +85,45 @@ class AsyncServedBus(LineOfServer):
         drives: Iterable[DriveConfig] | None = None,
         on_result: OnResult | None = None,
     ) -> list[StopResult]:
-        """Stop all motors of the server's plant on this line, and return what came of each stop; as `Bus.stop_all`.
+        """Stop all motors of the server's plant on this line, and return the result of each stop; see `Bus.stop_all`.
 
-        drives: further ones on this line.
+        drives: further drives on this line.
         """
         return await carry_out_async(None, stopping_served_line(self, drives, how, on_result))
 
     @property
     def counters(self) -> Mapping[str, Counter[str]]:
-        """What happened on the line since it was entered, by drive, as it was a second ago at most."""
+        """Counts of line events since the bus was entered, by drive, at most one second old."""
         return {name: each.counters for name, each in self._statistics.items()}
 
     @property
     def statistics(self) -> Mapping[str, Statistics]:
-        """The counters and the reply times since it was entered, by drive, as they were a second ago at most."""
+        """Counters and reply times since the bus was entered, by drive, at most one second old."""
         return self._statistics
 
     def at_server(self, do: Callable[[], Any]) -> Coroutine[Any, Any, Any]:
-        """Call what asks the server something, in a thread of its own: a lease waits for no thread of others."""
+        """Run a request to the server in its own thread, so that a lease never waits for a busy thread pool."""
         self._check_open()
         return in_own_thread(do)
 
     def carry_out(self, of: Any, verb: str, arguments: Mapping[str, Any]) -> Coroutine[Any, Any, Any]:
-        """Have the server carry out a verb; a stop waits for no thread that others use."""
+        """Run a verb at the server; a stop gets its own thread, so that it never waits for a busy pool."""
         self._check_open()
         if verb == "stop":
             return in_own_thread(self.sent, of, verb, arguments)
         return asyncio.to_thread(self.sent, of, verb, arguments)
 
     def now(self) -> float:
-        """Return the time of this machine's clock that nobody sets, in seconds."""
+        """Return the monotonic time of this machine in seconds."""
         self._check_open()
         return time.monotonic()
 
     async def sleep_until(self, until: float) -> None:
-        """Let time pass."""
+        """Sleep until this time of the monotonic clock."""
         await asyncio.sleep(max(0.0, until - time.monotonic()))
 
     async def close(self) -> None:
-        """End what was begun through the server; it goes on."""
+        """End all activity of this bus at the server; the server continues."""
         if self._counting is not None:
             self._counting.cancel()
             await asyncio.gather(self._counting, return_exceptions=True)
@@ -158,6 +158,6 @@ class AsyncServedBus(LineOfServer):
             try:
                 self._statistics = since(before, await asyncio.to_thread(statistics, self.server, self.line))
             except LinkError:
-                # Those who ask the drives are told.
+                # Requests to the drives report the lost server.
                 before = {}
             await asyncio.sleep(_COUNTED_EVERY_S)

@@ -1,7 +1,8 @@
-"""Requests to a server of this machine, over its local socket: JSON by HTTP, answers and streams.
+"""Requests to a server of this machine over its local socket: JSON over HTTP, single responses and streams.
 
-A server that goes, or that says nothing any more, is a ServerLostError; nothing waits for ever. A command is sent once,
-over a connection of its own: one that was kept open may have been closed meanwhile, and then nobody would know.
+A server that ends or stops responding raises ServerLostError, so no request waits forever. A command is sent once, over
+a new connection: an idle connection may have been closed meanwhile, and then it would be unknown whether the command
+arrived.
 """
 
 from __future__ import annotations
@@ -21,19 +22,19 @@ if TYPE_CHECKING:
     from drivecomm.client.registration import Registration
 
 ALIVE_S = 2.0
-"""A server that is well says so within this time, whatever else it has to do."""
+"""Time limit in seconds within which a healthy server answers a health request, even under load."""
 
 LONGEST_S = 60.0
-"""No answer takes longer than this, unless it is said."""
+"""Default limit of the response time in seconds."""
 
 _STREAM_TICK_S = 0.1
 _ERRORS = (OSError, ValueError)
 
 
 class LocalServer:
-    """The way to a server that runs. May be used by many threads: a stop does not wait for what others have asked.
+    """Connection to a running server, safe for use from many threads: a stop never waits for requests of other threads.
 
-    alive_s: how long the server may take to say that it is there at all.
+    alive_s: time limit of a health request in seconds.
     """
 
     def __init__(self, registration: Registration, *, alive_s: float = ALIVE_S) -> None:
@@ -45,24 +46,24 @@ class LocalServer:
         return f"<{type(self).__name__} {self.registration}>"
 
     def ask(self, path: str, *, limit_s: float = LONGEST_S) -> Any:
-        """Return what is at a path. Raises the error that the server answers, ServerLostError where it does not."""
+        """Get the content of a path. Raises the server's error, ServerLostError if the server does not respond."""
         return self._repeatable("GET", path, None, limit_s)
 
     def read(self, path: str, content: Mapping[str, Any], *, limit_s: float = LONGEST_S) -> Any:
-        """Post what commands nothing, so that it may be sent again when the connection was lost."""
+        """Post a request that commands nothing, so that it may be sent again after a lost connection."""
         return self._repeatable("POST", path, content, limit_s)
 
     def order(self, path: str, content: Mapping[str, Any], *, method: str = "POST", limit_s: float = LONGEST_S) -> Any:
-        """Send what must not be done twice, and return what came of it."""
+        """Send a request that must not be repeated, and return its result."""
         with self._errors(), closing(self._connected()) as connection:
             answer = self._answer(connection, method, path, content, limit_s)
             return _result(answer, b"".join(answer.pieces()))
 
     @contextmanager
     def stream(self, path: str, content: Mapping[str, Any] | None = None) -> Iterator[Iterator[Any]]:
-        """Yield the objects of a stream, one a line, as they come; it has begun when the block is entered.
+        """Yield an iterator over the objects of a stream, one per line; the stream has begun when the block is entered.
 
-        None is among them now and then while nothing comes, so that whoever reads can see whether to go on.
+        The iterator yields None now and then while nothing arrives, so that the reader can decide to stop.
         """
         with self._errors():
             connection = self._connected()
@@ -74,12 +75,12 @@ class LocalServer:
             yield self._lines(connection, answer)
 
     def close(self) -> None:
-        """End the connections that are kept open."""
+        """Close the idle connections."""
         while self._idle:
             self._idle.pop().close()
 
     def is_alive(self) -> bool:
-        """Whether the server answers at all."""
+        """Return whether the server responds at all."""
         try:
             with closing(self._connected()) as connection:
                 connection.request("GET", "/healthz")
@@ -94,7 +95,7 @@ class LocalServer:
                 try:
                     return self._kept(connection, method, path, content, limit_s)
                 except ConnectionError:
-                    # It was closed meanwhile, as the server may at any time.
+                    # The server may close an idle connection at any time.
                     pass
             return self._kept(self._connected(), method, path, content, limit_s)
 
@@ -107,7 +108,7 @@ class LocalServer:
     def _kept(
         self, connection: LocalConnection, method: str, path: str, content: Mapping[str, Any] | None, limit_s: float
     ) -> Any:
-        """Return what comes of a request, and keep the connection for the next one."""
+        """Return the result of a request, and keep the connection for the next request."""
         keeps = False
         try:
             answer = self._answer(connection, method, path, content, limit_s)
@@ -123,7 +124,7 @@ class LocalServer:
     def _answer(
         self, connection: LocalConnection, method: str, path: str, content: Mapping[str, Any] | None, limit_s: float
     ) -> LocalAnswer:
-        """Send a request, and wait for its answer for as long as the server lives, limit_s at most."""
+        """Send a request, and wait for its response while the server is alive, limit_s seconds at most."""
         connection.request(method, path, None if content is None else json_text(plain(content)).encode())
         until = time.monotonic() + limit_s
         while not connection.has_more(min(self._alive_s, max(0.0, until - time.monotonic()))):
@@ -159,7 +160,7 @@ class LocalServer:
 
     @contextmanager
     def _errors(self) -> Iterator[None]:
-        """Let what goes wrong on the way be a ServerLostError."""
+        """Convert transport errors of the block to ServerLostError."""
         try:
             yield
         except _ERRORS as error:
@@ -172,7 +173,7 @@ class LocalServer:
         if isinstance(error, PermissionError):
             return ServerLostError(f"{which} is not asked: {error}")
         if not which.plant:
-            # It has a port, and only passes stops on.
+            # A program with a port that only passes stops on has no plant.
             gone = isinstance(error, ConnectionError | FileNotFoundError)
             return ServerLostError(f"{which} has ended" if gone else f"{which} does not answer ({error})")
         if isinstance(error, TimeoutError | BlockingIOError):
@@ -187,9 +188,9 @@ class LocalServer:
 
 
 def _result(answer: LocalAnswer, data: bytes) -> Any:
-    """Return the content of an answer, also that of a command that was not done; raises the error of any other.
+    """Return the content of a response, including that of a command that was not done; raise any other error.
 
-    Raises ValueError for what is not an answer.
+    Raises ValueError for an invalid response.
     """
     content = parsed(data) if data else None
     if answer.status >= BAD_REQUEST and not (isinstance(content, dict) and "outcome" in content):
@@ -198,8 +199,8 @@ def _result(answer: LocalAnswer, data: bytes) -> Any:
 
 
 def _refusal(content: Any) -> DriveCommError:
-    """Return the error that the server answers with. Raises ValueError."""
+    """Return the error in a response of the server. Raises ValueError."""
     try:
         return error_of(content["error"])
     except (KeyError, TypeError) as error:
-        raise ValueError("an error that says nothing") from error
+        raise ValueError("an error without a description") from error

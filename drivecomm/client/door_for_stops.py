@@ -1,7 +1,8 @@
-"""The local door of a program that has a port and is no server: other programs of its user stop drives through it.
+"""Local door of a program that has a port and is not a server: other programs of its user stop drives through it.
 
-It understands as much of a server's interface as a stop takes, `POST /api/v1/lines/line/drives/PROTOCOL:ADDRESS/stop`,
-with `PROTOCOL:*` for all, and `GET /healthz`. Nothing can be started or read this way.
+The door accepts the part of a server's interface that stops need: `POST
+/api/v1/lines/line/drives/PROTOCOL:ADDRESS/stop`, with `PROTOCOL:*` for all drives, and `GET /healthz`. It can neither
+start nor read a drive.
 """
 
 from __future__ import annotations
@@ -25,13 +26,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
 STOP_LINE = "line"
-"""What the door calls its one line."""
+"""Name of the door's only line."""
 
 _BACKLOG = 128
 _REQUEST_S = 5.0
 _ACCEPT_S = 0.2
 _LONGEST_BODY = 1 << 16
-# A stop with all its attempts.
+# Time for a stop with all its attempts.
 _END_S = 12.0
 _HAS_UNIX_SOCKETS = hasattr(socket, "AF_UNIX") and os.name == "posix"
 _NUMBERS = itertools.count()
@@ -39,7 +40,7 @@ _NUMBERS = itertools.count()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StopOrder:
-    """A stop that has come. address: None for all drives of the protocol. options: what is said of the drive."""
+    """Received stop. address: None for all drives of the protocol. options: options of the drive."""
 
     protocol: str
     address: int | None
@@ -52,10 +53,10 @@ CarryOut: TypeAlias = "Callable[[StopOrder], None]"
 
 @contextmanager
 def stop_door(port: str, program: str, carry_out: CarryOut, on_failure: Callable[[Exception], None]) -> Iterator[None]:
-    """Let stops of this user's other programs in for the time of the block.
+    """Accept stops of this user's other programs during the block.
 
-    carry_out: stops a drive, called in threads; its DriveCommError is what the other program is told. on_failure:
-    called when the door cannot be opened, which prevents nothing else.
+    carry_out: stops a drive; called in threads. Its DriveCommError is sent to the other program. on_failure: called if
+    the door cannot be opened; the block then runs without it.
     """
     with ExitStack() as stack:
         try:
@@ -71,14 +72,14 @@ def stop_door(port: str, program: str, carry_out: CarryOut, on_failure: Callable
                 program=program,
             )
             stack.enter_context(register_holder(registration, door.name))
-        except Exception as error:  # noqa: BLE001 - what the program does with its port, it does without a door, too
+        except Exception as error:  # noqa: BLE001 - the program also works without a door
             stack.close()
             on_failure(error)
         yield
 
 
 class _Door:
-    """Listens, and serves each connection in a thread of its own."""
+    """Listening socket that serves each connection in a separate thread."""
 
     def __init__(self, carry_out: CarryOut) -> None:
         self._carry_out = carry_out
@@ -99,9 +100,9 @@ class _Door:
         self._thread.start()
 
     def close(self) -> None:
-        """Let nobody in any more, and wait for those that are."""
+        """Refuse new connections, and wait until the present ones end."""
         self._closed.set()
-        # A guest wakes the thread that accepts; shutting a listening socket down does not.
+        # A connection wakes the accepting thread; a shutdown of the listening socket does not.
         address = str(self.name) if self.socket else ("127.0.0.1", self.port)
         with suppress(OSError), socket.socket(self._listening.family) as guest:
             guest.settimeout(_ACCEPT_S)
@@ -122,7 +123,7 @@ class _Door:
             except TimeoutError:
                 continue
             except OSError:
-                # Nothing is left to accept with, such as descriptors; the next may be luckier.
+                # A resource such as file descriptors may be exhausted; the next attempt may succeed.
                 self._closed.wait(_ACCEPT_S)
                 continue
             self._clients = [client for client in self._clients if client.is_alive()]
@@ -130,8 +131,8 @@ class _Door:
             self._clients[-1].start()
 
     def _serve(self, connected: socket.socket) -> None:
-        # A client that goes meanwhile wants its stop all the same, and one that sends nonsense wants nothing.
-        # Most doors are closed again before anybody has come.
+        # The stop of a client that disconnects is carried out all the same; a malformed request is dropped.
+        # Imported late, because most doors close without any client.
         from drivecomm.client.local_http import HttpStream
         from drivecomm.client.wire import error_content
 
@@ -155,7 +156,7 @@ class _Door:
             _answer(connected, *self._result(request, stream.exactly(length)))
 
     def _result(self, request: str, body: bytes) -> tuple[int, object]:
-        """Return the status and the content of the answer to a request."""
+        """Return status and content of the response to a request."""
         from drivecomm.client.wire import error_content
 
         method, path, *_ = [*request.split(" "), "", ""]
@@ -170,7 +171,7 @@ class _Door:
             self._carry_out(order)
         except DriveCommError as error:
             return 200, {"outcome": "open", "error": error_content(error)}
-        except Exception as error:  # noqa: BLE001 - whatever it is, who asked is told that the drive was not stopped
+        except Exception as error:  # noqa: BLE001 - any error must be reported to the other program
             return 200, {"outcome": "open", "error": error_content(DriveCommError(repr(error)))}
         return 200, {"outcome": "done", "error": None}
 
@@ -201,11 +202,11 @@ def _answer(connected: socket.socket, status: int, content: object) -> None:
 
 def _unix_socket(path: str) -> socket.socket:
     with suppress(FileNotFoundError):
-        # Of an earlier process that had this number.
+        # The socket is left over from an earlier process with this number.
         os.unlink(path)  # noqa: PTH108
     listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
-        # Nobody can connect before it listens.
+        # The permissions are set before the socket listens, so no other user can connect.
         listening.bind(path)
         os.chmod(path, 0o600)  # noqa: PTH101
         listening.listen(_BACKLOG)

@@ -1,4 +1,4 @@
-"""The lease of a drive of a server, and a motor that is kept under it: for as long as its program lives."""
+"""Lease of a server's drive, and a motor that the server keeps under this lease while its program lives."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
     from drivecomm.client.served_drive import SentDrive
     from drivecomm.protocol import DriveStatus, LinkLoss, Stop
 
-# To end: a stop with all its attempts, and the watchdog's parameters.
+# Time for a stop with all its attempts, and for the watchdog's parameters.
 END_S = 20.0
 _VALID_S = 10
 
 
 class DriveLease:
-    """The right to command a drive of a server for some seconds, again and again; asked for in the caller's thread.
+    """Renewable right to command a drive of a server for some seconds; its requests run in the caller's thread.
 
-    silence_s: for how long this program may say nothing, as far as leases allow it.
+    silence_s: longest silence of this program in seconds, within the limits of leases.
     """
 
     def __init__(self, drive: SentDrive, silence_s: Decimal | float) -> None:
@@ -36,23 +36,24 @@ class DriveLease:
         self.key = ""
 
     def acquire(self) -> None:
-        """Acquire it. Raises LeaseError while another program has it."""
+        """Acquire the lease. Raises LeaseError while another program holds it."""
         taken = self._drive.server.order(f"{self._drive.place}/lease", {"seconds": self.seconds})
         self.key = str(taken["key"])
 
     def renew(self) -> None:
-        """Have it for its whole time again. Raises LeaseError if it has ended."""
+        """Renew the lease for its full time. Raises LeaseError if it has expired."""
         asked = {"key": self.key, "seconds": self.seconds}
         self._drive.server.order(f"{self._drive.place}/lease", asked, method="PUT", limit_s=self.seconds)
 
     def release(self) -> None:
-        """Give it back, so that the server treats what is kept under it by its policy. Raises LeaseError."""
+        """Release the lease, so that the server treats a motor kept under it by its policy. Raises LeaseError."""
         self._drive.server.order(f"{self._drive.place}/lease", {"key": self.key}, method="DELETE", limit_s=END_S)
 
     def keep(self, policy: LinkLoss, watchdog_s: Decimal | float, **choices: Any) -> None:
-        """Have the server set the drive's watchdog and feed it while the lease is renewed.
+        """Let the server set the drive's watchdog and feed it while the lease is renewed.
 
-        choices: how the server starts the motor, start=False for not at all. Raises what prevents it.
+        choices: options for starting the motor at the server; start=False does not start it. Raises the error that
+        prevents it.
         """
         asked = {
             **self._drive.request({}),
@@ -73,7 +74,7 @@ class DriveLease:
 class LeaseFeeding:
     """Keeps a motor by a lease: the server feeds its watchdog while this program renews the lease.
 
-    A program that dies does not renew it; the server then treats the motor by the policy, and feeds it no more.
+    If the program dies, the lease expires; the server then treats the motor by the policy and stops feeding.
     """
 
     def __init__(self, drive: SentDrive, policy: LinkLoss, watchdog_s: Decimal, on_leaving: Stop | None) -> None:
@@ -97,9 +98,9 @@ class LeaseFeeding:
         self.setting: Setting | None = None
 
     def taking(self) -> Procedure[None]:
-        """Acquire the lease, and have the server set the drive's watchdog and feed it."""
+        """Acquire the lease, and let the server set the drive's watchdog and feed it."""
         drive, lease = self._drive, self._lease
-        # Refuses what cannot be before anything is sent.
+        # Invalid settings raise an error here, before anything is sent.
         setting_watchdog(drive.name, drive.model, self._policy, self._watchdog_s).close()
         yield _at_server(lease.acquire)
         drive.lease = lease.key
@@ -117,7 +118,7 @@ class LeaseFeeding:
             raise
 
     def refreshing(self) -> Procedure[DriveStatus]:
-        """Renew the lease, and return the status that the server had last; never waits for the line."""
+        """Renew the lease, and return the server's latest status of the drive; never waits for the line."""
         drive = self._drive
         try:
             yield _at_server(self._lease.renew)
@@ -133,20 +134,20 @@ class LeaseFeeding:
         return status_of(state["status"])
 
     def stopping(self, how: Stop | None) -> Procedure[None]:
-        """Stop the motor once; the server then releases it. Nothing is sent for a motor that is not kept any more."""
-        # Under its lease a stop would not end the keeping.
+        """Stop the motor once; the server then releases it. Sends nothing for a motor that is no longer kept."""
+        # A stop under the lease would not end the keeping of the motor.
         self._drive.lease = ""
         if how is not None and not self._has_ended:
             yield stop_motor(how)
 
     def restoring(self) -> Procedure[None]:
-        """Return when the server has set the watchdog as it was."""
+        """Wait until the server has restored the drive's watchdog."""
         if not self._has_ended:
             yield _at_server(self._released)
 
     def _released(self) -> None:
         with suppress(LeaseError):
-            # The stop has ended it.
+            # The stop has already ended the lease.
             self._lease.release()
         until = time.monotonic() + END_S
         with self._drive.server.stream(f"{self._drive.place}/keep/events") as news:

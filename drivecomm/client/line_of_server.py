@@ -1,4 +1,4 @@
-"""A line that a server owns, as buses see it: which drives there are, and what is sent of them."""
+"""Line that a server owns, in the form of a bus: its drives, and the requests for them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import LineSettings, MachineUnit, Operations
 
 
-# What a call may take in all unless its drive says otherwise, and the way there and back.
+# Default limit of a whole call, and time for the way to the server and back.
 _CALL_S = 30.0
 _WAY_S = 5.0
 _VALID_S = 10
@@ -34,11 +34,11 @@ READING = frozenset({"read", "read_many", "polled", "polled_many", "status", "po
 
 
 class LineOfServer(Discoverable):
-    """What buses of a server have in common: which drives there are, and what is sent of them.
+    """Common base of the buses of a server: the drives of a line, and the requests for them.
 
-    line: what the server calls it. drives: those of its plant on this line, with what holds for them on it. trace:
-    called for everything that happens on the line, record: gets every byte, both for as long as the bus is open.
-    facts: line facts for all drives, and what else `open_bus` takes, which is the server's to decide.
+    line: name of the line at the server. drives: drives of its plant on this line, with their settings there. trace:
+    called for every event on the line. record: receives every byte. Both work while the bus is open. facts: line facts
+    for all drives, and other options of `open_bus`, which the server decides.
     """
 
     _inner = frozenset(
@@ -92,17 +92,17 @@ class LineOfServer(Discoverable):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The drives of the server's plant on this line, as PROTOCOL:ADDRESS."""
+        """Drives of the server's plant on this line, as PROTOCOL:ADDRESS."""
         return tuple(sorted(self._known))
 
     @property
     def drives(self) -> tuple[DriveConfig, ...]:
-        """The drives of the server's plant on this line."""
+        """Drives of the server's plant on this line."""
         return tuple(self._known.values())
 
     @property
     def settings(self) -> LineSettings | None:
-        """The line settings of its first drive; None without any."""
+        """Line settings of the first drive; None without drives."""
         first = next(iter(self._known.values()), None)
         return None if first is None else self.made_here(first, read_only=False).peer.facts.settings
 
@@ -117,7 +117,10 @@ class LineOfServer(Discoverable):
         read_only: bool,
         machine: MachineUnit | None = None,
     ) -> dict[str, Any]:
-        """Return what is said of a drive, as `SentDrive` takes it. Raises UsageError for what no server does."""
+        """Return the description of a drive, as arguments of `SentDrive`.
+
+        Raises UsageError for options that do not work through a server.
+        """
         if set_up:
             raise UsageError(
                 f"{protocol}:{shortened(address)} cannot be set up through a server; write these parameters, or end "
@@ -135,7 +138,7 @@ class LineOfServer(Discoverable):
         }
 
     def made_here(self, config: DriveConfig, *, read_only: bool) -> Member:
-        """Return what a drive is made of here, as a bus of one's own would make it. Raises UsageError."""
+        """Return the local objects of a drive, as a bus with its own port would make them. Raises UsageError."""
         from drivecomm.bus import Roster
 
         options = dict(config.options)
@@ -143,7 +146,7 @@ class LineOfServer(Discoverable):
         return Roster(self._facts).member(config.protocol, config.address, model, None, options, read_only=read_only)
 
     def all_made_here(self, protocol: str, model: Any, options: Mapping[str, Any]) -> tuple[Peer, Operations]:
-        """Return what stands for all drives of a protocol at once. Raises NotSupported where it has no broadcast."""
+        """Return peer and operations for all drives of a protocol. Raises NotSupported if it has no broadcast."""
         from drivecomm.bus import Roster
 
         made = Roster(self._facts).all_drives(protocol, model, options)
@@ -158,20 +161,20 @@ class LineOfServer(Discoverable):
         return plan
 
     def at_server(self, do: Callable[[], Any]) -> Any:
-        """Call what asks the server something; each kind of bus says whether that is waited for or awaited."""
+        """Run a request to the server; blocking or awaitable, depending on the kind of bus."""
         raise NotImplementedError
 
     def carry_out(self, of: Any, verb: str, arguments: Mapping[str, Any]) -> Any:
-        """Have the server carry out a verb; each kind of bus says whether that is waited for or awaited."""
+        """Run a verb at the server; blocking or awaitable, depending on the kind of bus."""
         raise NotImplementedError
 
     def sent(self, of: Any, verb: str, arguments: Mapping[str, Any]) -> Any:
-        """Have the server carry out a verb, and return its result; raises the error that it ends with."""
+        """Run a verb at the server, and return its result; raises the error with which it ends."""
         content = {"id": os.urandom(8).hex(), **of.request(arguments)}
         limit_s = float(content.get("options", {}).get("deadline_s", _CALL_S)) + _WAY_S
         reads = verb in READING
         if not reads:
-            # As long as a server lets a command wait for its turn; one that hung meanwhile does not carry it out later.
+            # A server drops commands that waited longer than this, so one that hung is not carried out late.
             content |= {"issued_s": time.time(), "valid_s": _VALID_S}
         post = self.server.read if reads else self.server.order
         answer = post(f"{of.place}/{verb}", content, limit_s=max(limit_s, LONGEST_S))
@@ -184,23 +187,23 @@ class LineOfServer(Discoverable):
         peer: Peer,  # noqa: ARG002 - see `Bus`
         check: Callable[[], None] | None = None,  # noqa: ARG002 - as above
     ) -> CommandCall | None:
-        """Take no note of what is commanded: the server does, for everybody."""
+        """Do nothing, because the server tracks the commands of all clients."""
         return None
 
     def storing(self, peer: Peer, parameter: str) -> None:
-        """Count no writes to EEPROM: the server does, for everybody."""
+        """Count no stored write, because the server counts those of all clients."""
         self._in_ram.discard((peer.name, parameter.partition("[")[0]))
 
     def kept_in_ram(self, peer: Peer, parameter: str) -> None:
-        """Take note of a write that the drive forgets without power; those of others the server does not tell."""
+        """Record a volatile write of this client; the server does not report those of other clients."""
         self._in_ram.add((peer.name, parameter.partition("[")[0]))
 
     def in_ram_only(self, peer: Peer) -> frozenset[str]:
-        """Return the parameters of a drive that were written from here, and not stored."""
+        """Return the parameters of a drive that this client wrote without storing them."""
         return frozenset(parameter for drive, parameter in self._in_ram if drive == peer.name)
 
     def watched(self, peer: Peer, silence_s: float | None) -> None:
-        """Take no note of a watchdog: the server feeds only those of motors that it keeps itself."""
+        """Ignore a watchdog, because the server feeds only those of motors that it keeps itself."""
 
     def wall_time(self) -> float:
         """Return the time in seconds since 1970."""
@@ -208,18 +211,18 @@ class LineOfServer(Discoverable):
 
     @property
     def real_time(self) -> bool:
-        """Whether time passes by itself, as it does here."""
+        """Whether time passes by itself; always true on a line of a server."""
         return True
 
 
 def _news(given: Mapping[str, Any], known: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what is said of a drive and the server does not know."""
+    """Return the options of a drive that differ from those known to the server."""
     news = {name: value for name, value in given.items() if name not in known or known[name] != value}
     return {**news, "model": _found_from_anywhere(news["model"])} if "model" in news else news
 
 
 def _found_from_anywhere(model: Any) -> str:
-    """Return a model as its name, or its file wherever the server was started."""
+    """Return a model as its name, or as an absolute path that is valid in the server's folder, too."""
     if not isinstance(model, str | os.PathLike):
         raise UsageError("a model that was made by a program cannot be sent to a server; give its name or its file")
     text = os.fspath(model)

@@ -1,6 +1,6 @@
-"""What a server does with a whole line for its clients: scans, examinations, counters. One JSON object a line.
+"""Services of a server for a whole line: scans, examinations, counters. One JSON object per line.
 
-A stream says {"progress": [WHAT, DONE, TOTAL]} and what it is for, such as {"found": ...}; {"error": ...} ends it.
+A stream has lines {"progress": [WHAT, DONE, TOTAL]} and result lines, such as {"found": ...}; {"error": ...} ends it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def path_of(line: str, what: str) -> str:
-    """Return the path of what is done with a line."""
+    """Return the path of a service for a line."""
     return f"/api/v1/lines/{quote(line, safe='')}/{what}"
 
 
@@ -33,7 +33,7 @@ def told(
     asked: Mapping[str, Any],
     progress: Callable[[str, int, int], None] | None,
 ) -> Iterator[dict[str, Any]]:
-    """Have the server do something with a line, and yield what it says; raises the error that it ends with."""
+    """Start a service of the server for a line, and yield its result lines; raises the error with which it ends."""
     with server.stream(path_of(line, what), asked) as news:
         for each in news:
             if each is None:
@@ -55,20 +55,20 @@ def scan(
 
 
 def found_of(content: Mapping[str, Any]) -> Found:
-    """Return what was found of which this is the plain form."""
+    """Rebuild a scan result from its plain form."""
     settings, candidates = content.get("settings"), tuple(content.get("candidates", ()))
     made = {"settings": None if settings is None else settings_of(settings), "candidates": candidates}
     return Found(**{**content, **made})
 
 
 def settings_of(content: Mapping[str, Any]) -> LineSettings:
-    """Return the line settings of which this is the plain form."""
+    """Rebuild line settings from their plain form."""
     bits = content.get("stopbits", 1)
     return LineSettings(**{**content, "stopbits": bits if isinstance(bits, int) else float(bits)})
 
 
 def statistics(server: LocalServer, line: str) -> dict[str, Statistics]:
-    """Return what was counted on a line since the server began, by drive as PROTOCOL:ADDRESS."""
+    """Return the statistics of a line since the server began, by drive as PROTOCOL:ADDRESS."""
     counted = {}
     with server.stream(path_of(line, "statistics")) as news:
         for each in news:
@@ -84,7 +84,7 @@ def _statistics_of(content: Mapping[str, Any]) -> Statistics:
         counters=Counter({name: int(number) for name, number in content["counters"].items()}),
         reply_times=ReplyTimes(
             classes=[int(number) for number in times["classes"]],
-            # Of a drive that has not answered there is none.
+            # A drive that has not answered has no shortest reply.
             shortest_s=float("inf") if shortest is None else float(shortest),
             longest_s=float(times["longest_s"]),
             total_s=float(times["total_s"]),
@@ -93,7 +93,7 @@ def _statistics_of(content: Mapping[str, Any]) -> Statistics:
 
 
 def since(before: Mapping[str, Statistics], now: Mapping[str, Statistics]) -> dict[str, Statistics]:
-    """Return what was counted between two times. The shortest and the longest reply are those since the beginning."""
+    """Return the difference of two statistics; the shortest and the longest reply are those since the server began."""
     return {name: _difference(before.get(name, Statistics()), each) for name, each in now.items()}
 
 
@@ -111,7 +111,7 @@ def _difference(before: Statistics, now: Statistics) -> Statistics:
 
 
 def health(server: LocalServer, line: str) -> dict[str, Health]:
-    """Return whether the drives of the server's plant on a line answer, by PROTOCOL:ADDRESS."""
+    """Return the health of the drives of the server's plant on a line, by PROTOCOL:ADDRESS."""
     found = {}
     for each in server.ask("/api/v1/drives"):
         if each["line"] == line:
@@ -130,16 +130,16 @@ def other_master(server: LocalServer, line: str) -> str:
 def examined(
     bus: Any, asked: Mapping[str, Any], progress: Callable[[str, int, int], None] | None
 ) -> Iterator[dict[str, Any]]:
-    """Yield what a server finds when it examines a line: {"finding": ...} each, then {"measured": ...}.
+    """Yield the results of a server's examination of a line: {"finding": ...} each, then {"measured": ...}.
 
-    bus: the line, as its client has it open.
+    bus: the line, as opened by the client.
     """
     for each in told(bus.server, bus.line, "doctor", asked, progress):
         yield _measured(each)
 
 
 def _measured(content: Any) -> Any:
-    """Return what was measured with floats, as it is measured; nothing of it is exact."""
+    """Return measurements with floats in place of decimals, since none of them is exact."""
     if isinstance(content, Decimal):
         return float(content)
     if isinstance(content, dict):

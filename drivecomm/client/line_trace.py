@@ -1,4 +1,4 @@
-"""What happens on a line of a server, as its own trace tells it: for --trace and --record, and for sniffing."""
+"""Trace of a line of a server, for --trace and --record, and for sniffing."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 Listener: TypeAlias = "Callable[[TraceEvent], None]"
 
-# What was done is told at once, but by another connection than its result.
+# The trace reports events immediately, but over another connection than the results of requests.
 _AFTERWARDS_S = 0.05
 _BEGIN_S = 1.0
 _SENT = frozenset({"sent"})
@@ -37,10 +37,10 @@ _HEARD = frozenset({"received", "stray", "damaged", "noise"})
 
 @contextmanager
 def traced(bus: LineOfServer, trace: Listener | None, record: Record | None) -> Iterator[None]:
-    """Tell a trace function and a recording what happens on a line, for the time of the block.
+    """Pass the events of a line to a trace function and a recording during the block.
 
-    Everything that happens there is told, whoever asked for it. A trace function that raises is told nothing more, the
-    recording goes on, and what it raised is raised at the end of the block.
+    The events include those of all other clients. A trace function that raises an error is not called again, the
+    recording continues, and the error is raised at the end of the block.
     """
     begun, over = threading.Event(), threading.Event()
     raised: list[Exception] = []
@@ -55,17 +55,17 @@ def traced(bus: LineOfServer, trace: Listener | None, record: Record | None) -> 
                     if trace is not None and not raised:
                         try:
                             trace(event)
-                        except Exception as error:  # noqa: BLE001 - it is raised where somebody can catch it
+                        except Exception as error:  # noqa: BLE001 - raised again at the end of the block
                             raised.append(error)
                 if over.is_set():
                     ends_s = min(ends_s, time.monotonic() + _AFTERWARDS_S)
-                    # A line on which others go on talking has no end of its own.
+                    # The trace of a line with other active clients never pauses, so the time limit ends it.
                     if event is None or time.monotonic() >= ends_s:
                         return
 
         thread = threading.Thread(target=_until_lost, args=(listen,), name=f"trace of {bus.line}", daemon=True)
         thread.start()
-        # The server says something at once, or has nothing to say for a tick: from then on it is told everything.
+        # The first line or the first tick without one shows that the trace is complete from then on.
         begun.wait(_BEGIN_S)
         try:
             yield
@@ -77,28 +77,28 @@ def traced(bus: LineOfServer, trace: Listener | None, record: Record | None) -> 
 
 
 def events_of(news: Iterator[Any]) -> Iterator[TraceEvent | None]:
-    """Yield trace events of the lines of a stream, None where nothing came."""
+    """Yield the trace events of a stream, None for a tick without events."""
     for each in news:
         if each is not None and "error" in each:
             raise error_of(each["error"])
-        # The first line only says that the server listens.
+        # The first line only shows that the server has started the trace.
         yield _event_of(each) if each is not None and "what" in each else None
 
 
 class LineEar:
-    """A port that only listens, as sniffing takes it, to what a server says and hears on a line."""
+    """Listen-only port for sniffing: the bytes that a server sends and receives on a line."""
 
     def __init__(self, server: Registration, line: str) -> None:
         self.spoilt = 0
         self._stack = ExitStack()
         self._news = self._stack.enter_context(LocalServer(server).stream(path_of(line, "trace")))
 
-    def configure(self, settings: LineSettings) -> str:  # noqa: ARG002 - the server has set the line
-        """Return that the server hears with its own settings."""
+    def configure(self, settings: LineSettings) -> str:  # noqa: ARG002 - the server sets the line settings
+        """Return a note that the server listens with its own line settings."""
         return "through its server, with the settings of its drives"
 
     def read(self, until: float) -> bytes:
-        """Return what has come as soon as there is anything; nothing at `until`. Raises ServerLostError."""
+        """Return the next bytes as soon as there are any; empty at `until`. Raises ServerLostError."""
         for event in events_of(self._news):
             if event is not None and _is_on_line(event):
                 return event.data
@@ -107,11 +107,11 @@ class LineEar:
         raise LinkDownError("the server has ended its trace of the line")
 
     def now(self) -> float:
-        """Return the time of this machine's clock that nobody sets, in seconds."""
+        """Return the monotonic time of this machine in seconds."""
         return time.monotonic()
 
     def close(self) -> None:
-        """Listen no more."""
+        """Stop listening."""
         self._stack.close()
 
 
@@ -119,7 +119,7 @@ def _until_lost(listen: Callable[[], None]) -> None:
     try:
         listen()
     except DriveCommError:
-        # The server has gone, of which whoever asks it something is told.
+        # Every request to the lost server reports the loss.
         return
 
 
@@ -177,7 +177,7 @@ def _event_of(content: Mapping[str, Any]) -> TraceEvent:
 
 
 def _message_of(drive: str, what: str, data: bytes) -> Message | None:
-    """Return what a telegram means, None where it is none."""
+    """Return the decoded message of a telegram, None if it does not decode."""
     if what not in ("sent", "received", "stray") or not data:
         return None
     try:

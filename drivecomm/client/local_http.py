@@ -1,6 +1,6 @@
-"""As much of HTTP/1.1 (RFC 9112) as goes over a server's local socket.
+"""The subset of HTTP/1.1 (RFC 9112) that is used on a server's local socket.
 
-The standard library's client loads TLS and the formats of e-mail, which takes a command longer than all that it asks.
+The standard library's client also loads TLS and e-mail formats, which takes longer than all requests of a command.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from drivecomm.client.registration import Registration
 
 BAD_REQUEST = 400
-"""From this status on, the answer is an error."""
+"""Lowest status code of an error response."""
 
 _CHUNK = 1 << 16
 _LONGEST_LINE = 1 << 16
@@ -26,14 +26,14 @@ _INFORMATION = range(100, 200)
 
 
 class HttpStream:
-    """The bytes of one connection, taken apart into lines and pieces. Raises OSError, ValueError for malformed HTTP."""
+    """Byte stream of one connection, split into lines and pieces. Raises OSError, ValueError for malformed HTTP."""
 
     def __init__(self, connected: socket.socket) -> None:
         self._socket = connected
         self._pending = b""
 
     def head(self) -> tuple[str, dict[str, str]]:
-        """Return the first line of a request or an answer, and its headers, in lower case."""
+        """Return the first line of a request or a response, and its headers, in lower case."""
         first, headers = self.line(), {}
         while text := self.line():
             name, _, value = text.partition(":")
@@ -52,21 +52,21 @@ class HttpStream:
         return line.decode("latin-1")
 
     def exactly(self, number: int) -> bytes:
-        """Return so many bytes."""
+        """Return the next N bytes."""
         while len(self._pending) < number:
             self._receive()
         data, self._pending = self._pending[:number], self._pending[number:]
         return data
 
     def some(self) -> bytes:
-        """Return what has come, nothing at the end."""
+        """Return the next available bytes, empty at the end of the connection."""
         if not self._pending:
             return self._socket.recv(_CHUNK)
         data, self._pending = self._pending, b""
         return data
 
     def close(self) -> None:
-        """End the connection."""
+        """Close the connection."""
         self._socket.close()
 
     def _receive(self) -> None:
@@ -77,9 +77,10 @@ class HttpStream:
 
 
 class LocalConnection(HttpStream):
-    """One connection to a server; raises OSError, and ValueError for what is no HTTP. limit_s: for each step.
+    """Connection to a server. Raises OSError, ValueError for malformed HTTP. limit_s: time limit of each step.
 
-    Raises PermissionError if another user's program listens there: what that says of a motor is not believed.
+    Raises PermissionError if a program of another user listens there, because its statements about motors are not
+    trusted.
     """
 
     def __init__(self, server: Registration, limit_s: float) -> None:
@@ -98,7 +99,7 @@ class LocalConnection(HttpStream):
             raise
 
     def request(self, method: str, path: str, body: bytes | None = None) -> None:
-        """Send a request, with JSON for a body if there is one."""
+        """Send a request, with a JSON body if there is one."""
         lines = [f"{method} {path} HTTP/1.1", f"Host: {self._host}", "Accept: application/json"]
         if self._token:
             lines.append(f"Authorization: Bearer {self._token}")
@@ -107,23 +108,23 @@ class LocalConnection(HttpStream):
         self._socket.sendall("\r\n".join([*lines, "", ""]).encode("ascii") + (body or b""))
 
     def has_more(self, seconds: float) -> bool:
-        """Whether something has come within this time, which may be that the server has gone."""
+        """Return whether bytes, or the end of the connection, arrive within this time."""
         return bool(self._pending) or bool(select.select([self._socket], [], [], seconds)[0])
 
     def answer(self) -> LocalAnswer:
-        """Return the answer, of which the head has come."""
+        """Read the head of the response, and return the response, whose content is read separately."""
         while True:
             first, headers = self.head()
             version, _, rest = first.partition(" ")
             if not version.startswith("HTTP/1."):
-                raise ValueError("an answer that is no HTTP")
+                raise ValueError("a response that is not HTTP")
             status = int(rest.partition(" ")[0])
             if status not in _INFORMATION:
                 return LocalAnswer(self, status, headers)
 
 
 class LocalAnswer:
-    """An answer. status: its number. stays_open: whether the connection may be used again."""
+    """HTTP response. status: its status code. stays_open: whether the connection may be used again."""
 
     def __init__(self, connection: LocalConnection, status: int, headers: dict[str, str]) -> None:
         self._connection = connection
@@ -134,12 +135,12 @@ class LocalAnswer:
         self.stays_open = framed and headers.get("connection") != "close"
 
     def pieces(self) -> Iterator[bytes]:
-        """Yield the content as it comes; the next one is waited for, so see `LocalConnection.has_more` before."""
+        """Yield the content as it arrives; blocks for the next piece, so check `LocalConnection.has_more` first."""
         if self._chunked:
             while size := int(self._connection.line().partition(";")[0], 16):
                 data = self._connection.exactly(size + 2)
                 yield data[:size]
-            # Fields may follow the last piece.
+            # Trailer fields may follow the last piece.
             while self._connection.line():
                 pass
         elif self._length is not None:

@@ -1,4 +1,4 @@
-"""Files that a process holds locked for as long as it lives: who is killed leaves one that counts for nothing."""
+"""Record files that a process keeps locked while it lives; the record of a killed process is unlocked and ignored."""
 
 from __future__ import annotations
 
@@ -14,32 +14,32 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _LONGEST = 1 << 20
-# A reader holds the lock for an instant.
+# A reader holds the lock only for an instant.
 _LOCK_S = 1.0
 _TRY_AGAIN_S = 0.01
 _READS = 3
 _LOCKED_BYTE = 1 << 30
-# Windows has neither; a link is not followed, and nothing waits for the other end of a pipe.
+# Windows has neither flag. A link is not followed, and a pipe without another end does not block.
 _PLAIN_FILE = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
 
 
 class HeldRecord:
-    """A record that this process holds locked until it is released."""
+    """Record that this process keeps locked until it is released."""
 
     def __init__(self, path: Path, descriptor: int) -> None:
         self.path = path
         self._descriptor = descriptor
 
     def write(self, content: Mapping[str, Any]) -> None:
-        """Replace what is in it. Raises OSError."""
+        """Replace the content of the record. Raises OSError."""
         data = json.dumps(content).encode()
         os.lseek(self._descriptor, 0, os.SEEK_SET)
         os.write(self._descriptor, data)
         os.ftruncate(self._descriptor, len(data))
 
     def release(self) -> None:
-        """Remove the file and let go of it."""
-        # While it is still locked, so that no other process's record is removed; Windows removes no file that is open.
+        """Remove the file and unlock it."""
+        # Removed before the unlock, so no record of another process is removed; Windows cannot remove an open file.
         with suppress(OSError):
             self.path.unlink()
         os.close(self._descriptor)
@@ -49,7 +49,7 @@ class HeldRecord:
 
 
 def hold(path: Path) -> HeldRecord | None:
-    """Lock a record, made if there is none; None where another process holds it. Raises OSError."""
+    """Lock a record, and create it if it is missing; None if another process holds it. Raises OSError."""
     until = time.monotonic() + _LOCK_S
     while True:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | _PLAIN_FILE, 0o600)
@@ -87,7 +87,7 @@ def _content(descriptor: int) -> dict[str, Any] | None:
         try:
             content = json.loads(os.read(descriptor, _LONGEST))
         except ValueError:
-            # It is just being written.
+            # The holder may be writing the record at this moment.
             time.sleep(_TRY_AGAIN_S)
         else:
             return content if isinstance(content, dict) else None
@@ -119,7 +119,7 @@ def _take(descriptor: int) -> bool:
 
 
 def _locks_a_byte(descriptor: int, *, for_good: bool) -> bool:
-    """Lock a record as Windows can: a byte far behind its content, which everybody may read then as before."""
+    """Lock a record on Windows by a byte far beyond its content, so that the content stays readable for all."""
     windows: Any = import_module("msvcrt")
     os.lseek(descriptor, _LOCKED_BYTE, os.SEEK_SET)
     try:
@@ -134,7 +134,7 @@ def _locks_a_byte(descriptor: int, *, for_good: bool) -> bool:
 
 
 def _is_still(path: Path, descriptor: int) -> bool:
-    """Whether the file that was locked is the one of this name: whoever releases a record removes it."""
+    """Return whether the locked file still has this path, since the release of a record removes its file."""
     try:
         return os.path.samestat(os.stat(path), os.fstat(descriptor))  # noqa: PTH116
     except OSError:

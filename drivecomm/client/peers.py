@@ -1,7 +1,7 @@
-"""The user at the other end of a local socket, checked at both ends of every one of ours.
+"""User at the other end of a local socket, checked at both ends of each of our connections.
 
-Orders are taken from this user and from root, who can do anything to this user's programs anyway. Answers are believed
-of these two, and of the user that runs the system's service, whose folder only root can have made.
+Orders are accepted from this user and from root, who controls this user's programs anyway. Responses are trusted from
+these two, and from the user of the system service, whose folder only root can have created.
 """
 
 from __future__ import annotations
@@ -20,15 +20,16 @@ _UCRED = struct.Struct("3i")
 
 
 def user_of_peer(connected: socket.socket) -> int | None:
-    """Return the user at the other end; where the system does not say, this user, whose folder the socket is in.
+    """Return the user ID at the other end of a socket.
 
-    None if the other end has gone, or the socket is not a Unix socket.
+    On systems that do not report it, return this user's, whose folder contains the socket. None if the other end has
+    closed, or if the socket is not a Unix socket.
     """
     try:
         if hasattr(socket, "SO_PEERCRED"):
             found = connected.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _UCRED.size)
             user = int(_UCRED.unpack(found)[1])
-            # Linux answers for a TCP connection, too, with a user that there is not.
+            # Linux also answers for a TCP connection, with an invalid user.
             return user if user >= 0 else None
         if _LOCAL_PEERCRED is not None:
             return int(struct.unpack_from("2I", connected.getsockopt(_SOL_LOCAL, _LOCAL_PEERCRED, _XUCRED))[1])
@@ -38,12 +39,12 @@ def user_of_peer(connected: socket.socket) -> int | None:
 
 
 def may_command(connected: socket.socket) -> bool:
-    """Whether the other end is this user or root, whose orders are carried out."""
+    """Return whether the other end is this user or root, whose orders are carried out."""
     return user_of_peer(connected) in (ROOT, os.getuid())
 
 
 def check_peer(connected: socket.socket, place: str) -> None:
-    """Raise PermissionError unless the program that listens at this place is one whose answers are believed."""
+    """Raise PermissionError unless the program that listens at this place belongs to a trusted user."""
     user = user_of_peer(connected)
     if user not in trusted_users():
         who = "is unknown" if user is None else f"is user {user}"

@@ -1,9 +1,9 @@
-"""Where programs that have a line are found: each has a record in a runtime folder, held locked while it lives.
+"""Registration of programs that have a line: each has a record in a runtime folder, locked while it lives.
 
     with register(Registration(plant="/etc/drivecomm/hall.toml", ...)) as record:
         ...
 
-Servers are asked for everything; any other program that has a port, a `poll` for instance, for stops only.
+Servers accept every request; any other program with a port, such as `poll`, accepts only stops.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ _ONE_AT_A_TIME = "registering.lock"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Registration:
-    """A program that runs, and has lines.
+    """Running program that has lines.
 
-    plant: the real path of a server's plant file, empty for any other program. name: what it calls the plant. socket:
-    its local socket; where there are no Unix sockets it is empty, and port and token lead to it. lines: the port of
-    each line, by its name. started_s: in seconds since 1970. history: the file of its history, None where it keeps
-    none. version: of drivecomm. program: what people know it by.
+    plant: real path of a server's plant file, empty for any other program. name: name of the plant. socket: local
+    socket of the program; empty on systems without Unix sockets, which use port and token instead. lines: port of each
+    line, by its name. started_s: seconds since 1970. history: file of its history, None without one. version: version
+    of drivecomm. program: name for display.
     """
 
     plant: str
@@ -59,7 +59,7 @@ class Registration:
 
 
 def identity(plant: str | Path) -> str:
-    """Return what files that belong to a plant are named after: its stem, and its real path in short."""
+    """Return the base name of files that belong to a plant: its stem, and a hash of its real path."""
     from hashlib import sha256
 
     real = os.path.realpath(plant)
@@ -67,15 +67,15 @@ def identity(plant: str | Path) -> str:
 
 
 def local_socket(plant: str | Path) -> Path:
-    """Return the socket on which the server of a plant is reached; its folder is this user's alone.
+    """Return the path of the local socket of a plant's server; its folder is accessible to this user only.
 
-    Clients find it by the server's record. Raises PermissionError for a folder that belongs to somebody else.
+    Clients find the socket by the server's record. Raises PermissionError for a folder that belongs to another user.
     """
     return _short_enough(folder_of_servers() / f"{identity(plant)}{_SOCKET}", identity(plant)[-8:])
 
 
 def _short_enough(usual: Path, short: str) -> Path:
-    """Return a path for a socket, for which the system has little room."""
+    """Return a socket path within the short limit of the system."""
     if len(os.fsencode(usual)) <= _LONGEST_SOCKET:
         return usual
     from tempfile import gettempdir
@@ -87,11 +87,11 @@ def _short_enough(usual: Path, short: str) -> Path:
 
 @contextmanager
 def register(server: Registration) -> Iterator[Path]:
-    """Let others find this server for the time of the block; yield its record, which may be written again meanwhile.
+    """Publish the record of this server during the block; yield its path, for `written_again`.
 
-    Raises UsageError where a server of this plant, or of one of its ports, runs already, and where no record can be
-    written: commands would not find the server then, and open its ports themselves. Raises OSError for a folder that
-    cannot be made, or to which others can write.
+    Raises UsageError if a server of this plant, or of one of its ports, is already running. Raises UsageError if the
+    record cannot be written: commands would then not find the server and would open its ports themselves. Raises
+    OSError for a folder that cannot be created, or that other users can write to.
     """
     record = folder_of_servers() / f"{identity(server.plant)}{_RECORD}"
     make_private(record.parent)
@@ -109,7 +109,7 @@ def register(server: Registration) -> Iterator[Path]:
 
 
 def _registered(server: Registration, record: Path) -> HeldRecord:
-    # Of two that begin at the same time, one sees the other.
+    # The lock ensures that of two servers that start together, one sees the other.
     turn = hold(record.parent / _ONE_AT_A_TIME)
     try:
         if (other := server_of_plant(server.plant)) is not None:
@@ -130,7 +130,7 @@ def _registered(server: Registration, record: Path) -> HeldRecord:
 
 
 def check_ports(server: Registration) -> None:
-    """Raise UsageError if a server of another plant has one of these ports: a line has one owner."""
+    """Raise UsageError if a server of another plant has one of these ports, since a line has one owner."""
     for line, port in server.lines.items():
         for other, _ in servers_of_port(port):
             if other.plant != server.plant:
@@ -141,7 +141,7 @@ def check_ports(server: Registration) -> None:
 
 
 def written_again(record: Path, server: Registration) -> None:
-    """Write a record anew while it is held, such as after the plant file was read again."""
+    """Rewrite a record while it is held, such as after a reload of the plant file."""
     with record.open("r+b") as file:
         file.write(json.dumps(asdict(server)).encode())
         file.truncate()
@@ -149,7 +149,7 @@ def written_again(record: Path, server: Registration) -> None:
 
 @contextmanager
 def register_holder(holder: Registration, socket: Path) -> Iterator[None]:
-    """Let stops find a program that has a port, for the time of the block. Raises OSError."""
+    """Publish a program that has a port during the block, so that stops find it. Raises OSError."""
     held = hold(users_folder() / f"{socket.stem}{_HOLDERS_RECORD}")
     if held is None:
         raise FileExistsError(f"{socket} is another program's")
@@ -161,7 +161,7 @@ def register_holder(holder: Registration, socket: Path) -> Iterator[None]:
 
 
 def holders_socket(number: int) -> Path:
-    """Return a socket for one of the ports that this process has. Raises OSError where there cannot be any."""
+    """Return the socket path for one of this process's ports. Raises OSError if there is no place for sockets."""
     folder = users_folder()
     make_private(folder)
     _clear_up(folder)
@@ -170,7 +170,7 @@ def holders_socket(number: int) -> Path:
 
 
 def server_of_plant(plant: str | Path) -> Registration | None:
-    """Return the server of a plant file, by whatever name or link the file is called; None where none runs."""
+    """Return the server of a plant file, under any name or link of the file; None if none is running."""
     name = f"{identity(plant)}{_RECORD}"
     for folder in folders_to_search():
         if (found := _running(folder / name)) is not None:
@@ -179,17 +179,17 @@ def server_of_plant(plant: str | Path) -> Registration | None:
 
 
 def server_of_port(port: str) -> tuple[Registration, str] | None:
-    """Return the server that has a port, and what it calls the line there; None where none has it."""
+    """Return the server that has a port, and its name of the line; None if no server has it."""
     return next(servers_of_port(port), None)
 
 
 def servers_of_port(port: str) -> Iterator[tuple[Registration, str]]:
-    """Yield every server whose plant has a port, and what it calls the line there."""
+    """Yield each server whose plant has a port, with its name of the line."""
     return _with_port(servers(), port)
 
 
 def holders_of_port(port: str) -> Iterator[tuple[Registration, str]]:
-    """Yield the programs of this user that have a port and are no servers, and what they call the line there."""
+    """Yield the programs of this user that have a port and are not servers, with their name of the line."""
     found = (_running(record) for record in _records(_HOLDERS_RECORD))
     return _with_port((each for each in found if each is not None), port)
 
@@ -204,7 +204,7 @@ def servers() -> Iterator[Registration]:
 def _with_port(programs: Iterable[Registration], port: str) -> Iterator[tuple[Registration, str]]:
     for each in programs:
         for line, its_port in each.lines.items():
-            # Only where there is another program anything of a port's name matters.
+            # Imported late, because port names need comparing only if another program runs.
             from drivecomm.transport import same_port
 
             if same_port(str(its_port), port):
@@ -214,14 +214,14 @@ def _with_port(programs: Iterable[Registration], port: str) -> Iterator[tuple[Re
 def _records(ending: str) -> Iterator[Path]:
     for folder in folders_to_search():
         try:
-            names = sorted(name for name in os.listdir(folder) if name.endswith(ending))  # noqa: PTH208 - one call
+            names = sorted(name for name in os.listdir(folder) if name.endswith(ending))  # noqa: PTH208 - a single system call
         except OSError:
             continue
         yield from (folder / name for name in names)
 
 
 def _clear_up(folder: Path) -> None:
-    """Remove what programs that were killed have left of their ports."""
+    """Remove sockets and records of killed programs."""
     with suppress(OSError):
         for record in list(folder.glob(f"*{_HOLDERS_RECORD}")):
             number = record.name.partition("-")[0]
@@ -231,7 +231,7 @@ def _clear_up(folder: Path) -> None:
 
 
 def _running(record: Path) -> Registration | None:
-    """Return the program that holds this record locked."""
+    """Return the program that keeps this record locked."""
     content = read_held(record)
     if content is None:
         return None
@@ -246,14 +246,14 @@ def _running(record: Path) -> Registration | None:
 
 def _is_alive(pid: int) -> bool:
     if os.name != "posix":
-        # There, signal 0 would end the process instead of looking for it.
+        # On Windows, signal 0 would end the process instead of testing it.
         return pid > 0
     try:
         os.kill(pid, 0)
     except ProcessLookupError:
         return False
     except (OSError, OverflowError):
-        # Another user's.
+        # The process belongs to another user.
         return True
     return True
 

@@ -1,4 +1,4 @@
-"""One line that a server owns, with what `Bus` offers: its drives are asked and commanded through the server."""
+"""Line that a server owns, with the interface of `Bus`: its drives are read and commanded through the server."""
 
 from __future__ import annotations
 
@@ -23,28 +23,28 @@ if TYPE_CHECKING:
 
 
 class ServedDrive(SentDrive, Drive):
-    """One drive on a line of a server; made by `ServedBus.drive`.
+    """Drive on a line of a server; made by `ServedBus.drive`.
 
-    Whatever the server or the drive answers with is raised as `Drive` raises it; ServerLostError where it is gone.
+    Errors of the server or the drive are raised as by `Drive`; ServerLostError if the server is gone.
     """
 
     _bus: ServedBus
 
     @property
     def standing_stop(self) -> str:
-        """The stop that the server retries, or that one of its doors demands, in words; empty without one."""
+        """Stop that the server retries, or that one of its doors demands, in words; empty without one."""
         state = self._bus.server.ask(self.place) if self._known is not None else {}
         return str((state.get("standing_stop") or {}).get("text", ""))
 
 
 class ServedBroadcast(SentBroadcast, Broadcast):
-    """All drives of one protocol on a line of a server at once, as `Broadcast` has them."""
+    """All drives of one protocol on a line of a server, addressed together; the counterpart of `Broadcast`."""
 
     _bus: ServedBus
 
 
 class ServedBus(LineOfServer):
-    """A line that a server owns, a `BlockingLine`; may be used from many threads."""
+    """Line that a server owns, a `BlockingLine`; safe for use from many threads."""
 
     def __init__(self, *given: Any, **options: Any) -> None:
         super().__init__(*given, **options)
@@ -65,21 +65,21 @@ class ServedBus(LineOfServer):
         machine: MachineUnit | None = None,
         **options: Any,
     ) -> ServedDrive:
-        """Return the drive at an address, as `Bus.drive` does; nothing is sent."""
+        """Return the drive at an address; see `Bus.drive`. Nothing is sent."""
         said = self.described(protocol, address, model, set_up, options, read_only=read_only, machine=machine)
         return ServedDrive(self, **said)
 
     def broadcast(self, protocol: str, *, model: str | Path | Model | None = None, **options: Any) -> ServedBroadcast:
-        """Return all drives of a protocol at once, as `Bus.broadcast` does."""
+        """Return all drives of a protocol, addressed together; see `Bus.broadcast`."""
         return ServedBroadcast(self, *self.all_made_here(protocol, model, options))
 
     def at_server(self, do: Callable[[], Any]) -> Any:
-        """Call what asks the server something."""
+        """Run a request to the server."""
         self._check_open()
         return do()
 
     def carry_out(self, of: Any, verb: str, arguments: Mapping[str, Any]) -> Any:
-        """Have the server carry out a verb."""
+        """Run a verb at the server."""
         self._check_open()
         return self.sent(of, verb, arguments)
 
@@ -92,7 +92,7 @@ class ServedBus(LineOfServer):
         progress: Callable[[str, int, int], None] | None = None,
         **options: Any,
     ) -> Iterator[Found]:
-        """Yield the drives that answer, as `Bus.scan` does; the server asks, between what else it does."""
+        """Yield the drives that answer, as `Bus.scan` does; the server scans in between its other requests."""
         from drivecomm.client.line_streams import scan
 
         self._check_open()
@@ -111,16 +111,16 @@ class ServedBus(LineOfServer):
         drives: Iterable[DriveConfig] | None = None,
         on_result: OnResult | None = None,
     ) -> list[StopResult]:
-        """Stop all motors of the server's plant on this line, and return what came of each stop; as `Bus.stop_all`.
+        """Stop all motors of the server's plant on this line, and return the result of each stop; see `Bus.stop_all`.
 
-        drives: further ones on this line.
+        drives: further drives on this line.
         """
         from drivecomm.client.stopping_lines import stopping_served_line
 
         return carry_out(None, stopping_served_line(self, drives, how, on_result))
 
     def listen(self, listener: Callable[[TraceEvent], None]) -> Callable[[], None]:
-        """Tell a function what happens on the line from now on; returns what ends that."""
+        """Report events of the line to a listener from now on; return a function that stops the reports."""
         from drivecomm.client.line_trace import traced
 
         listening = self._stack.enter_context(ExitStack())
@@ -136,25 +136,25 @@ class ServedBus(LineOfServer):
         return poll(self.on_this_line(items, "drivecomm.poll"), duration_s=duration_s, cycles=cycles)
 
     def now(self) -> float:
-        """Return the time of this machine's clock that nobody sets, in seconds."""
+        """Return the monotonic time of this machine in seconds."""
         self._check_open()
         return time.monotonic()
 
     def sleep_until(self, until: float) -> None:
-        """Let time pass."""
+        """Sleep until this time of the monotonic clock."""
         while (left := until - time.monotonic()) > 0:
             time.sleep(left)
 
     @property
     def counters(self) -> Mapping[str, Counter[str]]:
-        """What happened on the line since this bus was made, by drive, whoever asked."""
+        """Counts of line events by drive, for the requests of all clients; see `statistics`."""
         return {name: each.counters for name, each in self.statistics.items()}
 
     @property
     def statistics(self) -> Mapping[str, Statistics]:
-        """The counters and the reply times since they were asked for first, by drive; whoever asked the drives.
+        """Counters and reply times since `count_from_now`, by drive, for the requests of all clients.
 
-        The first time it is all since the server began.
+        Without a call of `count_from_now`, they count from the start of the server.
         """
         from drivecomm.client.line_streams import since, statistics
 
@@ -162,26 +162,26 @@ class ServedBus(LineOfServer):
         return now if self._before is None else since(self._before, now)
 
     def count_from_now(self) -> None:
-        """Let what was counted until now not be counted."""
+        """Reset the counters and reply times of this bus to zero."""
         self._before = None
         self._before = self.statistics
 
     @property
     def health(self) -> Mapping[str, Health]:
-        """Whether the drives answer, by name; of those of the server's plant."""
+        """Health of the drives of the server's plant, by name."""
         from drivecomm.client.line_streams import health
 
         return health(self.server, self.line)
 
     @property
     def other_master(self) -> str:
-        """Why the line counts as shared with another master, empty if nobody else was heard on it lately."""
+        """Reason why the line counts as shared with another master, empty if no other master was heard lately."""
         from drivecomm.client.line_streams import other_master
 
         return other_master(self.server, self.line)
 
     def close(self) -> None:
-        """End what was begun through the server; it goes on. Raises what the trace function has raised."""
+        """End all activity of this bus at the server; the server continues. Raises the error of the trace function."""
         self._closed = True
         try:
             self._stack.close()

@@ -1,7 +1,7 @@
-"""A drive whose line a server owns: its verbs are sent there, by their names and arguments.
+"""Drive whose line a server owns: its verbs are sent to the server by their names and arguments.
 
-They are those that `DriveVerbs` declares, so that a new one is there by itself. What sends nothing is made here, when
-it is asked for: most programs do without, and then load neither the protocol's package nor its models.
+The verbs are those that `DriveVerbs` declares, so a new verb needs no change here. The local objects of a drive are
+made on first use: most programs do without them, and then load neither the protocol's package nor its models.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ _MADE_LATER = frozenset({"_peer", "_exchanges", "model"})
 
 
 class SentDrive(Sent):
-    """What `Drive` and `AsyncDrive` become when a server owns their line; made by the bus.
+    """Base of `Drive` and `AsyncDrive` objects on a line that a server owns; made by the bus.
 
-    config: the drive with all that is said of it. said: what of that the server does not know already. known: as the
-    server's plant has it, None where it does not. read_only: it is asked and stopped only.
+    config: the drive with all its options. said: the options that the server does not know. known: the drive in the
+    server's plant, None if it is not in the plant. read_only: whether only reads and stops are allowed.
     """
 
     _inner = frozenset({"at_server", "config", "feeding", "own_error", "place", "request", "send"})
@@ -51,29 +51,29 @@ class SentDrive(Sent):
         self._read_only = read_only
         self._reason = f"{config} is read-only; leave read_only=True out to write or command it" if read_only else ""
         self.lease = ""
-        """The key of the lease under which it is commanded; empty to let each command take one for itself."""
+        """Key of the lease for commands; empty if each command acquires a lease of its own."""
         if known is None or said:
-            # The server has it as the plant says; what anybody else says is checked at once, as by any bus.
+            # Options that differ from the server's plant are checked immediately, as on any bus.
             self._make()
 
     @property
     def server(self) -> LocalServer:
-        """The server that owns its line."""
+        """Server that owns the drive's line."""
         return self._bus.server
 
     @property
     def name(self) -> str:
-        """The drive as the command line names it, such as "vabus:1"."""
+        """Name of the drive on the command line, such as "vabus:1"."""
         return str(self.config)
 
     @property
     def machine(self) -> MachineUnit | None:
-        """In which unit its machine counts its speed; None if nobody has said."""
+        """Unit of the speed of the drive's machine; None if it is not defined."""
         return self.config.machine
 
     @property
     def place(self) -> str:
-        """Where the server has it, as the path of its interface says it."""
+        """Path of the drive in the server's interface."""
         from urllib.parse import quote
 
         if self._known is not None:
@@ -82,7 +82,7 @@ class SentDrive(Sent):
 
     @property
     def read_only_reason(self) -> str:
-        """The sentence with which what writes or commands is refused; empty for a drive that is not read-only."""
+        """Error text for writes and commands; empty for a drive that is not read-only."""
         return self._reason
 
     @read_only_reason.setter
@@ -95,31 +95,31 @@ class SentDrive(Sent):
 
     @property
     def is_in_plant(self) -> bool:
-        """Whether the plant of its server has it."""
+        """Whether the drive is in the plant of its server."""
         return self._known is not None
 
     def feeding(self, policy: LinkLoss, watchdog_s: Decimal, on_leaving: Stop | None) -> Feeding:
-        """Return what keeps its motor: a lease, so that the server stops it when this program has died."""
+        """Return the keeper of its motor: a lease, so that the server stops the motor if this program dies."""
         from drivecomm.client.drive_lease import LeaseFeeding
 
         return LeaseFeeding(self, policy, watchdog_s, on_leaving)
 
     def at_server(self, do: Callable[[], Any]) -> Any:
-        """Call what asks the server something; awaited where the bus is."""
+        """Run a request to the server; awaitable on an asyncio bus."""
         return self._bus.at_server(do)
 
     def watched(self, silence_s: float | None) -> None:
-        """Send nothing, and tell the server nothing: it feeds only the watchdogs of motors that it keeps itself."""
+        """Do nothing, because the server feeds only the watchdogs of motors that it keeps itself."""
 
     def send(self, verb: str, arguments: dict[str, Any], job: Callable[[], Job[Any]]) -> Any:
-        """Have the server carry out a verb."""
+        """Run a verb at the server."""
         if self._read_only and verb not in READING and verb != "stop":
             job()
-            # A verb of the protocol's own may be one that only asks; a server that keeps the drive read-only sees that.
+            # A verb of the protocol may only read; a server that treats the drive as read-only decides about it.
             if verb != "call" or (self._known is not None and self._known.armed):
                 raise ReadOnlyError(self._reason)
         if verb == "set_reference" and arguments.get("machine") is not None:
-            # By what this program knows of the machine, whatever plant file the server has read.
+            # The conversion uses the machine unit of this program, whatever plant file the server has read.
             job()
             arguments = {"hz": self._exchanges.references.machine_hz(arguments["machine"])}
         if not all(map(_can_be_sent, arguments.values())):
@@ -128,12 +128,12 @@ class SentDrive(Sent):
         try:
             return self._bus.carry_out(self, verb, arguments)
         except UsageError:
-            # In the words that any bus has for it, where it is one of its errors.
+            # The local check raises the same error in the words of other buses, if it fails as well.
             job()
             raise
 
     def request(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
-        """Return what is sent besides the verb."""
+        """Return the content of a request, besides the verb."""
         armed = self._known is not None and self._known.armed
         return {
             "arguments": arguments,
@@ -143,7 +143,7 @@ class SentDrive(Sent):
         }
 
     def own_error(self, error: DriveCommError) -> DriveCommError:
-        """Return the error that the server has answered with, as this side says it."""
+        """Return the server's error in the words of this side."""
         return ReadOnlyError(self._reason) if isinstance(error, ReadOnlyError) and self._reason else error
 
     def __getattr__(self, name: str) -> Any:
@@ -161,7 +161,7 @@ class SentDrive(Sent):
 
 
 class SentBroadcast(Sent):
-    """What `Broadcast` and `AsyncBroadcast` become when a server owns their line; made by the bus."""
+    """Base of `Broadcast` and `AsyncBroadcast` objects on a line that a server owns; made by the bus."""
 
     _inner = frozenset({"feeding", "own_error", "place", "request", "send"})
 
@@ -170,22 +170,22 @@ class SentBroadcast(Sent):
 
     @property
     def place(self) -> str:
-        """Where the server has them."""
+        """Path of the drives in the server's interface."""
         from urllib.parse import quote
 
         return f"/api/v1/lines/{quote(self._bus.line, safe='')}/drives/{self._peer.name}"
 
     def send(self, verb: str, arguments: dict[str, Any], job: Callable[[], Job[Any]]) -> Any:
-        """Have the server carry out a verb."""
+        """Run a verb at the server."""
         job()
         return self._bus.carry_out(self, verb, arguments)
 
     def request(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
-        """Return what is sent besides the verb."""
+        """Return the content of a request, besides the verb."""
         return {"arguments": arguments, "arm": True}
 
     def own_error(self, error: DriveCommError) -> DriveCommError:
-        """Return the error that the server has answered with."""
+        """Return the server's error unchanged."""
         return error
 
 

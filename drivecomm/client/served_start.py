@@ -1,4 +1,4 @@
-"""A motor that a server starts and keeps for a command: for as long as the command renews its lease, and not longer."""
+"""Motor that a server starts and keeps for a command, only as long as the command renews its lease."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 
 class ServedStart:
-    """Holds the lease of a drive for the time of a block; what happens to its motor is told by the server.
+    """Lease of a drive for the time of a block, with the server's events of its motor.
 
-    Programs use `drivecomm.keep`; this is for a command that shows what happens to the motor as it happens.
+    For commands that display these events; other programs use `drivecomm.keep`.
     """
 
     def __init__(self, drive: ServedDrive, silence_s: float) -> None:
@@ -30,11 +30,11 @@ class ServedStart:
         self._thread = Thread(target=self._renew, name=f"lease of {drive.name}", daemon=True)
 
     def start(self, policy: LinkLoss, watchdog_s: Decimal | float, **choices: Any) -> None:
-        """Have the server set the drive's watchdog, start the motor and keep it; raises what prevents it."""
+        """Let the server set the drive's watchdog, start the motor and keep it; raises the error that prevents it."""
         self._lease.keep(policy, watchdog_s, **choices)
 
     def events(self, stop: Event) -> Iterator[Mapping[str, Any]]:
-        """Yield what happens to the motor until the server keeps it no more; stop: ends that, once it is set."""
+        """Yield the events of the motor until the server no longer keeps it. stop: ends the keeping once it is set."""
         with self._drive.server.stream(f"{self._drive.place}/keep/events") as news:
             for each in news:
                 if each is not None:
@@ -43,7 +43,7 @@ class ServedStart:
                     self.give_back()
 
     def give_back(self) -> None:
-        """Give the lease back, so that the server stops the motor as its policy says."""
+        """Release the lease, so that the server stops the motor by its policy."""
         self._left.set()
         self._lease.release()
 
@@ -58,7 +58,7 @@ class ServedStart:
         try:
             self.give_back()
         except DriveCommError:
-            # A motor that was stopped by somebody else has no lease any more; any other error goes first.
+            # A motor that another program stopped has no lease any more; any other error takes precedence.
             self._left.set()
 
     def _renew(self) -> None:
@@ -66,7 +66,7 @@ class ServedStart:
             try:
                 self._lease.renew()
             except LinkError:
-                # Tried again; whoever reads the events is told.
+                # The renewal is retried; the reader of the events gets the error.
                 continue
             except DriveCommError:
                 return

@@ -1,4 +1,4 @@
-"""A stop as one program has another one carry it out, by its local door."""
+"""Stops that one program requests from another one, through its local door."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Stop
 
 _ALIVE_S = 1.0
-# A stop with all the attempts that silent drives may have.
+# Time for a stop with all attempts that silent drives may need.
 _LONGEST_S = 20.0
 
 
 def place_on_line(line: str, whom: str) -> str:
-    """Return the path of a drive, PROTOCOL:ADDRESS, or of all of a protocol, PROTOCOL:*, on a line."""
+    """Return the path of a drive on a line, PROTOCOL:ADDRESS, or of all drives of a protocol, PROTOCOL:*."""
     return f"/api/v1/lines/{quote(line, safe='')}/drives/{quote(whom, safe=':*')}"
 
 
 def place_of_name(name: str) -> str:
-    """Return the path of a drive by the name that its server's plant gives it."""
+    """Return the path of a drive by its name in the server's plant."""
     return f"/api/v1/drives/{quote(name, safe='')}"
 
 
 def have_stopped(program: Registration, place: str, how: Stop, options: Mapping[str, Any] | None = None) -> None:
-    """Have a server, or another program that has a port, stop a drive, or all of a protocol.
+    """Request a stop of a drive, or of all drives of a protocol, from a server or another program that has a port.
 
-    options: what is said of the drive; left out where the program cannot take it. Raises what it answers, and
-    ServerLostError if it does not.
+    options: options of the drive; left out if the program does not accept them. Raises the program's error, and
+    ServerLostError if it does not respond.
     """
     from drivecomm.client.wire import error_of
 
@@ -56,37 +56,37 @@ def have_stopped(program: Registration, place: str, how: Stop, options: Mapping[
 
 
 def _server(program: Registration) -> LocalServer:
-    # Loaded by those who have another program, not by those who only have a port.
+    # Imported late, because programs that only have a port do not need it.
     from drivecomm.client.connection import LocalServer
 
     return LocalServer(program, alive_s=_ALIVE_S)
 
 
 def check_alive(program: Registration) -> None:
-    """Raise ServerLostError unless a program answers at all, before much is asked of it."""
+    """Raise ServerLostError unless a program responds, as a check before larger requests."""
     if not _server(program).is_alive():
         raise ServerLostError(f"{program} does not answer")
 
 
 def drives_known_to(program: Registration) -> list[dict[str, Any]]:
-    """Return the drives of a server as it tells them: their name, their line, and drive as PROTOCOL:ADDRESS."""
+    """Return the drives of a server: name, line, and drive as PROTOCOL:ADDRESS."""
     with closing(_server(program)) as server:
         found: list[dict[str, Any]] = server.ask("/api/v1/drives", limit_s=_LONGEST_S)
         return found
 
 
 def stop_on(bus: BlockingLine, order: StopOrder) -> None:
-    """Carry a stop out that has come from another program. Raises the error of the drive."""
+    """Carry out a stop that another program has requested. Raises the error of the drive."""
     _meant(bus, order).stop(order.how)
 
 
 async def stop_on_async(bus: AwaitedLine, order: StopOrder) -> None:
-    """Do the same over an awaited bus."""
+    """Carry out a stop that another program has requested, on an asyncio bus."""
     await _meant(bus, order).stop(order.how)
 
 
 def _meant(bus: BlockingLine | AwaitedLine, order: StopOrder) -> Any:
-    """Return the drive, or all of a protocol, of a bus."""
+    """Return the drive that the order names, or all drives of its protocol, on a bus."""
     from drivecomm.client.wire import drive_options
 
     options = drive_options(order.options)

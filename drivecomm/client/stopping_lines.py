@@ -1,4 +1,4 @@
-"""Stopping all drives of a line of a server: the server stops those of its plant, all of them concurrently."""
+"""Stop of all drives of a line of a server, which stops those of its plant concurrently."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from drivecomm.client.served_bus import ServedBus
     from drivecomm.protocol import DriveConfig, StopName
 
-# A stop with all the attempts that silent drives may have, of each drive of a line.
+# Time for a stop of each drive of a line, with all attempts that silent drives may need.
 _LONGEST_S = 20.0
 
 
@@ -28,10 +28,10 @@ def stopping_served_line(
     how: Stop | StopName,
     on_result: OnResult | None,
 ) -> Procedure[list[StopResult]]:
-    """Stop a line of a server, and return all outcomes; as `Bus.stop_all`.
+    """Stop a line of a server, and return all results; see `Bus.stop_all`.
 
-    drives: those that are meant besides the ones of the server's plant; they are stopped one by one. Raises what the
-    server answers with only if no drive is known for which it could be reported.
+    drives: further drives besides those of the server's plant; they are stopped one by one. Raises the server's error
+    only if there is no drive for which it could be reported.
     """
     how = way_to_stop(how)
     left = {str(each): each for each in (*bus.drives, *(drives or ()))}

@@ -1,6 +1,6 @@
-"""What goes between a server and its clients, as JSON: exact decimals are numbers with all their digits.
+"""JSON messages between a server and its clients: exact decimals are numbers with all their digits.
 
-Readings, statuses and errors have one form each, which both sides use; it is the public one of the server's API.
+Readings, statuses and errors have one form each, which both sides use. It is the public form of the server's API.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ Json: TypeAlias = "dict[str, Any] | list[Any] | str | int | float | Decimal | bo
 
 
 def json_text(content: Any) -> str:
-    """Return JSON for what `plain` gives, with decimals as numbers that keep their digits: 10.00 stays 10.00.
+    """Return JSON for the output of `plain`, with decimals as numbers that keep their digits: 10.00 stays 10.00.
 
     A decimal without a point is written with an exponent, 50E0, so that it is read as a decimal again.
     """
-    # Each value that changes goes through here, for the stream.
+    # Speed matters: the stream encodes each changed value here.
     write = _WRITTEN.get(type(content))
     if write is not None:
         return write(content)
@@ -53,7 +53,7 @@ def _number(content: float) -> str:
 def _decimal(content: Decimal) -> str:
     text = str(content)
     if not content.is_finite():
-        # What is no number has no other form than its name.
+        # NaN and infinity have no number form in JSON, so they are written as text.
         return f'"{text}"'
     return text if "." in text or "E" in text else f"{text}E0"
 
@@ -76,7 +76,7 @@ _WRITTEN: Mapping[type, Callable[[Any], str]] = {
     list: _array,
     tuple: _array,
 }
-"""How what mostly comes is written, by its type."""
+"""Writers of the most common types."""
 
 
 def parsed(text: str | bytes) -> Any:
@@ -85,11 +85,11 @@ def parsed(text: str | bytes) -> Any:
 
 
 def _refuse(name: str) -> None:
-    raise ValueError(f"{name} is no JSON")
+    raise ValueError(f"{name} is not JSON")
 
 
 def plain(value: Any) -> Any:
-    """Return a value in the types of JSON and exact decimals: dataclasses by their fields, bytes as hexadecimal."""
+    """Convert a value to JSON types and exact decimals: dataclasses by their fields, bytes as hexadecimal."""
     if value is None or (isinstance(value, str | int | float | Decimal) and not isinstance(value, Enum)):
         return value
     if type(value).__name__ == "Reading":
@@ -121,7 +121,7 @@ def _names_of(owner: Any) -> tuple[str, ...]:
 
 
 def reading_of(content: Mapping[str, Any]) -> Reading:
-    """Return the reading of which this is the plain form."""
+    """Rebuild a reading from its plain form."""
     from drivecomm.protocol import Reading
 
     fields = {key: each for key, each in content.items() if key != "quality"}
@@ -129,7 +129,7 @@ def reading_of(content: Mapping[str, Any]) -> Reading:
 
 
 def status_of(content: Mapping[str, Any]) -> DriveStatus:
-    """Return the status of which this is the plain form."""
+    """Rebuild a status from its plain form."""
     from drivecomm.protocol import DriveState, DriveStatus
 
     exact = {
@@ -140,7 +140,7 @@ def status_of(content: Mapping[str, Any]) -> DriveStatus:
 
 
 def parameter_of(content: Mapping[str, Any]) -> ParameterInfo:
-    """Return what a drive tells of a parameter of which this is the plain form."""
+    """Rebuild a parameter description from its plain form."""
     from drivecomm.protocol import ParameterInfo
 
     exact = {
@@ -152,14 +152,15 @@ def parameter_of(content: Mapping[str, Any]) -> ParameterInfo:
 
 
 def drive_options(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what is said of a drive, as `Bus.drive` takes it: times are floats there, and exact in JSON."""
+    """Return the options of a drive for `Bus.drive`, which takes times as floats; in JSON they are exact decimals."""
     return {name: float(value) if isinstance(value, Decimal) else value for name, value in content.items()}
 
 
 def result_of(content: Any) -> Any:
-    """Return what a verb has resulted in: a reading, a status, a parameter's data, several, or what is plain already.
+    """Rebuild the result of a verb from its plain form.
 
-    An error stands in a list in place of a reading.
+    The result is a reading, a status, a parameter description, or a list of them, in which an error may stand in place
+    of a reading. Any other value is returned unchanged.
     """
     if isinstance(content, list):
         return [result_of(each) for each in content]
@@ -176,7 +177,7 @@ def result_of(content: Any) -> Any:
 
 
 def error_content(error: DriveCommError) -> dict[str, Any]:
-    """Return an error in plain form: its kind, its sentence, its exit code, and what it says of the drive."""
+    """Return an error in plain form: its kind, its sentence, its exit code, and its facts about the drive."""
     content: dict[str, Any] = {
         "kind": type(error).__name__,
         "text": in_one_line(error),
@@ -198,7 +199,7 @@ def error_content(error: DriveCommError) -> dict[str, Any]:
 
 
 def error_of(content: Mapping[str, Any]) -> DriveCommError:
-    """Return the error of which this is the plain form; one of its branch where its kind is not known here."""
+    """Rebuild an error from its plain form; an unknown kind becomes an error of the same branch."""
     kind = _kinds().get(str(content.get("kind", "")))
     text = str(content.get("text", "the server does not say why"))
     made: DriveCommError

@@ -1,4 +1,4 @@
-"""What an engineer does with drives: parameter sets, the doctor, models grown from a drive, how long a scan takes."""
+"""Commissioning of drives: parameter sets, the line doctor, models grown from a drive, and scan forecasts."""
 
 import lazy_loader
 

@@ -1,8 +1,8 @@
-"""Models grown from the drive itself: what it says its parameters are, or else which addresses it answers.
+"""Models grown from a drive: from the parameters that it describes, or from the addresses that it answers.
 
-A protocol lets its drives describe their parameters by a verb `describe(parameter)` among its operations' `extra`,
-whose exchange gives a `ParameterInfo` with the source that the protocol names, and raises RefusedError for a parameter
-that the drive does not have. Further keywords of it are the protocol's own.
+A protocol offers descriptions as a verb `describe(parameter)` among the `extra` of its operations. The exchange of that
+verb gives a `ParameterInfo` with the source that the protocol names. It raises RefusedError for a parameter that the
+drive does not have. Further keywords of the verb belong to the protocol.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Protocol
 
 Described: TypeAlias = "ParameterInfo | RefusedError | UnexpectedReplyError | DamagedReplyError"
-"""What a drive tells of a parameter, or why it does not."""
+"""A drive's description of a parameter, or the reason why it gave none."""
 
 _RANGE_ENDS = re.compile(r"(?P<before>.*?)(?P<number>\d+)", re.ASCII)
 
-# Two groups of a hundred numbers are some minutes of a serial line; a slip of a digit would be hours.
+# Two groups of a hundred parameters take minutes on a serial line; a mistyped digit would take hours.
 _LONGEST_RANGE = 10_000
 
 
 def addresses_in(words: Iterable[str]) -> list[str]:
-    """Return the parameter addresses that words name: `16-14` one, `16-10..16-18` and `200..240` each of a range.
+    """Return the parameter addresses named by words: `16-14` is one, `16-10..16-18` and `200..240` are ranges.
 
-    The ends of a range differ in their last number only, which is counted up with its leading zeros. Each address comes
-    once, in the order of the words. Raises UsageError for a range that is none.
+    The ends of a range differ only in their last number, which is counted up and keeps its leading zeros. Each address
+    appears once, in the order of the words. Raises UsageError for an invalid range.
     """
     return list(dict.fromkeys(address for word in words for address in _addresses(word)))
 
@@ -46,20 +46,20 @@ def addresses_in(words: Iterable[str]) -> list[str]:
 def descriptions(
     drive: Drive, addresses: Iterable[str], options: Mapping[str, Any] | None = None
 ) -> Iterator[tuple[str, Described]]:
-    """Ask a drive what each of these parameters is; yield it, or why the drive does not tell, as the answers come.
+    """Ask a drive to describe each of these parameters; yield each description, or the reason why it is missing.
 
-    options: keywords of the protocol's verb `describe`. Raises NotSupported for a drive whose protocol does not let it
-    tell, and what `Drive.read` raises for a drive that does not answer.
+    options: keywords of the protocol's verb `describe`. Raises NotSupported if the protocol has no such verb, and the
+    errors of `Drive.read` if the drive does not answer.
     """
     for address in addresses:
         yield address, _described(drive, address, options or {})
 
 
 def way_to_grow(plugin: Protocol, model: Model | None, words: Collection[str] | None) -> Course:
-    """Return which addresses a drive is asked for, so that a model can be grown from its answers.
+    """Return the addresses to request from a drive to grow a model from its answers.
 
-    words: what they name, see `addresses_in`; all that a drive can hold where there are none. Raises NotSupported where
-    nobody knows what that is.
+    words: the addresses to request, see `addresses_in`; None for all that a drive can hold. Raises NotSupported if the
+    addresses of a drive are unknown.
     """
     if words is not None:
         return chosen_course(plugin, model, addresses_in(words))
@@ -76,9 +76,10 @@ def way_to_grow(plugin: Protocol, model: Model | None, words: Collection[str] | 
 
 
 def asking(plugin: Protocol, model: Model | None, options: Mapping[str, Any]) -> Asks:
-    """Return how a drive is asked: what a parameter is where its protocol lets it tell, else for its value.
+    """Return the request for one parameter: for its description if the protocol supports that, else for its value.
 
-    options: keywords of the protocol's verb `describe`. Raises UsageError for some where there is no such verb.
+    options: keywords of the protocol's verb `describe`. Raises UsageError if options are given and there is no such
+    verb.
     """
     if _describes(plugin, model):
         return lambda address: lambda drive: drive.call(DESCRIBE, parameter=address, **options)
@@ -91,10 +92,11 @@ def asking(plugin: Protocol, model: Model | None, options: Mapping[str, Any]) ->
 
 
 def parameters_of(answers: Iterable[Answer], plugin: Protocol, base: Model | None, drive: str) -> list[ParameterInfo]:
-    """Return the parameters that a drive has by its answers.
+    """Return the parameters that a drive has, judged by its answers.
 
-    What it described is that. What told a value is as base has it; what base does not know is read-only, without type,
-    and unconfirmed, until somebody finds out what it is. drive: its name, for the source.
+    A parameter that the drive described is taken from the description. A parameter that only gave a value is taken from
+    base; if base does not have it, it is read-only, without type, and unconfirmed until its meaning is known. drive:
+    name of the drive, for the source.
     """
     _, options = resolve_options(plugin, base, {})
     space = plugin.address_space(options, base) if plugin.address_space is not None else None
@@ -110,9 +112,10 @@ def parameters_of(answers: Iterable[Answer], plugin: Protocol, base: Model | Non
 
 
 def unasked(plugin: Protocol, base: Model | None) -> list[ParameterInfo]:
-    """Return the parameters whose values nobody asks for, as base has them: commands, and what is write-only.
+    """Return the parameters of base whose values are never requested: commands and write-only parameters.
 
-    A drive may have them all the same; one that describes its parameters is asked for these, too.
+    The drive may have these parameters all the same. The result is empty for a protocol whose drives describe their
+    parameters: their descriptions are requested, too.
     """
     if base is None or _describes(plugin, base):
         return []
@@ -149,14 +152,14 @@ def _unknown(address: str, together: Mapping[str, Any] | None, drive: str) -> Pa
 def grown(
     described: Iterable[ParameterInfo], *, protocol: str, name: str, title: str, source: str, base: Model | None = None
 ) -> Model:
-    """Return a model of what a drive told.
+    """Return a model made from the parameters that a drive described.
 
-    base: the model that the drive was taken for. What it knows beyond the drive's own word comes from there: options of
-    the drive, fault texts, which parameter is which quantity, its watchdog, and of each parameter its name, what it
-    keeps over power-off, option texts that the drive does not have, and what only the protocol knows of it.
+    base: the model by which the drive was addressed. It supplies what the drive does not report: options of the drive,
+    fault texts, quantities and watchdog. For each parameter it supplies the name, whether its value is kept over
+    power-off, option texts that the drive does not have, and protocol-specific data.
     """
     if base is not None:
-        # Proofs are about the drives of its own file.
+        # Proofs hold only for the drives of their own model file.
         base = without_proofs(base)
     parameters: dict[str, ParameterInfo] = {}
     taken: set[str] = set()
@@ -172,7 +175,7 @@ def grown(
             protocol=protocol, name=name, title=title, source=source, parameters=parameters, faults={}, options={}
         )
     for given in base.control.values():
-        # How the drive is commanded is taken over, and with it what that needs.
+        # Commanding the drive is taken over from base, so the parameters that it needs are as well.
         for address in given if isinstance(given, tuple) else (given,):
             if isinstance(address, str) and address in base.parameters:
                 parameters.setdefault(address, base.parameters[address])
@@ -192,7 +195,7 @@ def grown(
         fault_log=tuple(address for address in base.fault_log if _is_in(parameters, address)),
         watchdog=watchdog,
         setup=tuple(each if _is_in(parameters, each.address) else replace(each, address="") for each in base.setup),
-        # Two models with one rule would leave open which of them a drive is.
+        # Two models with the same rule would make the identification of a drive ambiguous.
         identified_by={},
     )
 
@@ -208,7 +211,7 @@ def _with(told: ParameterInfo, known: ParameterInfo) -> ParameterInfo:
         type=told.type,
         unit=told.unit,
         factor=told.factor,
-        # That a drive refuses to be written while its motor runs is nothing that it tells beforehand.
+        # A drive does not report in advance that it refuses writes while its motor runs.
         access=known.access if told.access == "rw" and known.access == "rw*" else told.access,
         values={**known.values, **told.values},
         minimum=told.minimum,
@@ -241,7 +244,7 @@ def _addresses(word: str) -> Iterator[str]:
         return
     begin, end = _RANGE_ENDS.fullmatch(first), _RANGE_ENDS.fullmatch(last)
     if begin is None or end is None or begin["before"] != end["before"]:
-        raise UsageError(f"{word!r} is no range; write its first and its last parameter, such as 16-10..16-18")
+        raise UsageError(f"{word!r} is not a range; write its first and its last parameter, such as 16-10..16-18")
     low, high = int(begin["number"]), int(end["number"])
     if high < low or high - low >= _LONGEST_RANGE:
         raise UsageError(f"the range {word!r} has no parameters, or more than {_LONGEST_RANGE}")

@@ -1,4 +1,4 @@
-"""The commissioning record of a drive: what it is, and how it is set, at the time when it is put into service."""
+"""The commissioning record of a drive: its identity and its settings when it is put into service."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommissioningRecord:
-    """How a drive is set.
+    """Identity and settings of a drive at one time.
 
-    now: its identity, firmware and parameters, with the time of reading. watchdog: what it does when its master falls
-    silent, None if that cannot be read. differing: settings that differ from the factory values, left as delivered and
-    right as they are now; None if the drive does not report its factory values.
+    now: identity, firmware and parameters, with the time of reading. watchdog: the drive's reaction when its master
+    falls silent; None if that cannot be read. differing: settings that differ from the factory values, left as
+    delivered and right as they are now; None if the drive does not report its factory values.
     """
 
     now: ParameterSet
@@ -31,15 +31,15 @@ class CommissioningRecord:
 
     @property
     def motor(self) -> tuple[Entry, ...]:
-        """The data of the motor's name plate as the drive has them."""
+        """Name plate data of the motor, as set in the drive."""
         return tuple(entry for entry in self.now.entries.values() if entry.common.startswith("motor_rated_"))
 
 
 def take_record(drive: Drive, *, progress: Callable[[str, int, int], None] = no_progress) -> CommissioningRecord:
-    """Read all of a commissioning record from a drive; writes nothing.
+    """Read a complete commissioning record from a drive; writes nothing.
 
-    progress: as of `back_up`. Raises UsageError for a drive without a model, ReplyError and LinkError when drive or
-    line are away.
+    progress: see `back_up`. Raises UsageError for a drive without a model, ReplyError or LinkError if the drive or the
+    line does not respond.
     """
     now = back_up(drive, progress=progress)
     try:

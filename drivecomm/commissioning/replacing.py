@@ -1,4 +1,4 @@
-"""Whether a drive may take the place of one whose parameter set was approved: same type and size, another unit."""
+"""Check of a replacement drive: it must have the same type and size as the drive whose parameter set was approved."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ if TYPE_CHECKING:
     from drivecomm.commissioning.parameter_sets import ParameterSet
 
 _OF_ONE_UNIT = "serial"
-"""In the name of what tells one unit from another of the same type."""
+"""Part of the name of an identity field that differs between units of the same type."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Replacement:
-    """A drive on the line compared with the drive of an approved set, by what both report of themselves.
+    """Comparison of a drive on the line with the drive of an approved set, by the identity that both report.
 
-    differs: how type or size differ, as sentences; a drive with any must not get the set. not_told: what the approved
-    drive reported of its type and size, and this one does not. has_type: whether the approved drive reported type or
-    size at all. unchanged: the serial number, if it is still the approved drive, otherwise empty. serials: each serial
-    number, as it was approved and as it is now.
+    differs: differences in type or size, as sentences; a drive with any difference must not get the set. not_told: type
+    and size fields that the approved drive reported and this drive does not. has_type: whether the approved drive
+    reported its type or size at all. unchanged: the serial number if it is still the approved drive, otherwise empty.
+    serials: each serial number, as approved and as it is now.
     """
 
     differs: tuple[str, ...] = ()
@@ -41,9 +41,9 @@ class Replacement:
 
 
 def compare_identities(approved: Mapping[str, str], now: Mapping[str, str]) -> Replacement:
-    """Compare what a drive reports of itself with what the drive of an approved set reported.
+    """Compare the identity that a drive reports with the identity of the drive of an approved set.
 
-    Software versions and hours do not count: a new drive has others.
+    Software versions and operating hours are ignored, because they differ in a new drive.
     """
     lasts = lasting(approved)
     serials = {key: text for key, text in lasts.items() if _OF_ONE_UNIT in key.lower()}
@@ -64,8 +64,8 @@ def compare_identities(approved: Mapping[str, str], now: Mapping[str, str]) -> R
 
 
 def check_replacement(drive: Drive, approved: ParameterSet) -> Replacement:
-    """Ask a drive what it is, and compare it with the drive of an approved set; writes nothing.
+    """Read the identity of a drive and compare it with the drive of an approved set; writes nothing.
 
-    Raises ReplyError and LinkError when drive or line are away.
+    Raises ReplyError or LinkError if the drive or the line does not respond.
     """
     return compare_identities(approved.identity, carry_out(drive, identity_told()))

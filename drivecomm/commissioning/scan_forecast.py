@@ -1,7 +1,7 @@
-"""How long a scan takes if nobody answers, before it is begun.
+"""Forecast of the duration of a scan that gets no answer, before the scan begins.
 
-The link's own steps are taken against a line on which nothing comes, with a clock that is a number, once for each
-protocol and setting. So whatever holds between requests is in it.
+The steps of the link run against a silent line with a simulated clock, once for each protocol and setting. The forecast
+therefore includes all pauses between requests.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScanForecast:
-    """What a scan asks at most, and how many seconds that takes while nobody answers.
+    """Number of requests of a scan, and its duration in seconds if no drive answers.
 
-    Who answers costs the time in which it tells what it is, and saves all further questions to its address.
+    A drive that answers adds the time to read its identity, and saves all further requests to its address.
     """
 
     questions: int
@@ -42,9 +42,9 @@ def forecast_scan(
     guard_s: float = 0.005,
     **facts: Any,
 ) -> ScanForecast:
-    """Return how long a scan takes without an answer; opens no port. The arguments are those of `Bus.scan`.
+    """Return the duration of a scan that gets no answer; opens no port. The arguments are those of `Bus.scan`.
 
-    guard_s: quiet time after a change of line settings, as `open_bus` has it. facts: line facts for all drives asked.
+    guard_s: quiet time after a change of line settings, as in `open_bus`. facts: line facts of all drives in the scan.
     """
     roster, given = Roster(guard_s=guard_s), line_overrides(facts)
     seconds, questions = 0.0, 0
@@ -69,14 +69,14 @@ def forecast_scan(
 
 
 def _late_s(member: Member, asking: Asking) -> float:
-    """Return how long the next drive of a protocol waits for a late reply that would name no drive."""
+    """Return how many seconds the next drive of a protocol waits for a late reply that would not name its drive."""
     facts = member.peer.facts
     command = next(probe(asking, member.operations, facts.settings))
     return facts.timing.late_s if isinstance(command, Ask) and command.anonymous else 0.0
 
 
 def _silence_s(member: Member, asking: Asking, guard_s: float) -> float:
-    """Return how long one question takes that comes after another one and is not answered."""
+    """Return how many seconds an unanswered request takes that follows another unanswered request."""
     link = Link(guard_s=guard_s)
     link.paced = True
     ends = []
@@ -89,7 +89,7 @@ def _silence_s(member: Member, asking: Asking, guard_s: float) -> float:
 
 
 def _unanswered(steps: Steps[Any], now: float) -> float:
-    """Take steps on a line on which nothing comes, and return when they are over."""
+    """Run link steps against a silent line, and return the time at which they end."""
     try:
         effect = next(steps)
         while True:

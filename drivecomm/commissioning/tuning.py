@@ -1,12 +1,13 @@
-"""How short the pause after a drive's reply may be, and how long to wait for a reply, measured with the drive itself.
+"""Tuning of the pause after a drive's reply and of the reply timeout, by measurements with the drive itself.
 
-Nothing is written to the drive, and nothing is sent but its protocol's probe, which cannot move a motor. Half of the
-turnaround is tried, half of that, and so on, until a drive errs or what its maker demands is reached. An error ends a
-trial, and the drive must answer at its usual turnaround before it goes on, so that it never misses two requests in a
-row because of a trial. What is found gets a margin and has to hold for the exchanges that were asked for. A drive that
-errs at its usual turnaround gets more time for its replies, and then longer and longer pauses.
+Tuning writes nothing to the drive. It sends only the probe of the protocol, which cannot move a motor. It tries half of
+the turnaround, then half of that, and so on, until the drive makes errors or the maker's minimum is reached. An error
+ends a trial. The drive must then answer at its usual turnaround before the next trial, so that it never misses two
+requests in a row because of a trial. The turnaround found gets a margin and must hold for the requested number of
+exchanges. A drive that makes errors at its usual turnaround gets more time for its replies, and then longer and longer
+pauses.
 
-Others may use the line meanwhile, such as who feeds a watchdog: each exchange is a turn of its own.
+Other callers may use the line between exchanges, for example to feed a watchdog.
 """
 
 from __future__ import annotations
@@ -31,18 +32,18 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Ask, Codec, Exchange, LineFacts, Message, Tell
 
 EXCHANGES = 300
-"""How many exchanges the result has to hold for, unless told."""
+"""Default number of exchanges for which the result must hold."""
 
 _FEWEST_EXCHANGES = 20
 _SHARE_OF_A_TRIAL = 10
 _RESOLUTION_S = 0.00005
 _RESOLUTION_SHARE = 0.04
 _MARGIN_SHARE = 1 / 3
-# Four characters at 115200 baud, and far more than clocks of drive and master differ in.
+# Four characters at 115200 baud, and far more than the drift between the clocks of drive and master.
 _LEAST_MARGIN_S = 0.0004
 _REPLY_TIMES = 3
 _LEAST_REPLY_MARGIN_S = 0.02
-# Longer than any drive of the manuals takes to answer, and than any wants to be left alone.
+# Longer than the reply time, and than the rest between requests, of any drive in the manuals.
 _PATIENCE_S = 3.0
 _FIRST_LONGER_PAUSE_S, _LONGEST_PAUSE_S = 0.02, 1.3
 _RECOVERY_ATTEMPTS = 3
@@ -52,9 +53,9 @@ _TROUBLES = ("timeouts", "damaged", "strays", "noise bytes", "unasked bytes", "d
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trial:
-    """Exchanges with one turnaround. pause_s: how short the pauses really were, with what the master itself takes.
+    """Exchanges with one turnaround. pause_s: the shortest pauses measured, including the master's own delay.
 
-    error: what ended it before all were made, empty if nothing did.
+    error: the error that ended the trial early; empty if all exchanges succeeded.
     """
 
     turnaround_s: float
@@ -65,11 +66,11 @@ class Trial:
 
     @property
     def per_second(self) -> float:
-        """How many exchanges there were in a second."""
+        """Exchanges per second."""
         return self.exchanges / self.seconds if self.seconds else 0.0
 
     def rest_s(self, exchanges: int, facts: LineFacts) -> float:
-        """Estimate how long tuning for so many exchanges takes after this first trial."""
+        """Estimate the remaining seconds of a tuning with N exchanges after this first trial."""
         failure_s = facts.timing.reply_timeout_s + facts.timing.late_s
         asked = exchanges + _SHARE_OF_A_TRIAL * _of_a_trial(exchanges)
         return asked * self.seconds / max(1, self.exchanges) + _USUAL_FAILURES * failure_s
@@ -77,13 +78,13 @@ class Trial:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tuned:
-    """What was found for a drive. before, after: with the usual turnaround, and with the tuned one for all exchanges.
+    """Tuning result of one drive. before, after: trial at the usual turnaround, and all exchanges at the tuned one.
 
-    `before` may have failed where a longer pause or more time for replies holds.
+    `before` may have failed if the drive needs a longer pause or more time for replies.
 
-    held_s: the shortest turnaround that held. least_s: what the maker demands. tuned_before_s: what was in use
-    before, 0 for none. reply_delays: from a request's end until its reply began.
-    reply_timeout_before_s, reply_timeout_s: in use, and enough for these delays.
+    held_s: the shortest turnaround that held. least_s: the maker's minimum. tuned_before_s: the tuned turnaround in use
+    before, 0 for none. reply_delays: times from the end of a request to the beginning of its reply.
+    reply_timeout_before_s, reply_timeout_s: the timeout in use, and one that suffices for these delays.
     """
 
     drive: str
@@ -98,22 +99,22 @@ class Tuned:
 
     @property
     def error(self) -> str:
-        """What went wrong with every turnaround, so that nothing can be said; empty if the result holds."""
+        """Error that occurred at every turnaround, so that there is no result; empty if the result holds."""
         return self.after.error
 
     @property
     def turnaround_s(self) -> float:
-        """The one that held for all exchanges: the shortest with a margin, or longer than the usual if need be."""
+        """Turnaround of the final trial in seconds: the shortest with a margin, or a longer one if needed."""
         return self.after.turnaround_s
 
     @property
     def gain(self) -> float:
-        """How many times as many exchanges there are in a second."""
+        """Exchange rate after tuning as a multiple of the rate before."""
         return self.after.per_second / self.before.per_second if self.before.per_second else 1.0
 
     @property
     def options(self) -> Mapping[str, float]:
-        """The drive's options that change; none if the result does not hold."""
+        """Drive options that change; empty if the result does not hold."""
         if self.error:
             return {}
         longer = {"turnaround_s": self.turnaround_s} if self.turnaround_s > self.before.turnaround_s else {}
@@ -125,7 +126,7 @@ class Tuned:
 
 
 def _ignore(*_: object) -> None:
-    """Show nothing."""
+    """Ignore the arguments; default callback."""
 
 
 def tune(
@@ -135,11 +136,11 @@ def tune(
     tried: Callable[[Trial], None] = _ignore,
     progress: Callable[[str, int, int], None] = _ignore,
 ) -> Tuned:
-    """Find the shortest turnaround and the reply time-out with which a drive answers so many requests without an error.
+    """Find the shortest turnaround and the reply timeout with which a drive answers N requests without an error.
 
-    tried: told each trial at its end; the first is at the usual turnaround. progress: told what is tried, how many
-    exchanges are made, and of how many. Raises ReplyError when the drive does not answer any more, LinkError when the
-    port fails.
+    tried: called with each finished trial; the first one is at the usual turnaround. progress: called with the current
+    attempt, the number of exchanges done, and their total. Raises ReplyError if the drive stops answering, LinkError if
+    the port fails.
     """
     return carry_out(drive, _Tuning(drive, exchanges, tried, progress).run())
 
@@ -151,12 +152,12 @@ async def tune_async(
     tried: Callable[[Trial], None] = _ignore,
     progress: Callable[[str, int, int], None] = _ignore,
 ) -> Tuned:
-    """Find them for an asyncio drive, as `tune` does."""
+    """Find turnaround and reply timeout for an asyncio drive; see `tune`."""
     return await carry_out_async(drive, _Tuning(drive, exchanges, tried, progress).run())
 
 
 class _Tuning:
-    """Tunes one drive."""
+    """Tuning of one drive."""
 
     def __init__(
         self,
@@ -226,14 +227,14 @@ class _Tuning:
         self._facts, self._peer = facts, replace(self._peer, facts=facts)
 
     def _settle(self) -> Procedure[None]:
-        """Ask once, and wait until the bus no longer listens for a second reply, which would lengthen the pauses."""
+        """Probe once, then wait until the bus stops listening for a second reply, which lengthens the pauses."""
         yield from self._recover(self._facts.turnaround_s)
-        # Only a network port is listened to for so long, but the tuning does not know its port.
+        # Only network ports need this wait, but the tuning does not know the kind of its port.
         now: float = yield _now
         yield sleep_until(now + CAREFUL_S)
 
     def _confirmed(self, turnaround_s: float, usual_s: float) -> Procedure[Trial]:
-        """Make all exchanges with a turnaround, with twice of it if that does not hold, at last with the usual one."""
+        """Run all exchanges with a turnaround; double it after each failure, up to the usual turnaround."""
         while True:
             trial = yield from self._trial(turnaround_s, self._exchanges)
             if not trial.error or turnaround_s >= usual_s:
@@ -241,7 +242,7 @@ class _Tuning:
             turnaround_s = min(usual_s, 2 * turnaround_s)
 
     def _shortest(self, usual_s: float, least_s: float) -> Procedure[float]:
-        """Find the shortest turnaround that holds for a trial, between the usual one and the one that must be kept."""
+        """Find the shortest turnaround that holds for a trial, between the usual one and the maker's minimum."""
         held_s, short_s, enough_s = usual_s, least_s, usual_s
         while held_s - short_s > max(_RESOLUTION_S, _RESOLUTION_SHARE * held_s):
             middle_s = (held_s + short_s) / 2
@@ -259,7 +260,7 @@ class _Tuning:
         before, error = statistics.counters.copy(), ""
         ended_s: list[float] = []
         pauses_s: list[float] = []
-        # The first request follows on the usual turnaround, and does not count.
+        # The first request still follows the usual turnaround, so it does not count.
         for done in range(exchanges + 1):
             self._progress(f"with a pause of {turnaround_s * 1000:.2f} ms", done, exchanges)
             error, spoken_s = yield from self._exchange(peer, statistics)
@@ -271,7 +272,7 @@ class _Tuning:
             ended_s.append(now)
         trial = Trial(
             turnaround_s=turnaround_s,
-            # The shortest of them may be a clock that was read late.
+            # The very shortest pauses may come from a clock that was read late.
             pause_s=max(turnaround_s, sorted(pauses_s)[len(pauses_s) // 10]) if pauses_s else turnaround_s,
             exchanges=len(pauses_s),
             seconds=ended_s[-1] - ended_s[0] if ended_s else 0.0,
@@ -281,7 +282,7 @@ class _Tuning:
         return trial
 
     def _exchange(self, peer: Peer, statistics: Statistics) -> Procedure[tuple[str, float]]:
-        """Ask once; return what went wrong, empty if nothing did, and how long it was from the request to the reply."""
+        """Probe once; return the error, empty on success, and the seconds from request to reply."""
         times, settings = statistics.reply_times, self._facts.settings
         count, total_s = times.count, times.total_s
         lengths = _Lengths()
@@ -290,7 +291,7 @@ class _Tuning:
         except ReplyError as failure:
             return in_one_line(failure), 0.0
         except DriveError:
-            # Who refuses has answered.
+            # A refusal is an answer, too.
             pass
         took_s = times.total_s - total_s
         if lengths.replies and lengths.replies == times.count - count:
@@ -298,9 +299,9 @@ class _Tuning:
         return "", took_s + settings.wire_s(lengths.sent)
 
     def _recover(self, turnaround_s: float) -> Procedure[None]:
-        """Make sure that the drive answers; the last attempt waits as long as any drive needs. Raises ReplyError.
+        """Wait until the drive answers again; the last attempt waits as long as any drive needs. Raises ReplyError.
 
-        turnaround_s: what the drive gets after its answer, unless it usually gets more.
+        turnaround_s: minimum pause after the drive's answer; the usual turnaround is used if it is longer.
         """
         usual = replace(self._peer, facts=self._with(max(turnaround_s, self._facts.turnaround_s)))
         patient = self._facts.override(
@@ -336,7 +337,7 @@ def _with_margin(seconds: float) -> float:
 
 
 def _trouble(before: Counter[str], after: Counter[str]) -> str:
-    """Return what was counted meanwhile that should not be there."""
+    """Return the line faults counted between two readings of the counters, as text; empty if there were none."""
     more = {name: after[name] - before[name] for name in _TROUBLES if after[name] > before[name]}
     return ", ".join(f"{name}: {number}" for name, number in more.items())
 
@@ -351,7 +352,7 @@ def _statistics(name: str) -> Callable[[Any], Statistics]:
 
 @dataclass(slots=True)
 class _Lengths:
-    """Characters sent and received in an exchange, and how many replies there were."""
+    """Characters sent and received in an exchange, and its number of replies."""
 
     sent: int = 0
     received: int = 0
@@ -359,12 +360,12 @@ class _Lengths:
 
 
 def _ask(peer: Peer, probe: Callable[[], Exchange[None]], lengths: _Lengths, drive: Any) -> Any:
-    """Ask a drive whether it is there, whatever is known of it."""
+    """Probe a drive even if it is given up."""
     return drive.bus.run(Job(peer, _measured(probe(), peer.codec, lengths), insists=True))
 
 
 def _measured(exchange: Exchange[None], codec: Codec, lengths: _Lengths) -> Exchange[None]:
-    """Carry out an exchange, and take down how long its telegrams are."""
+    """Run an exchange and record the lengths of its telegrams."""
 
     def sent(command: Ask | Tell | Pause) -> Ask | Tell | Pause:
         lengths.sent += 0 if isinstance(command, Pause) else len(codec.encode(command.message))

@@ -1,6 +1,6 @@
-"""A plant: its lines and drives as data, as a file, as its masters open it, and how all of it is.
+"""A plant: its lines and drives as data, as a file, as opened by a master, and the status of all its drives.
 
-What a plant is, is here; `drivecomm.plant.files` reads one, `drivecomm.plant.opened` opens it for masters, and
+This package describes plants; `drivecomm.plant.files` reads one, `drivecomm.plant.opened` opens it for masters, and
 `drivecomm.virtual.virtual_plant` makes virtual drives of it. docs/reference/plant-file.md and
 docs/how-to/virtual-plant.md explain the files.
 """

@@ -1,4 +1,4 @@
-"""Changes in a plant file; all else stays as people wrote it, comments included."""
+"""Edits in a plant file that keep everything else as people wrote it, comments included."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ _WHAT = "a plant"
 
 
 def write_options(file: Path, number: int, options: Mapping[str, Any]) -> None:
-    """Set options of the drive with this number, from 0, in the order of the file.
+    """Set options of a drive in a plant file. number: position of the drive in the file, from 0.
 
-    Raises FileFormatError for a file that cannot be read or written, or whose way of writing is beyond this.
+    Raises FileFormatError for a file that cannot be read or written, or whose notation this function cannot edit.
     """
     text = read_text_file(file, _WHAT)
     content = parse_toml(text, f"{file}: cannot be read as {_WHAT}")
@@ -43,7 +43,10 @@ def write_options(file: Path, number: int, options: Mapping[str, Any]) -> None:
 
 
 def with_line_named(text: str, line: str) -> str:
-    """Return the text of a plant of one line in which each [[drive]] names this line, as a plant of several needs."""
+    """Return the text of a single-line plant with the line named in each [[drive]].
+
+    A plant of several lines needs these names.
+    """
     lines = text.split("\n")
     for begin in reversed([place for place, each in enumerate(lines) if _DRIVE.match(each)]):
         end = _next_header(lines, begin + 1)
@@ -78,7 +81,7 @@ def _changed(text: str, number: int, options: Mapping[str, Any]) -> str:
 
 
 def _inside(text: str, options: Mapping[str, Any]) -> str:
-    """Return the inside of an inline table with these options."""
+    """Return the text between the braces of an inline table with these options."""
     for key, value in options.items():
         line = toml_line(key, value)
         text, found = re.subn(rf"(?<![\w.-]){re.escape(key)}\s*=\s*[^,}}\s]+", line, text)
@@ -89,7 +92,7 @@ def _inside(text: str, options: Mapping[str, Any]) -> str:
 
 
 def _with_keys(lines: list[str], begin: int, end: int, before: str, options: Mapping[str, Any]) -> str:
-    """Set options that stand on lines of their own."""
+    """Set options that are written on separate lines."""
     for key, value in options.items():
         ending = "\r" if lines[begin - 1].endswith("\r") else ""
         own = re.compile(rf"(\s*{re.escape(before)}{re.escape(key)}\s*=\s*)[^\s#]+")
@@ -103,7 +106,7 @@ def _with_keys(lines: list[str], begin: int, end: int, before: str, options: Map
 
 
 def _behind_drive(lines: list[str], begin: int, end: int) -> int:
-    """Return where a new key goes: behind the one that says which drive it is."""
+    """Return the position of a new key: after the key `drive`."""
     return next((place + 1 for place in range(begin, end) if re.match(r"\s*drive\s*=", lines[place])), begin)
 
 

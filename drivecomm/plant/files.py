@@ -1,52 +1,52 @@
-"""Plants as files.
+"""Plant files.
 
-A plant is a TOML file; all times are seconds of the process from the start of the plant:
+A plant is a TOML file. All times are seconds from the start of the plant's process. Example:
 
 format = 1
 
 [[line]]
 name = "hall"
 listen = "tcp:127.0.0.1:4001"       # optional: where a master connects, pty:PATH, tcp:HOST:PORT, rfc2217:HOST:PORT
-listeners = true                    # optional: at tcp, whoever connects beside the master hears the line
-port = "/dev/ttyUSB0"               # optional: what a master opens; where the line listens unless given
-echo = true                         # optional: the master hears itself
-paced = false                       # optional: characters take no time; they do unless this is said
+listeners = true                    # optional: with tcp, further clients may listen to the line
+port = "/dev/ttyUSB0"               # optional: port for a master; by default where the line listens
+echo = true                         # optional: the master receives its own characters
+paced = false                       # optional: characters take no time; by default they do
 baudrate = 19200                    # optional, for all its drives: also bytesize, parity, stopbits
 noise = { rate = 0.01, seed = 1, kinds = ["corrupt", "drop"] }
                                     # optional; also requests, replies (true or false), delay_s, bits
 
 [[drive]]
-name = "pump"                       # optional: PROTOCOL:ADDRESS unless given
+name = "pump"                       # optional: by default PROTOCOL:ADDRESS
 drive = "vabus:1"                   # PROTOCOL:ADDRESS
-line = "hall"                       # optional where there is one line only
-title = "feed pump, hall 2"         # optional: what it is, for people
-groups = ["pumps", "hall 2"]        # optional: names that commands take for it and others together
-options = { model = "agile" }       # optional: what Bus.drive takes
-armed = true                        # optional: may be written and commanded; read-only unless this is said
+line = "hall"                       # optional if there is only one line
+title = "feed pump, hall 2"         # optional: description for people
+groups = ["pumps", "hall 2"]        # optional: group names that commands accept in place of its name
+options = { model = "agile" }       # optional: keywords of Bus.drive
+armed = true                        # optional: may be written and commanded; by default read-only
 confirmed = ["output_voltage"]      # optional: parameters whose type, scale and unit were checked on this drive
 poll = [{ parameters = ["output_frequency"], period_s = 0.2, priority = 1 }]
-                                    # optional: what is polled of it; each second and alike unless said; also options
+                                    # optional: values to poll; by default each second, equal priority; also options
                                     # of the protocol for reading, such as options = { type = "long" }
 link_loss = { policy = "trip", watchdog_s = 5 }
                                     # optional: hold, ramp, coast or trip when its master falls silent; after 5 s
 network = { http = ["start", "reset"], write = ["480"] }
-                                    # optional: what may be done with it over a network, by the kind of door
+                                    # optional: permitted commands over a network, by the kind of door
 tags = { output_frequency = { name = "P101.SPEED", group = "mixing", deadband = 0.05 } }
-                                    # optional: what supervisory systems call a value that is polled
+                                    # optional: names of polled values in supervisory systems
 machine = { unit = "m/min", per_hz = "1.25" }
-                                    # optional: what a hertz is at the machine; or by its mechanics, such as
+                                    # optional: machine units per hertz; or the mechanics, such as
                                     # { unit = "m/min", poles = 4, gear = "5.2", per_turn = "0.314" }
-reply_delay_s = 0.005               # optional: how long the virtual drive takes to answer, and a forecast reckons with
-needs_pause_s = 0.001               # optional: after its reply, the virtual drive does not hear what begins sooner
-values = { "480" = 1000 }           # optional: raw values that parameters hold at the start
-motor = { rated_kw = 7.5 }          # optional: what differs from the usual motor
+reply_delay_s = 0.005               # optional: reply time of the virtual drive, also used by forecasts
+needs_pause_s = 0.001               # optional: the virtual drive misses requests that begin sooner after its reply
+values = { "480" = 1000 }           # optional: raw values of parameters at the start
+motor = { rated_kw = 7.5 }          # optional: differences from the usual motor
 
 [[fault]]                           # telegrams that are lost, changed, cut, late or doubled
 line = "hall"                       # or drive = "pump": replies of this drive
 kind = "drop"                       # corrupt, truncate, delay (with delay_s), duplicate
 of = "reply to a write"             # optional: request, reply, reply to a read, reply to a command
-to = { parameter = 480 }            # optional: fields that the answered request has
-every = 3                           # optional: each third; or rate = 0.1 with seed: this share; or each one
+to = { parameter = 480 }            # optional: fields that the answered request must have
+every = 3                           # optional: each third one; or a share: rate = 0.1 with seed; by default all
 from_s = 10                         # optional
 until_s = 60                        # optional
 
@@ -157,7 +157,7 @@ _LINK_LOSS = {"policy": TEXT, "watchdog_s": SECONDS}
 
 
 def read_plant(path: Path) -> Plant:
-    """Read a plant file. Raises FileFormatError with the file's name, the line, the entry and what is wrong in it."""
+    """Read a plant file. Raises FileFormatError with the name of the file, the line, the entry and its fault."""
     read_s = time.time()
     top = read_toml(path, "a plant")
     for each in top.tables("poll"):
@@ -236,7 +236,7 @@ def _drive(table: Table, only_line: str) -> DriveConfig:
 
 
 def _told_apart(drive: DriveConfig, before: tuple[DriveConfig, ...], table: Table) -> DriveConfig:
-    """Return a drive. Raises FileFormatError where its name, or its place, is that of another one."""
+    """Return a drive. Raises FileFormatError if another drive has its name or its place."""
     if _ADDRESS.fullmatch(drive.name) and drive.name != str(drive):
         what = f"{drive} is named as if it were {drive.name}; give it another name, or leave the name out"
         raise table.error(what, "name")
@@ -264,7 +264,7 @@ def _tags(table: Table, poll: tuple[PollGroup, ...]) -> dict[str, Tag]:
     polled = {STATUS, *(name for group in poll for name in group.parameters)}
     tags = {}
     for name in table.content:
-        # What a server polls where nothing is said is found out later.
+        # The server's default polls are not known yet, so without `poll` every tag is accepted.
         if poll and name not in polled:
             raise table.error(f"{name} is not polled; write it under poll, too", name)
         tags[name] = Tag(**table.table(name).take(_TAG))

@@ -1,4 +1,4 @@
-"""Names of groups of drives in a plant file: each must differ from every other word that names drives in a command."""
+"""Names of drive groups in a plant file; each must differ from every other word that names drives in a command."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ _KEY = "groups"
 
 
 def checked_groups(names: Sequence[str], table: Table) -> tuple[str, ...]:
-    """Return the groups of a drive. Raises FileFormatError for a name that no group can have, and for one given twice.
+    """Return the groups of a drive. Raises FileFormatError for an invalid name and for a name given twice.
 
-    table: of the drive.
+    table: table of the drive.
     """
     for name in names:
         if why := _why_not(name):
@@ -27,7 +27,7 @@ def checked_groups(names: Sequence[str], table: Table) -> tuple[str, ...]:
 
 
 def check_apart(drives: Sequence[DriveConfig], tables: Sequence[Table]) -> None:
-    """Raise FileFormatError for a group that has the name of a drive. tables: of these drives, in their order."""
+    """Raise FileFormatError for a group that has the name of a drive. tables: of these drives, in the same order."""
     names = {drive.name for drive in drives}
     for drive, table in zip(drives, tables, strict=True):
         for group in drive.groups:
@@ -36,10 +36,10 @@ def check_apart(drives: Sequence[DriveConfig], tables: Sequence[Table]) -> None:
 
 
 def _why_not(name: str) -> str:
-    """Return what to write in place of a name; empty for one that a group can have."""
+    """Return advice on an invalid group name, or an empty string if the name is valid."""
     if not name or not name.isprintable() or name != name.strip():
         return "write printable characters, without spaces around them"
-    # In a command a comma begins the options of a drive, a colon its address, and a dash an option of the command.
+    # In a command, a comma begins the options of a drive, a colon its address, and a dash an option of the command.
     if "," in name or ":" in name or name.startswith("-"):
         return "write a name without commas and colons that does not begin with a dash"
     return "stop --all means all drives already; choose another name" if name.casefold() == "all" else ""

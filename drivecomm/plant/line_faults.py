@@ -1,4 +1,4 @@
-"""Seeded faults on a virtual line: what happens to a transmission between its sender and its receiver."""
+"""Seeded faults on a virtual line: disturbances of transmissions between sender and receiver."""
 
 from __future__ import annotations
 
@@ -14,12 +14,16 @@ if TYPE_CHECKING:
 
 
 class Fault(Enum):
-    """What can happen on a line.
+    """Kinds of faults on a line.
 
-    To a transmission, DROP: nothing arrives. CORRUPT: one character is changed. TRUNCATE: the end is missing. DELAY: it
-    arrives late. DUPLICATE: it arrives twice.
-    To the echo of a transmission, ECHO_PARTIAL: a run of its characters is missing. ECHO_NOISY: some are changed.
-    To the line, FOREIGN: somebody else sends a telegram. POWER: a drive loses power while it answers, and comes back.
+    Faults of a transmission, DROP: nothing arrives. CORRUPT: one character is changed. TRUNCATE: the end is missing.
+    DELAY: it arrives late. DUPLICATE: it arrives twice.
+
+    Faults of the echo of a transmission, ECHO_PARTIAL: a run of its characters is missing. ECHO_NOISY: some are
+    changed.
+
+    Faults of the line, FOREIGN: a foreign sender transmits a telegram. POWER: a drive loses power while it answers, and
+    comes back.
     """
 
     DROP = "drop"
@@ -34,15 +38,15 @@ class Fault(Enum):
 
 
 TRANSMISSION_FAULTS = (Fault.DROP, Fault.CORRUPT, Fault.TRUNCATE, Fault.DELAY, Fault.DUPLICATE)
-"""What can happen to a telegram on the wires."""
+"""Faults of a telegram on the wires."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PowerCut:
-    """How a drive loses power.
+    """Loss of power of one drive.
 
-    share: the part of its reply that is out by then, 0 to 1. lasts_s: how long it has none. settings: the line settings
-    that it comes back with, None for those it had. mismatch_s: how long it keeps those, until somebody sets it right.
+    share: part of its reply that is sent by then, 0 to 1. lasts_s: duration of the outage. settings: line settings
+    after the outage, None for the previous ones. mismatch_s: seconds until those settings are corrected.
     """
 
     share: float
@@ -53,15 +57,17 @@ class PowerCut:
 
 @dataclass(slots=True, kw_only=True)
 class FaultPlan:
-    """Decides for each transmission whether and how it is disturbed; the same seed decides the same.
+    """Random faults of transmissions; the same seed gives the same faults.
 
-    rate: share of transmissions that are disturbed, 0 to 1. kinds: which faults happen, equally often; a kind that is
-    listed twice happens twice as often. requests, replies: whether transmissions of the master and of the drives are
-    disturbed. delay_s: the longest delay. bits: how many bits of a corrupted character are wrong at most.
-    traffic, traffic_within_s: the telegrams that FOREIGN chooses from, and how long at most after the beginning of a
-    transmission it puts one on the line, with the master's line settings.
-    outage_s: how long at most POWER keeps a drive without power. factory, mismatch_s: the line settings that half of
-    those drives come back with, None for always their own, and how long at most they keep them.
+    rate: share of transmissions that are disturbed, 0 to 1. kinds: kinds of faults, equally frequent; a kind that is
+    listed twice is twice as frequent. requests, replies: whether transmissions of the master and of the drives are
+    disturbed. delay_s: the longest delay. bits: limit of wrong bits in a corrupted character.
+
+    traffic, traffic_within_s: telegrams for FOREIGN, and its longest delay after the beginning of a transmission; the
+    foreign telegram uses the master's line settings.
+
+    outage_s: longest outage of POWER. factory, mismatch_s: line settings with which half of those drives come back,
+    None for always their own, and the longest time until those settings are corrected.
     """
 
     rate: float
@@ -83,15 +89,15 @@ class FaultPlan:
         self._random = Random(self.seed)  # noqa: S311 - repeatable on purpose
 
     def request(self, data: bytes) -> list[tuple[float, bytes]]:
-        """Return what arrives of a master's transmission, as delays and bytes."""
+        """Return the part of a master's transmission that arrives, as delays in seconds and bytes."""
         return self._disturb(data) if self.requests else [(0.0, data)]
 
     def reply(self, data: bytes) -> list[tuple[float, bytes]]:
-        """Return what arrives of a drive's transmission, as delays and bytes."""
+        """Return the part of a drive's transmission that arrives, as delays in seconds and bytes."""
         return self._disturb(data) if self.replies else [(0.0, data)]
 
     def echo(self, data: bytes) -> bytes:
-        """Return what an adapter that echoes hands back of a master's transmission."""
+        """Return the echo of a master's transmission from an adapter that echoes."""
         fault = self._draw(Fault.ECHO_PARTIAL, Fault.ECHO_NOISY)
         if fault is Fault.ECHO_PARTIAL:
             first = self._random.randrange(len(data))
@@ -102,13 +108,13 @@ class FaultPlan:
         return data
 
     def foreign(self) -> list[tuple[float, bytes]]:
-        """Return what somebody else sends around a transmission, as delays from its beginning and bytes."""
+        """Return foreign telegrams around a transmission, as delays in seconds from its beginning and bytes."""
         if not self.traffic or self._draw(Fault.FOREIGN) is None:
             return []
         return [(self._random.uniform(0, self.traffic_within_s), self._random.choice(self.traffic))]
 
     def power(self) -> PowerCut | None:
-        """Return how the drive that now begins to answer loses power, None when it does not."""
+        """Return the power cut of the drive that now begins to answer, None for no power cut."""
         if self._draw(Fault.POWER) is None:
             return None
         return PowerCut(
@@ -119,7 +125,7 @@ class FaultPlan:
         )
 
     def _draw(self, *possible: Fault) -> Fault | None:
-        """Return which of these happens now; nothing when the plan chooses another kind."""
+        """Return the fault that happens now if it is one of these kinds, otherwise None."""
         if not self.rate or not any(kind in possible for kind in self.kinds) or self._random.random() >= self.rate:
             return None
         fault = self._random.choice(self.kinds)
@@ -140,7 +146,7 @@ class FaultPlan:
 def disturbed(
     fault: Fault, data: bytes, random: Random, *, delay_s: float = 0.0, bits: int = 8
 ) -> list[tuple[float, bytes]]:
-    """Return what arrives of a transmission to which this happens, as delays and bytes; a late one is delay_s late."""
+    """Return the bytes that arrive of a faulty transmission, with delays in seconds. delay_s: delay of Fault.DELAY."""
     if fault is Fault.DROP:
         return []
     if fault is Fault.CORRUPT:
@@ -161,4 +167,4 @@ def _corrupted(data: bytes, random: Random, bits: int) -> bytes:
 
 
 UNDISTURBED = FaultPlan(rate=0.0)
-"""No faults."""
+"""Plan without faults."""

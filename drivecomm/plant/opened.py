@@ -1,11 +1,11 @@
-"""A plant from its masters' side: its drives by name, on lines that are opened when they are needed.
+"""Plant as its masters use it: drives by name, on lines that are opened when they are needed.
 
     with open_plant("plant.toml") as plant:
         pump = plant.drive("pump")
         print(pump.read("output_frequency"))
 
-A drive that the plant does not arm is read-only: what writes or commands raises UsageError before anything is sent.
-Stopping it is always allowed.
+A drive that is not armed in the plant is read-only: writes and commands raise UsageError before anything is sent.
+Stops are always allowed.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ _OWN_OPTIONS = ("own_ports", "server")
 
 
 class OpenPlant(Mapping[str, "Drive"]):
-    """The drives of a plant by name; looking one up opens its line. May be used from many threads.
+    """Drives of a plant by name; a lookup opens the line of the drive. Safe for use from many threads.
 
-    plant: what there is. file: what errors call it, where it was read unless given. port_of: what to open for a line
-    instead of the port that the plant names, such as a function that returns a port; None for that. opening: further
-    keywords of `open_bus`, for all lines; what is given goes before what the plant says of a line or a drive.
-    own_ports: open the ports themselves, also where a server has them; otherwise everything goes through it then.
-    server: never open a port here, so that whatever ends the server, nothing is commanded without its rights and audit.
-    holding: entered with each port that is opened here and its bus, for as long as it is open.
+    plant: the description of the plant. file: file name in errors; by default the file of the plant. port_of: returns
+    the port of a line, or a function that opens it, instead of the port in the plant; None for the plant's ports.
+    opening: further keywords of `open_bus`, for all lines; they override the settings of lines and drives in the plant.
+    own_ports: open the ports directly even if a server has them; by default such lines are reached through the server.
+    server: never open a port here, so that after the end of the server no command bypasses its rights and audit.
+    holding: context manager that is entered with each port opened here and its bus, and left when the port closes.
     """
 
     @buses.lists_line_options
@@ -70,7 +70,7 @@ class OpenPlant(Mapping[str, "Drive"]):
         self._own_ports, self._server = own_ports, server
         self._holding = holding
         self._opening = dict(opening)
-        # One for each line: a port that takes long to open does not hold up the others.
+        # One guard for each line, so that a slow port does not delay the other lines.
         self._guards = {line.name: RLock() for line in plant.lines}
         self._stack = ExitStack()
         self._lines: dict[str, BlockingLine] = {}
@@ -78,13 +78,13 @@ class OpenPlant(Mapping[str, "Drive"]):
 
     @property
     def drives(self) -> Mapping[str, Drive]:
-        """All drives by name, in the order of the plant; looking one up opens its line."""
+        """All drives by name, in the order of the plant; a lookup opens the line of the drive."""
         return self
 
     def drive(self, name: str) -> Drive:
-        """Return a drive by its name, or by PROTOCOL:ADDRESS where that is one drive only; opens its line.
+        """Return a drive by its name, or by PROTOCOL:ADDRESS if only one drive has it; opens its line.
 
-        Raises UsageError for a name that the plant does not have, PortError when its line cannot be opened.
+        Raises UsageError for a name that the plant does not have, PortError if its line cannot be opened.
         """
         found = self.plant.drive(name)
         with self._guards[found.line]:
@@ -95,12 +95,12 @@ class OpenPlant(Mapping[str, "Drive"]):
     def group(self, name: str) -> list[Drive]:
         """Return the drives of a group, in the order of the plant; opens their lines.
 
-        Raises UsageError for a group that the plant does not have, PortError when a line cannot be opened.
+        Raises UsageError for a group that the plant does not have, PortError if a line cannot be opened.
         """
         return [self.drive(each.name) for each in self.plant.group(name)]
 
     def bus(self, line: str) -> BlockingLine:
-        """Return the bus of a line, opened when it is asked for first. Raises as `drive` does."""
+        """Return the bus of a line, which the first call opens. Raises the same errors as `drive`."""
         found = self.plant.line(line)
         with self._guards[line]:
             if line not in self._lines:
@@ -110,10 +110,10 @@ class OpenPlant(Mapping[str, "Drive"]):
             return self._lines[line]
 
     def stop_all(self, how: Stop | StopName = Stop.RAMP, *, on_result: OnResult | None = None) -> list[StopResult]:
-        """Stop all motors of the plant, armed or not, and return what came of each stop, drive by drive.
+        """Stop all motors of the plant, armed or not, and return the result of each stop, drive by drive.
 
-        All lines concurrently, each as `Bus.stop_all` stops it; lines that are not open are opened. Nothing is raised
-        for a drive or a line. on_result: called with each outcome as it comes, in the thread of its line.
+        The lines are stopped concurrently, each as in `Bus.stop_all`; lines that are not open are opened. No failure of
+        a drive or a line raises an error. on_result: called with each result as it arrives, in the thread of its line.
         """
         from drivecomm.plant.stopping import stop_everything, stop_lines
 
@@ -122,16 +122,16 @@ class OpenPlant(Mapping[str, "Drive"]):
     def stop_group(
         self, name: str, how: Stop | StopName = Stop.RAMP, *, on_result: OnResult | None = None
     ) -> list[StopResult]:
-        """Stop the motors of a group, armed or not, and no other, and return what came of each stop, as `stop_all`.
+        """Stop only the motors of a group, armed or not, and return the result of each stop, as `stop_all`.
 
-        Raises UsageError for a group that the plant does not have, and nothing for a drive or a line.
+        Raises UsageError for a group that the plant does not have. No failure of a drive or a line raises an error.
         """
         from drivecomm.plant.stopping import stop_lines, stop_only
 
         return stop_lines(stop_only, self._by_line(self.plant.group(name)), self.bus, way_to_stop(how), on_result)
 
     def close(self) -> None:
-        """Close all lines that were opened; a drive that is looked up afterwards opens its line again."""
+        """Close all open lines; a later lookup of a drive opens its line again."""
         self._drives.clear()
         self._lines.clear()
         self._stack.close()
@@ -141,7 +141,7 @@ class OpenPlant(Mapping[str, "Drive"]):
         return f"<{type(self).__name__} {self.file}, {there}, {len(self._lines)} of them open>"
 
     def __getitem__(self, name: str) -> Drive:
-        """Return a drive by the name that the plant gives it."""
+        """Return a drive by its name in the plant."""
         if name not in list(self):
             raise KeyError(name)
         return self.drive(name)
@@ -159,7 +159,7 @@ class OpenPlant(Mapping[str, "Drive"]):
         self.close()
 
     def _by_line(self, drives: Iterable[DriveConfig]) -> dict[str, list[DriveConfig]]:
-        """Return drives by their lines, with what was said here of all lines."""
+        """Return drives grouped by line, with the line options of this object applied."""
         facts = {key: value for key, value in self._opening.items() if key in LINE_FACT_NAMES and value is not None}
         found: dict[str, list[DriveConfig]] = {}
         for drive in drives:
@@ -203,12 +203,12 @@ def open_plant(
     server: bool = False,
     **opening: Unpack[LineOptions],
 ) -> OpenPlant:
-    """Read a plant file and return its drives, a context manager; nothing is opened before a drive is looked up.
+    """Read a plant file and return its drives, a context manager; a line is opened when a drive on it is looked up.
 
     Lines that a server has (`drivecomm serve`) are reached through it, with the same verbs, results and errors.
-
-    own_ports: open the ports themselves, which is a PortError where a server has them. server: insist on the server; a
-    line that none has is a PortError when it is looked up. opening: for all lines, see `help(drivecomm.LineOptions)`.
-    Raises FileFormatError for a file that is not a plant, UsageError for an unknown option.
+    own_ports: open the ports directly, which raises PortError if a server has them. server: use only a server; the
+    lookup of a drive raises PortError if no server has its line. opening: for all lines, see
+    `help(drivecomm.LineOptions)`. Raises FileFormatError for a file that is not a plant, UsageError for an unknown
+    option.
     """
     return OpenPlant(read_plant(Path(file)), own_ports=own_ports, server=server, **opening)

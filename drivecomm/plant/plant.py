@@ -1,4 +1,4 @@
-"""A plant as data: which lines there are, which drives on them, and what goes wrong when.
+"""A plant as data: its lines, the drives on them, and a script of faults with their times.
 
 `drivecomm.plant.files` reads one from a file; `drivecomm.virtual.virtual_plant` makes virtual drives of it.
 """
@@ -21,14 +21,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlantLine:
-    """A line.
+    """One line of a plant.
 
-    name: what the plant calls it. listen: where a master outside connects to its virtual drives, as `parse_listen`
-    takes it; empty for nowhere. port: what a master opens to reach it, for commands that are masters; where it is
-    empty, `reached_at` is the other end of `listen`. listeners: clients beside the master may hear what is on it.
-    echo: the master hears itself. paced: characters take their time.
-    settings: line facts for all its drives, such as baudrate=19200; a drive's own options go before. noise: what
-    disturbs it all the time.
+    name: name in the plant. listen: where an external master connects to the virtual drives of the line, in the form of
+    `parse_listen`; empty for nowhere. port: the port that a master opens, for commands that act as masters; if it is
+    empty, `reached_at` is the other end of `listen`. listeners: whether further clients may listen to the line beside
+    the master. echo: whether the master receives its own characters. paced: whether characters take their time.
+
+    settings: line facts for all drives of the line, such as baudrate=19200; options of a drive override them. noise:
+    permanent random disturbance.
     """
 
     name: str
@@ -46,12 +47,12 @@ class PlantLine:
 
     @property
     def opening(self) -> dict[str, Any]:
-        """What is said of this line, as keywords of `open_bus`."""
+        """Settings of this line, as keywords of `open_bus`."""
         return {**self.settings, **({"echo": "expect"} if self.echo else {})}
 
     @property
     def reached_at(self) -> str:
-        """What a master opens: the port, or where the line's virtual drives listen; empty when neither is known."""
+        """Port that a master opens, or the address at which the virtual drives listen; empty if neither is known."""
         if self.port:
             return self.port
         kind, _, place = self.listen.partition(":")
@@ -64,16 +65,16 @@ class PlantLine:
         return f"{scheme}://{host if colon and host else '127.0.0.1'}:{number}"
 
     def reached(self, drive: DriveConfig) -> DriveConfig:
-        """Return a drive of this line as a master on its port knows it, with what is said of the line."""
+        """Return a drive of this line with the line's port and settings, as a master needs it."""
         return replace(drive, line=self.reached_at, options={**self.settings, **drive.options})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plant:
-    """Lines, drives, and the script of faults. Names are unique, and everything named is there.
+    """Lines, drives, and the script of faults. Names are unique, and every name that is used exists.
 
-    file: where it was read, for messages. content: what stood there, and read_s: when it was read, in seconds since
-    1970; empty and None for a plant that is in no file.
+    file: path of the plant file, for messages. content: bytes of the file. read_s: time of reading, in seconds since
+    1970. content is empty and read_s is None for a plant without a file.
     """
 
     lines: tuple[PlantLine, ...]
@@ -109,14 +110,14 @@ class Plant:
 
     @property
     def sha256(self) -> str:
-        """The hash of its file, as sha256sum prints it; empty for a plant that is in no file."""
+        """SHA-256 hash of the file, as sha256sum prints it; empty for a plant without a file."""
         from hashlib import sha256
 
         return sha256(self.content).hexdigest() if self.content else ""
 
     @property
     def groups(self) -> dict[str, tuple[DriveConfig, ...]]:
-        """The drives of each group, by its name; groups and drives are in the order of the file."""
+        """Drives of each group, by the name of the group; groups and drives are in the order of the file."""
         found: dict[str, list[DriveConfig]] = {}
         for drive in self.drives:
             for name in drive.groups:
@@ -132,13 +133,14 @@ class Plant:
         return groups[name]
 
     def named(self, name: str) -> tuple[DriveConfig, ...]:
-        """Return the drives of the group that is called so, or the one drive that `drive` finds. Raises UsageError."""
+        """Return the drives of the group with this name, or the single drive that `drive` finds. Raises UsageError."""
         return self.groups.get(name) or (self.drive(name),)
 
     def drive(self, name: str) -> DriveConfig:
-        """Return a drive by its name, or by PROTOCOL:ADDRESS where that is one drive only. Raises UsageError.
+        """Return a drive by its name, or by PROTOCOL:ADDRESS if only one drive has it. Raises UsageError.
 
-        A group is refused, also one of a single drive: who means one drive names it.
+        The name of a group is refused, even if the group has a single drive, so that a command for one drive names that
+        drive.
         """
         if found := self._by_name.get(name):
             return found
@@ -161,11 +163,11 @@ class Plant:
         return tuple(drive for drive in self.drives if drive.line == name)
 
     def only(self, drives: Iterable[DriveConfig]) -> Plant:
-        """Return the same plant with these drives only, and without its faults, which may be of others."""
+        """Return the same plant with only these drives, and without its faults, which may concern other drives."""
         return replace(self, drives=tuple(drives), script=())
 
     def poll_plan(self) -> Plan:
-        """Return what is polled of its drives, which are on the lines that a master opens. Raises UsageError."""
+        """Return the poll plan of the drives, for a master. Raises UsageError if nothing is polled."""
         reads: list[PollItem[Any]] = []
         for drive in self.drives:
             reads += items_of(drive.poll, self.line(drive.line).reached(drive))
@@ -177,7 +179,7 @@ class Plant:
         return Plan(reads=tuple(reads))
 
     def served_plan(self, status_period_s: float) -> Plan:
-        """Return what a server asks of its drives: the status of each so often, and what is polled.
+        """Return the poll plan of a server: the status of each drive once per period, and the polled values.
 
         Raises UsageError for a plant without drives.
         """
@@ -189,7 +191,7 @@ class Plant:
         return Plan(reads=tuple(reads))
 
     def _meant(self, name: str) -> str:
-        """Return which drive or group was perhaps meant, and all that there are."""
+        """Return a suggestion for a mistyped name, and the names of all drives and groups."""
         names, groups = [*map(_name, self.drives)], [*self.groups]
         if not groups:
             return meant(name, names, "it has")

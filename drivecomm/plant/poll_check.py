@@ -1,4 +1,4 @@
-"""What a server polls of a plant: the usual values where the file says nothing, and nothing that cannot be read."""
+"""Poll plan of a served plant: default values for drives without a plan, and a check that all values are readable."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ if TYPE_CHECKING:
     from drivecomm.protocol import DriveConfig
 
 _NAMED = 5
-"""How many drives a sentence names."""
+"""Limit of drives that one sentence names."""
 
 USUALLY_POLLED = ("output_frequency", "output_current")
-"""Common names that a server polls every second of a drive for which the plant file has no `poll`."""
+"""Common names that a server polls every second from a drive without `poll` in the plant file."""
 
 
 def read_served_plant(path: Path) -> Plant:
-    """Read a plant file for a server that polls it, with the usual polls of drives that have none.
+    """Read a plant file for a server that polls it, with default polls for drives without `poll`.
 
-    Raises FileFormatError as `read_plant` does, and for what the model of a drive does not have: each quantity that
-    cannot be read, and each fact to confirm.
+    Raises FileFormatError as `read_plant` does, and for values and confirmed facts that the model of a drive does not
+    have or that cannot be read.
     """
     plant = with_usual_polls(read_plant(path))
     if wrong := [*_unknown_facts(plant), *unreadable_polls(plant)]:
@@ -41,9 +41,9 @@ def read_served_plant(path: Path) -> Plant:
 
 
 def with_usual_polls(plant: Plant) -> Plant:
-    """Return the plant with the usual polls of each drive that has none, as far as its model knows their common names.
+    """Return the plant with default polls for each drive without `poll`, limited to names that its model maps.
 
-    A freshly scanned plant then shows more than states.
+    A newly scanned plant then shows values in addition to states.
     """
     usual = {}
     for config, drive in _drives_of(plant):
@@ -54,9 +54,9 @@ def with_usual_polls(plant: Plant) -> Plant:
 
 
 def unreadable_polls(plant: Plant) -> Sequence[str]:
-    """Return a sentence for each polled quantity that models of drives do not have, or that cannot be read.
+    """Return a sentence for each polled value that the model of a drive does not have, or that cannot be read.
 
-    Drives of which the same is to be said share a sentence: a hall may have forty of one series.
+    Drives with the same problem share a sentence, because a plant may have many drives of one series.
     """
     found: dict[tuple[str, str], list[str]] = {}
     for config, drive in _drives_of(plant):
@@ -77,7 +77,7 @@ def _several(names: Sequence[str]) -> str:
 
 
 def notes_of_polls(plant: Plant) -> Mapping[tuple[str, str], str]:
-    """Return how sure the model of a drive is of each polled quantity that no document prints, by drive and name."""
+    """Return a note on each polled value that no document confirms, by drive and name."""
     found = {}
     for config, drive in _drives_of(plant):
         if drive.model is None:
@@ -91,7 +91,7 @@ def notes_of_polls(plant: Plant) -> Mapping[tuple[str, str], str]:
 
 
 def _unknown_facts(plant: Plant) -> Iterator[str]:
-    """Yield why the facts that the file confirms are not those of each drive's model."""
+    """Yield an error for each drive whose model does not have the facts that the file confirms."""
     for config, drive in _drives_of(plant):
         if config.confirmed:
             try:
@@ -103,14 +103,14 @@ def _unknown_facts(plant: Plant) -> Iterator[str]:
 def _drives_of(plant: Plant) -> Iterator[tuple[DriveConfig, AsyncDrive]]:
     """Yield the drives of a plant, without opening a port or confirming a fact.
 
-    A drive that cannot be made is left to whoever makes it.
+    A drive that cannot be made is left out; the error is reported when the drive is made for use.
     """
     for line in plant.lines:
         bus = open_bus_async(_no_port, **line.opening)
         for config in plant.on_line(line.name):
             try:
                 drive = replace(config, confirmed=()).build(bus.drive)
-            except Exception:  # noqa: BLE001, S112 - whatever a package raises here, the server reports it
+            except Exception:  # noqa: BLE001, S112 - the server reports any error of a package later
                 continue
             yield config, drive
 

@@ -1,7 +1,7 @@
-"""What can be read of a plant file that is wrong somewhere: the drives that can be stopped all the same.
+"""Salvage of a damaged plant file: the drives in it that can still be stopped.
 
-Only what stopping takes is read: where a line is reached, which drive is on it, and in which groups that is. Whatever
-else is wrong does not matter, and an entry that cannot be read does not keep the others from being read.
+Only the facts needed for stopping are read: the port of each line, the drives on it, and their groups. All other faults
+in the file are ignored, and an unreadable entry does not affect the others.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ _ENTRY = re.compile(r"^[ \t]*\[\[[ \t]*(\w+)[ \t]*\]\].*$", re.MULTILINE)
 
 
 def salvaged(path: Path) -> tuple[Plant, list[str]]:
-    """Return the lines and drives that a plant file has as far as it can be read, and a sentence for each that is lost.
+    """Return the readable lines and drives of a plant file, and a sentence for each unreadable drive.
 
-    Raises FileFormatError where the file cannot be opened, or has no line or drive that can be read.
+    Raises FileFormatError if the file cannot be opened, or has no readable line or drive.
     """
     try:
         text = path.read_bytes().decode("utf-8-sig", errors="replace")
@@ -56,7 +56,7 @@ def _entries(text: str) -> Iterator[tuple[str, dict[str, Any]]]:
     heads = list(_ENTRY.finditer(text))
     ends = [*(head.start() for head in heads[1:]), len(text)]
     for head, end in zip(heads, ends, strict=False):
-        # A table of its own, such as [drive.options], belongs to the entry above it.
+        # A separate table, such as [drive.options], belongs to the entry above it.
         yield head[1], _content(re.sub(rf"(?m)^[ \t]*\[{head[1]}\.", "[", text[head.end() : end]))
 
 
@@ -100,7 +100,7 @@ def _drive(entry: dict[str, Any], only_line: str) -> DriveConfig | None:
 
 
 def _groups(entry: dict[str, Any]) -> tuple[str, ...]:
-    """Return the groups of a drive, also one that is written without brackets, but none that could be an address."""
+    """Return the groups of a drive, without names that could be addresses; a single group needs no brackets."""
     value = entry.get("groups")
     names = value if isinstance(value, list) else [value]
     return tuple(name for name in names if isinstance(name, str) and ":" not in name)

@@ -1,4 +1,4 @@
-"""What scans have found as a plant: a new file, or more lines and drives in a file that people have written."""
+"""Scan results as a plant: a new file, or further lines and drives in a file that people wrote."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _ADVICE = """\
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScannedLine:
-    """One line after a scan. port: what was opened. found: who answered. echo: whether the adapter echoes."""
+    """One line after a scan. port: port of the scan. found: drives that answered. echo: whether the adapter echoes."""
 
     port: str
     found: Sequence[Found]
@@ -41,12 +41,12 @@ class ScannedLine:
 
     @property
     def sound(self) -> Sequence[Found]:
-        """The drives; one that answered with damage only is left out, because nothing is known of it."""
+        """Drives with sound replies; a drive with only damaged replies is left out, because nothing is known of it."""
         return [one for one in self.found if one.sound]
 
     @property
     def remarks(self) -> dict[str, str]:
-        """What each drive tells of itself and which models fit it, by PROTOCOL:ADDRESS."""
+        """Reported identity and matching models of each drive, by PROTOCOL:ADDRESS."""
         return {one.name: ", ".join(_remarks_on(one)) for one in self.sound}
 
 
@@ -56,9 +56,9 @@ def _remarks_on(one: Found) -> list[str]:
 
 
 def scanned_plant(lines: Iterable[ScannedLine]) -> Plant:
-    """Return the plant of some scanned lines; settings that all drives of a line share are the line's.
+    """Return the plant of some scanned lines; settings that all drives of a line share become settings of the line.
 
-    With several lines each drive gets a name made of line, protocol and address, since an address alone may be there
+    With several lines, each drive gets a name made of line, protocol and address, since an address alone may exist
     twice.
     """
     scanned = list(lines)
@@ -72,7 +72,7 @@ def scanned_plant(lines: Iterable[ScannedLine]) -> Plant:
 
 
 def scanned_text(lines: Sequence[ScannedLine]) -> str:
-    """Return the text of a new plant file, with what the drives tell of themselves as comments."""
+    """Return the text of a new plant file, with the reported identities of the drives as comments."""
     plant = scanned_plant(lines)
     remarks = {
         drive.name: each.remarks[str(drive)]
@@ -84,9 +84,9 @@ def scanned_text(lines: Sequence[ScannedLine]) -> str:
 
 
 def add_scanned(file: Path, lines: Iterable[ScannedLine]) -> Sequence[DriveConfig]:
-    """Add the lines and drives that a plant file does not have yet, and return these drives; all else stays as it is.
+    """Add missing lines and drives to a plant file and return the added drives; everything else stays as it is.
 
-    Raises FileFormatError for a file that cannot be read or written, or that lists its lines or drives in one line.
+    Raises FileFormatError for a file that cannot be read or written, or that writes its lines or drives as one list.
     """
     plant, text = read_plant(file), read_text_file(file, "a plant")
     added, parts, names = [], list[str](), [line.name for line in plant.lines]
@@ -112,7 +112,7 @@ def add_scanned(file: Path, lines: Iterable[ScannedLine]) -> Sequence[DriveConfi
 
 
 def line_name(port: str) -> str:
-    """Return what a line is called after its port: ttyUSB0, COM3, hall-4001; "line" after one without letters."""
+    """Return a line name derived from the port: ttyUSB0, COM3, hall-4001; "line" if the port has no letters."""
     place = port.partition("://")[2] or PurePath(port).name
     return re.sub(r"[^A-Za-z0-9_.]+", "-", place.partition("?")[0]).strip("-") or "line"
 
@@ -127,7 +127,7 @@ def _line_of(scanned: ScannedLine, taken: Collection[str]) -> PlantLine:
 
 
 def _on(line: PlantLine, one: Found, *, named: bool) -> DriveConfig:
-    """Return a drive of a line, whose settings are said only where they are not the line's."""
+    """Return a drive of a line, with only those settings that differ from the line's."""
     drive = one.drive
     own = {name: value for name, value in drive.options.items() if line.settings.get(name) != value}
     name = f"{line.name}-{one.protocol}-{one.address}" if named else drive.name
@@ -135,7 +135,7 @@ def _on(line: PlantLine, one: Found, *, named: bool) -> DriveConfig:
 
 
 def _check_adds(file: Path, text: str, plant: Plant, added: Sequence[DriveConfig]) -> None:
-    """Raise FileFormatError unless a text holds as many drives as it should."""
+    """Raise FileFormatError unless a text has the expected number of drives."""
     try:
         content = parse_toml(text, str(file))
         done = len(content.get("drive", [])) == len(plant.drives) + len(added)

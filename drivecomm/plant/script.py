@@ -1,4 +1,4 @@
-"""What goes wrong in a plant of virtual drives, and when: noise on lines, and a script of faults.
+"""Faults in a plant of virtual drives, with their times: noise on lines, and a script of faults.
 
 All times are seconds of the plant's process, from its start.
 """
@@ -16,15 +16,15 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 Of: TypeAlias = Literal["request", "reply", "reply to a read", "reply to a write", "reply to a command"]
-"""Which telegrams a fault is for."""
+"""Telegrams that a fault affects."""
 
 LARGEST_CODE = 0xFFFF
-"""Fault codes have 16 bits at most."""
+"""Largest fault code; fault codes have up to 16 bits."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Noise:
-    """What disturbs a line all the time, by chance; the fields are those of a `FaultPlan`."""
+    """Permanent random disturbance of a line; the fields are those of `FaultPlan`."""
 
     rate: float
     seed: int = 0
@@ -43,13 +43,13 @@ class Noise:
             raise UsageError(f"bits = {self.bits} is not between 1 and 8")
 
     def plan(self) -> FaultPlan:
-        """Return a plan that begins with the seed."""
+        """Return a new fault plan that starts from the seed."""
         return FaultPlan(**{each.name: getattr(self, each.name) for each in fields(self)})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Window:
-    """The time in which something holds, from from_s up to until_s."""
+    """Time span in which a fault is active, from from_s up to until_s."""
 
     from_s: float = 0.0
     until_s: float = inf
@@ -59,7 +59,7 @@ class Window:
             raise UsageError(f"until_s = {self.until_s:g} is not after from_s = {self.from_s:g}, or that is below 0")
 
     def holds(self, time_s: float) -> bool:
-        """Whether this time is inside."""
+        """Return whether a time is within the span."""
         return self.from_s <= time_s < self.until_s
 
 
@@ -67,10 +67,10 @@ class Window:
 class TelegramFault:
     """Telegrams on a line that are lost, changed, cut, late or doubled.
 
-    line or drive: for all telegrams of a line, or for the replies of one drive. kind: what happens to them. of: which
-    ones; None for all. to: fields that the request must have, for a reply to it, as `drivecomm decode` shows them.
-    every: every n-th of these; rate: this share of them, by chance with the seed; neither: each one. delay_s: how
-    late a delayed one is.
+    line or drive: for all telegrams of a line, or for the replies of one drive. kind: kind of fault. of: telegrams that
+    are affected; None for all. to: fields that the answered request must have, as `drivecomm decode` shows them. every:
+    every n-th telegram; rate: a random share of them, by the seed; neither: all of them. delay_s: delay of a late
+    telegram.
     """
 
     kind: Fault
@@ -107,9 +107,9 @@ class TelegramFault:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PowerCutStep:
-    """A drive without power from off_at_s to back_at_s; for ever if that is None.
+    """Drive without power from off_at_s to back_at_s; forever if back_at_s is None.
 
-    factory: it comes back with its factory settings: those of its line, and all parameters of its model.
+    factory: whether the drive comes back with its factory settings, those of its line and all parameters of its model.
     """
 
     drive: str
@@ -127,7 +127,7 @@ class PowerCutStep:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Condition:
-    """A parameter's value, as a master reads it, above or below a limit for some time without a break."""
+    """Value of a parameter, as a master reads it, above or below a limit for for_s seconds without a break."""
 
     parameter: str
     above: float = inf
@@ -140,13 +140,13 @@ class Condition:
         _not_negative("for_s", self.for_s)
 
     def met_by(self, value: float) -> bool:
-        """Whether the value is beyond the limit."""
+        """Return whether the value is beyond the limit."""
         return value > self.above or value < self.below
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TripStep:
-    """A drive trips with a fault code: at a time, or each time a condition begins to be true."""
+    """Trip of a drive with a fault code: at a time, or each time that a condition becomes true."""
 
     drive: str
     code: int
@@ -164,9 +164,9 @@ class TripStep:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StuckStep:
-    """A drive that answers reads of a parameter with the same value, whatever it holds or measures.
+    """Drive that answers reads of a parameter with a fixed value, independent of its real value.
 
-    value: a number as a master reads it, or a text as its `Reading.raw` is.
+    value: a number as a master reads it, or a text in the form of `Reading.raw`.
     """
 
     drive: str
@@ -177,7 +177,7 @@ class StuckStep:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InjectStep:
-    """Bytes that nobody on the line has sent: noise, or the telegram of somebody else."""
+    """Bytes on the line that come from no known sender: noise, or a foreign telegram."""
 
     line: str
     data: bytes
@@ -190,7 +190,7 @@ class InjectStep:
 
 
 Step: TypeAlias = TelegramFault | PowerCutStep | TripStep | StuckStep | InjectStep
-"""What goes wrong on a plant, once or for a time."""
+"""Fault of a plant, at one time or for a time span."""
 
 
 def kind_named(name: str) -> Fault:
@@ -202,7 +202,7 @@ def kind_named(name: str) -> Fault:
         raise UsageError(f"unknown kind of fault {name!r}; {known}") from None
 
 
-# Foreign traffic needs bytes, which a script says with inject.
+# Foreign traffic needs bytes, which a script gives with `inject`.
 _NOISE = tuple(kind.value for kind in Fault if kind is not Fault.FOREIGN)
 
 

@@ -1,4 +1,4 @@
-"""The [[fault]] tables of plant files; `drivecomm.plant.files` shows what they look like."""
+"""Tables [[fault]] of plant files; `drivecomm.plant.files` shows examples."""
 
 from __future__ import annotations
 
@@ -50,15 +50,15 @@ Faults: TypeAlias = "str | Mapping[str, Any] | Step | Iterable[str | Mapping[str
 
 
 def read_fault(text: str) -> Step:
-    """Read what stands behind one [[fault]], or the same in one line with commas. Raises FileFormatError."""
+    """Read a fault from the body of a [[fault]], or from one line with commas. Raises FileFormatError."""
     return fault_of(Table(_content(text), "the fault"))
 
 
 def script_of(faults: Faults, *, line: str, drives: Sequence[str], seed: int = 0) -> tuple[Step, ...]:
     """Return the faults of a line as a script.
 
-    One that names neither line nor drive is for this line, or for its drive if it has one only; one by chance without
-    a seed has this one. Raises FileFormatError, and UsageError for what is not a fault.
+    A fault that names neither line nor drive is for this line, or for its drive if it has only one. A random fault
+    without a seed gets this seed. Raises FileFormatError, and UsageError for an invalid fault.
     """
     several = [faults] if isinstance(faults, str | Mapping | Step) else list(faults)
     return tuple(_step_of(each, line, drives, seed) for each in several)
@@ -96,7 +96,7 @@ def _content(text: str) -> dict[str, Any]:
 
 
 def fault_of(table: Table) -> Step:
-    """Return the step that a [[fault]] says. Raises FileFormatError."""
+    """Return the step that a [[fault]] describes. Raises FileFormatError."""
     ways = {"kind": _telegram_fault, "power": _power, "trip": _trip, "stuck": _stuck, "inject": _inject}
     named = [way for way in ways if way in table.content]
     if len(named) != 1:
@@ -107,7 +107,7 @@ def fault_of(table: Table) -> Step:
 
 @contextmanager
 def errors_in(table: Table) -> Iterator[None]:
-    """Let the errors of the block name this table, its file and its line."""
+    """Add this table, its file and its line to errors raised in the block."""
     try:
         yield
     except FileFormatError:
@@ -117,7 +117,7 @@ def errors_in(table: Table) -> Iterator[None]:
 
 
 def bytes_of(text: str) -> bytes:
-    """Return the bytes that a text of hexadecimal digits stands for. Raises UsageError."""
+    """Convert a text of hexadecimal digits to bytes. Raises UsageError."""
     try:
         return bytes.fromhex(text)
     except ValueError:
@@ -157,10 +157,10 @@ def _inject(table: Table) -> Step:
 
 
 def _inner(table: Table, whose: str, key: str) -> tuple[Any, Table]:
-    """Return whose fault it is, and the table behind its key; nothing else stands beside it."""
+    """Return the line or drive of a fault, and the table below its key; no other key is allowed."""
     return table.take({whose: TEXT, key: TABLE}, whose)[whose], table.table(key)
 
 
 def _window(given: dict[str, Any]) -> Window:
-    """Take the times of a window out of what is given."""
+    """Remove the times of a window from the given keys and return the window."""
     return Window(**{key: float(given.pop(key)) for key in _WINDOW if key in given})

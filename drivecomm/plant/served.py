@@ -1,4 +1,4 @@
-"""The lines of a plant that a server owns."""
+"""Lines of a plant that a server owns."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ if TYPE_CHECKING:
 
 
 def bus_of_server(port: str, **opening: Any) -> ServedBus | None:
-    """Return the line behind a port through the server that has it; None where none has.
+    """Return the line behind a port through the server that has it; None if no server has it.
 
     opening: further keywords of `open_bus`.
     """
     found = server_of_port(port)
     if found is None:
         return None
-    # HTTP takes long to load, and is for those who go through a server.
+    # HTTP is slow to load, and only needed with a server.
     from drivecomm.client import ServedBus
 
     server, line = found
@@ -30,7 +30,7 @@ def bus_of_server(port: str, **opening: Any) -> ServedBus | None:
 
 
 def async_bus_of_server(port: str, **opening: Any) -> AsyncServedBus | None:
-    """Return the same for callers that await."""
+    """Return the line behind a port through the server that has it, for asyncio callers; None if no server has it."""
     found = server_of_port(port)
     if found is None:
         return None
@@ -41,9 +41,9 @@ def async_bus_of_server(port: str, **opening: Any) -> AsyncServedBus | None:
 
 
 def drives_of(server: Registration, line: str) -> tuple[DriveConfig, ...]:
-    """Return the drives that a server has on a line, as its plant file says.
+    """Return the drives that a server has on a line, from its plant file.
 
-    None are known where the file has been changed so that it cannot be read: they are then asked by their addresses.
+    Returns no drives if the file has become unreadable since; the drives are then reached by their addresses.
     """
     try:
         plant = read_plant(Path(server.plant))

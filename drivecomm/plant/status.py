@@ -1,7 +1,7 @@
-"""How a whole plant is: the status of every drive, all lines at the same time.
+"""Status of every drive of a plant, read from all lines concurrently.
 
-A line has a thread of its own, so that a drive that does not answer holds up its own line only, and that no longer than
-its protocol's attempts take.
+Each line has its own thread, so that a silent drive delays only its own line, and only for the attempts of its
+protocol.
 """
 
 from __future__ import annotations
@@ -27,11 +27,12 @@ REFERENCES = ("reference_frequency", "reference_percent")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveReport:
-    """What one drive told when the plant was asked.
+    """Values that one drive reported for the status of its plant.
 
-    status: None where it told nothing; error says why then. output_hz, current_a, reference: where the drive's model
-    knows such a quantity, or its status says it. asked_at: on the clock of `time.monotonic`, in seconds. standing_stop:
-    the stop of it that its server retries, or that is demanded there, in words; empty without one.
+    status: None if the drive did not answer; error is the reason then. output_hz, current_a, reference: None unless the
+    drive's model maps such a value or its status contains it. asked_at: time of the request on the clock
+    `time.monotonic`, in seconds. standing_stop: stop of the drive that its server retries, or that is demanded there,
+    in words; empty without one.
     """
 
     drive: DriveConfig
@@ -45,28 +46,28 @@ class DriveReport:
 
     @property
     def output_machine(self) -> MachineValue | None:
-        """The output at the machine; None where the plant does not say its unit, or the output is not known."""
+        """Output in machine units; None if the plant does not define the unit, or the output is unknown."""
         machine = self.drive.machine
         return None if machine is None or self.output_hz is None else machine.shown(self.output_hz)
 
     @property
     def reference_machine(self) -> MachineValue | None:
-        """The reference at the machine, as `output_machine`."""
+        """Reference in machine units; None as in `output_machine`."""
         machine = self.drive.machine
         return None if machine is None or self.reference is None else machine.beside(self.reference)
 
     @property
     def exit_code(self) -> int:
-        """What this drive means for the exit code of a command: 0 when all is well."""
+        """Exit code of a command for this drive alone: 0 for an answer without a fault."""
         if self.error is not None:
             return self.error.exit_code
         return DriveError.exit_code if self.status is not None and self.status.fault else 0
 
 
 def plant_status(opened: OpenPlant) -> list[DriveReport]:
-    """Ask all drives of a plant for status, output, current and reference; commands nothing.
+    """Read status, output, current and reference of all drives of a plant; commands nothing.
 
-    The reports are in the order of the plant. A drive that does not answer has a report that says so.
+    The reports are in the order of the plant. The report of a drive that does not answer contains the error.
     """
     reports: dict[str, DriveReport] = {}
     failures: list[BaseException] = []
@@ -77,10 +78,10 @@ def plant_status(opened: OpenPlant) -> list[DriveReport]:
             for drive in drives:
                 report = DriveReport(drive=drive, error=gone, asked_at=monotonic()) if gone else _report(opened, drive)
                 if isinstance(report.error, LinkError):
-                    # Nobody on it can be asked, and each would say the same after the same time.
+                    # No drive on a dead line can answer, and each attempt would fail after the same wait.
                     gone = report.error
                 reports[drive.name] = report
-        except BaseException as error:  # noqa: BLE001 - handed to the thread that waits, which raises it
+        except BaseException as error:  # noqa: BLE001 - raised again by the waiting thread
             failures.append(error)
 
     threads = [
@@ -120,20 +121,20 @@ def _report(opened: OpenPlant, planned: DriveConfig) -> DriveReport:
 
 
 def _standing_stop(drive: Drive) -> str:
-    # Only a server has any, and one that has gone is reported by what asks the drive.
+    # Only a server has standing stops; the request to the drive reports a lost server.
     with suppress(DriveCommError):
         return getattr(drive, "standing_stop", "")
     return ""
 
 
 def _quantity(drive: Drive, name: str) -> Reading | None:
-    """Read a common name; None where the drive's model has none, or the drive does not tell it."""
+    """Read a common name; None if the drive's model does not map it, or the drive does not report it."""
     if drive.model is None or name not in drive.model.quantities:
         return None
     try:
         return drive.read(name)
     except (ReplyError, DriveError, UsageError):
-        # Its status came; a value that did not is left open.
+        # The status arrived, so a missing value only stays empty.
         return None
 
 

@@ -1,4 +1,4 @@
-"""Stopping drives of an open plant: all lines concurrently, so that a dead line delays the stops of no other."""
+"""Stops of drives of an open plant: all lines concurrently, so that a dead line delays no other line."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ if TYPE_CHECKING:
     from drivecomm.protocol import DriveConfig, Stop
 
 StopOnLine: TypeAlias = "Callable[[BlockingLine, Sequence[DriveConfig], Stop, OnResult | None], list[StopResult]]"
-"""Stops drives of a line, and returns all outcomes."""
+"""Function that stops drives of a line and returns all results."""
 
 
 def stop_everything(
     bus: BlockingLine, drives: Sequence[DriveConfig], how: Stop, on_result: OnResult | None
 ) -> list[StopResult]:
-    """Stop all drives of a line, by broadcasts and each by itself."""
+    """Stop all drives of a line, by broadcasts and one by one."""
     return bus.stop_all(how, drives=drives, on_result=on_result)
 
 
 def stop_only(
     bus: BlockingLine, drives: Sequence[DriveConfig], how: Stop, on_result: OnResult | None
 ) -> list[StopResult]:
-    """Stop these drives of a line and no other, so that no broadcast goes out."""
+    """Stop only these drives of a line, without any broadcast."""
     return carry_out(None, stopping_all(bus, drives, how, on_result, by_name=True))
 
 
@@ -39,7 +39,7 @@ def stop_lines(
     how: Stop,
     on_result: OnResult | None,
 ) -> list[StopResult]:
-    """Stop drives of these lines, and return all outcomes. bus_of: opens a line."""
+    """Stop drives of these lines, and return all results. bus_of: opens a line."""
     with ThreadPoolExecutor(max_workers=max(1, len(lines)), thread_name_prefix="drivecomm stop") as threads:
         stopping = [
             threads.submit(_stop_line, stop, drives, partial(bus_of, name), how, on_result)
@@ -57,7 +57,7 @@ def _stop_line(
 ) -> list[StopResult]:
     try:
         bus = opened()
-    except Exception as error:  # noqa: BLE001 - whatever is wrong with a line is reported for each of its drives
+    except Exception as error:  # noqa: BLE001 - any error of a line is reported for each of its drives
         results = [StopResult(line=each.line, drive=each.name, how=how, error=error) for each in drives]
         if on_result is not None:
             for result in results:

@@ -1,4 +1,4 @@
-"""Writing tags into a plant file; all else stays as people wrote it, comments included."""
+"""Tags written into a plant file; everything else stays as people wrote it, comments included."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _WHAT = "a plant"
 
 
 def write_tags(file: Path, tags: Mapping[int, Mapping[str, Tag]]) -> None:
-    """Set tags of the drives with these numbers, from 0, in the order of the file; an empty `Tag` removes one.
+    """Set tags of drives in a plant file, by the position of the drive from 0; an empty `Tag` removes a tag.
 
-    Raises FileFormatError if the file cannot be read or written, or is written in a way that cannot be edited.
+    Raises FileFormatError if the file cannot be read or written, or if its notation cannot be edited.
     """
     import tomlkit
     from tomlkit.exceptions import TOMLKitError
@@ -53,7 +53,7 @@ def write_tags(file: Path, tags: Mapping[int, Mapping[str, Tag]]) -> None:
 
 
 def _set(drive: Any, tags: Mapping[str, Tag], new: Any) -> None:
-    """Set tags in the table of a drive. new: the table to put them in if there is none."""
+    """Set tags in the table of a drive. new: table for the tags if there is none."""
     import tomlkit
 
     if "tags" not in drive:
@@ -71,7 +71,7 @@ def _set(drive: Any, tags: Mapping[str, Tag], new: Any) -> None:
 
 
 def _take_end(drive: Any) -> list[Any]:
-    """Take away and return the comments and empty lines at the end of a table, which belong to what follows it."""
+    """Remove and return the comments and empty lines at the end of a table, which belong to the following table."""
     items: list[Any] = []
     while True:
         table = _last_table(drive)
@@ -82,7 +82,7 @@ def _take_end(drive: Any) -> list[Any]:
 
 
 def _last_table(table: Any) -> Any:
-    """Return the table within a table that ends last, or itself."""
+    """Return the table within a table that ends last, or the table itself."""
     import tomlkit
 
     body = table.value.body

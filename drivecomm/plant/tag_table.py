@@ -1,6 +1,6 @@
-"""The tags of a plant as a table for spreadsheets: one row for each value that a server of the plant polls.
+"""Tags of a plant as a table for spreadsheets: one row for each value that a server of the plant polls.
 
-Names, groups and deadbands come back from it; every other column is only to read.
+Names, groups and deadbands are imported from the table; all other columns are read-only.
 """
 
 from __future__ import annotations
@@ -23,27 +23,27 @@ if TYPE_CHECKING:
     from drivecomm.protocol import DriveConfig, Model
 
 TAG_COLUMNS = ("tag", "drive", "line", "parameter", "meaning", "unit", "group", "deadband")
-"""Of every table; those of the doors follow."""
+"""Columns of every table; the columns of the doors follow."""
 
 _NEEDED = ("drive", "parameter")
 _TAKEN = ("tag", "group", "deadband")
-"""The columns that are taken."""
+"""Columns that are imported."""
 
 
 def model_of(config: DriveConfig) -> Model | None:
-    """Return the model of a drive, None if the plant does not name one that can be read."""
+    """Return the model of a drive, None if the plant does not name a readable model."""
     model = config.options.get("model")
     if model is None:
         return None
     try:
         return load_model(installed[config.protocol].package, config.protocol, model)
     except (DriveCommError, KeyError):
-        # Its line says why.
+        # The row of the drive shows the reason.
         return None
 
 
 def tag_cells(plant: Plant) -> Iterator[tuple[DriveConfig, str, dict[str, str]]]:
-    """Yield each value that a plant polls: its drive, its name there, and the cells of its row by `TAG_COLUMNS`."""
+    """Yield each polled value of a plant: its drive, its name, and the cells of its row by `TAG_COLUMNS`."""
     for drive in plant.drives:
         model = model_of(drive)
         for name in _polled(drive):
@@ -70,10 +70,10 @@ def _facts(name: str, model: Model | None) -> tuple[str, str]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImportedTags:
-    """What a table says of the tags of a plant.
+    """Tags in an imported table.
 
-    tags: those that differ from what the plant has, by drive and value; an empty `Tag` removes one. problems: one
-    sentence for each row that does not fit. others: columns that are not taken.
+    tags: tags that differ from those of the plant, by drive and value; an empty `Tag` removes one. problems: one
+    sentence for each invalid row. others: columns that are ignored.
     """
 
     tags: Mapping[str, Mapping[str, Tag]]
@@ -84,7 +84,8 @@ class ImportedTags:
 def imported_tags(text: str, plant: Plant) -> ImportedTags:
     """Compare a table with a plant. Raises UsageError if it is not a table of tags.
 
-    text: CSV with commas, semicolons or tabs. An empty cell removes what the plant has; without its column it stays.
+    text: CSV with commas, semicolons or tabs. An empty cell removes the plant's entry; a missing column keeps all
+    entries.
     """
     rows = _rows(text)
     _, first = next(rows, (1, []))
@@ -127,7 +128,7 @@ def _check_head(head: Sequence[str]) -> None:
 
 
 def _rows(text: str) -> Iterator[tuple[int, list[str]]]:
-    """Yield the rows that say something, each with the number of its line."""
+    """Yield the rows that have content, each with its line number."""
     begin = text.partition("\n")[0]
     delimiter = max(",;\t", key=begin.count)
     reader, line = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter), 1
@@ -181,7 +182,7 @@ def _deadband(text: str, name: str) -> float | None:
 
 
 def _doubled(now: Mapping[tuple[str, str], Tag], lines: Mapping[tuple[str, str], int]) -> Iterator[tuple[int, str]]:
-    """Yield the line and the problem of each row whose tag another value has, too."""
+    """Yield line and problem of each row whose tag also belongs to another value."""
     names = Counter(tag.name for tag in now.values() if tag.name)
     for value, line in lines.items():
         tag = now.get(value, Tag())

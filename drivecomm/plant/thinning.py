@@ -1,7 +1,7 @@
-"""What must be drawn of many values in a stretch of time, so that nothing that stands out is missing. No I/O, no clock.
+"""Thinning of many values to the points that must be drawn, without losing any extreme. No I/O, no clock.
 
-The first, the last, the lowest and the highest (M4, as charts of one pixel a stretch need them), and where gaps begin
-and end.
+The points are the first, the last, the lowest and the highest of each time span (M4, for charts with one pixel per
+span), and the points at which gaps begin and end.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ class _Seen(NamedTuple, Generic[P]):
 
 
 class Outline(Generic[P]):
-    """The points of one stretch of time, added in their order; `kept` are those to draw."""
+    """Points of one time span, added in order; `kept` returns those to draw."""
 
     POINTS: ClassVar = 4
-    """Points that a stretch of numbers without gaps keeps."""
+    """Number of points kept of a span of numbers without gaps."""
     MOST_GAPS: ClassVar = 3
-    """Gaps that are kept besides the last one; a value that comes and goes would keep all points otherwise."""
+    """Number of gaps kept besides the last one; without a limit, a value that comes and goes would keep all points."""
 
     __slots__ = ("_first", "_gaps", "_highest", "_last", "_lowest")
 
@@ -40,14 +40,14 @@ class Outline(Generic[P]):
         self._gaps: list[list[_Seen[P]]] = []
 
     def add(self, point: P, value: Value | float | None) -> None:
-        """Add a point; value: None where there was none, such as of a silent drive."""
+        """Add a point. value: None if there was no value, as for a silent drive."""
         before = self._last
         seen = self._last = _Seen(1 if before is None else before.number + 1, point, value)
         if before is None:
             self._first = seen
         if value is None:
             if before is None or before.value is not None:
-                # Beyond the most, the latest gap stands in for those between.
+                # Beyond the limit, the latest gap replaces those between.
                 self._gaps[self.MOST_GAPS :] = [[seen] if before is None else [before, seen]]
             return
         if before is not None and before.value is None:
@@ -60,7 +60,7 @@ class Outline(Generic[P]):
             self._highest = seen
 
     def kept(self) -> list[P]:
-        """Return the points to draw, in the order in which they came, each once."""
+        """Return the points to draw, in the order in which they were added, each once."""
         found = {seen.number: seen.point for seen in self._standing_out() if seen is not None}
         return [found[number] for number in sorted(found)]
 

@@ -1,4 +1,4 @@
-"""Plants as the text of a file that `drivecomm.plant.files` reads, and that people go on with."""
+"""Plants as the text of a file that `drivecomm.plant.files` reads and that people edit further."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 
 def plant_text(plant: Plant, remarks: Mapping[str, str] | None = None) -> str:
-    """Return what masters need of a plant as the text of a file: lines, drives, and what may be done with them.
+    """Return the facts of a plant that masters need as the text of a file: lines, drives, and permissions.
 
-    remarks: comments to drives by their names. What is said for virtual drives only (values, motors, faults, where a
-    line listens) is left out. A drive that is named after its address gets no name, but a place for one.
+    remarks: comments on drives, by their names. Facts for virtual drives only (values, motors, faults, the address at
+    which a line listens) are left out. A drive that is named after its address gets a commented-out name to fill in.
     """
     parts = ["format = 1\n"]
     parts += [line_text(line) for line in plant.lines]
@@ -34,12 +34,12 @@ def plant_text(plant: Plant, remarks: Mapping[str, str] | None = None) -> str:
 
 
 def line_text(line: PlantLine) -> str:
-    """Return a line as its table of a plant file."""
+    """Return a line as its table in a plant file."""
     return _entry("line", _line(line))
 
 
 def drive_text(drive: DriveConfig, remark: str = "", *, with_line: bool, name_hint: str = "") -> str:
-    """Return a drive as its table of a plant file. remark: a comment in it. name_hint: a name to take, as a comment."""
+    """Return a drive as its table in a plant file. remark: a comment in it. name_hint: name in a comment."""
     return _entry("drive", _drive(drive, with_line=with_line), remark, name_hint)
 
 
@@ -74,14 +74,14 @@ def _poll_group(group: PollGroup) -> dict[str, Any]:
 
 
 def _said(content: dict[str, Any]) -> dict[str, Any]:
-    """Return what says something; a number does, also 0."""
+    """Return the content without empty values; numbers are kept, including 0."""
     return {key: value for key, value in content.items() if value or type(value) in (int, float)}
 
 
 def _entry(kind: str, content: Mapping[str, Any], remark: str = "", name_hint: str = "") -> str:
     lines = [f"[[{kind}]]"]
     if remark:
-        # A comment has no control characters, whatever a drive tells.
+        # A comment must not have control characters, even if a drive reports some.
         lines.append("# " + "".join(each for each in " ".join(remark.split()) if each.isprintable()))
     if name_hint:
         lines.append(f'# name = "{name_hint}"')

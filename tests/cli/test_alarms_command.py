@@ -34,7 +34,7 @@ def test_in_words(alarms):
     code, out, _ = alarms('[[alarm]]\non = "fault"\n[[alarm]]\nname = "lost"\non = "silent"\ndeliver = ["@mail"]\n')
     assert code == 0
     assert out == (
-        "fault: alarm when pump has a fault; cleared after 60 s without a fault; nobody is notified\n"
+        "fault: alarm when pump has a fault; cleared after 60 s without a fault; no receivers\n"
         "lost: alarm when pump does not answer; cleared after 60 s of answers; notifies @mail\n"
     )
 
@@ -58,7 +58,7 @@ def test_none(alarms):
     [
         ('[[alarm]]\non = "fualt"\n', [], "plant.toml, line 9: alarm 1: unknown on = 'fualt'; did you mean 'fault'?"),
         ('[[alarm]]\non = "fault"\n', ["--test", "falt"], "unknown alarm 'falt'; did you mean 'fault'?"),
-        ('[[alarm]]\non = "fault"\n', ["--test", "fault"], "the alarm 'fault' is delivered to nobody"),
+        ('[[alarm]]\non = "fault"\n', ["--test", "fault"], "the alarm 'fault' has no receivers"),
         ('[[alarm]]\non = "fault"\ndeliver = ["@m"]\n', ["--test", "fault"], "there is no secret @m"),
     ],
 )

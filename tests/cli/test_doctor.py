@@ -145,7 +145,7 @@ def test_a_pseudo_terminal_with_nobody(capsys, tmp_path):
     with served(f"pty:{tmp_path / 'line'}") as port:
         code, problems, _ = examined(capsys, port)
     assert (code, set(problems)) == (1, {"drives"})
-    assert "nobody answers" in problems["drives"]["text"]
+    assert "no drive answers" in problems["drives"]["text"]
 
 
 @pytest.mark.soak

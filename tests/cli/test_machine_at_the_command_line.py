@@ -64,7 +64,7 @@ def test_reference_is_given_in_the_unit_of_the_machine(shell, hall, words):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (("belt", "12.5m/s"), "'12.5m/s' is no reference in %, Hz, rpm or m/min; write 12.5%, 12.5Hz, 12.5rpm or"),
+        (("belt", "12.5m/s"), "'12.5m/s' is not a reference in %, Hz, rpm or m/min; write 12.5%, 12.5Hz, 12.5rpm or"),
         (("belt", "12.5"), "12.5rpm or 12.5m/min"),
         (("belt", "--machine", "12.5 m/s"), "is no reference in m/min, the unit of this machine; write 10 m/min"),
         (("belt", "--machine", "fast"), "is no reference in m/min"),

@@ -137,7 +137,7 @@ def test_all_that_is_known_of_some_parameters(models):
     assert "  note         unit not stated; Hz as in 201 and 202\n" in out
     code, out, err = models("show", "fuji/vg", "F03", "nothing")
     assert (code, out) == (2, "")
-    assert err == "drivecomm: model vg knows no parameter 'nothing'; drivecomm models show lists them\n"
+    assert err == "drivecomm: model vg has no parameter 'nothing'; drivecomm models show lists them\n"
 
 
 def test_the_common_names_of_a_model(models):

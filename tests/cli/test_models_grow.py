@@ -51,7 +51,7 @@ def test_many_that_are_not_there_are_counted(grown, shell, tmp_path):
 def test_a_drive_that_tells_nothing(grown, shell, tmp_path):
     path = tmp_path / "none.toml"
     assert grown("danfoss-fc:3", "9-00..9-05", "--write", str(path)) == 5
-    assert "tells nothing of 6 parameters" in shell.err
+    assert "answers none of 6 parameters" in shell.err
     assert not path.exists()
 
 

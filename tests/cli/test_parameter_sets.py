@@ -75,7 +75,7 @@ class TestBackup:
     def test_other_files_are_not_lost(self, shell):
         Path("notes.toml").write_text("a = 1\n")
         assert shell("backup", *PUMP, "notes.toml") == 2
-        assert "no parameter set; give another name" in shell.err
+        assert "not a parameter set; give another name" in shell.err
         shell.line(virtual_drive("vabus", 2))
         assert shell("backup", "vabus:2", "pump.toml", "-m", "agile") == 2
         assert "the parameter set of vabus:1, not of vabus:2" in shell.err

@@ -563,7 +563,7 @@ class TestScan:
         assert "vabus:2  9600 7E1" in shell.out
         assert "danfoss-fc:3  19200 8N1" in shell.out
         assert "2 drives found" in shell.out
-        assert "the likely first" in shell.err
+        assert "the likely ones first" in shell.err
         assert not any(drive.motor.running for drive in line.drives)
 
     def test_several_values_are_a_wide_scan_among_them(self, shell):

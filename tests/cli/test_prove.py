@@ -49,7 +49,7 @@ def test_proof_over_a_pty_is_written_and_says_that_the_drive_is_virtual(virtual_
     out = capsys.readouterr().out
     assert "0 contradict, " in out
     assert "written to proof-vabus-agile.toml\n" in out
-    assert "the drive is a virtual one: this is no proof of a real drive\n" in out
+    assert "the drive is a virtual one: this is not a proof of a real drive\n" in out
     proof = read_proof(folder / "proof-vabus-agile.toml")
     assert proof.virtual
     assert not proof.interrupted

@@ -29,9 +29,9 @@ def test_numbers_that_only_python_reads_are_not_written(shell, number):
 @pytest.mark.parametrize(
     ("value", "sentence"),
     [
-        ("10Hx", "'10Hx' is no reference in %, Hz or rpm; write 10%, 10Hz or 10rpm"),
-        ("-10.5", "'-10.5' is no reference in %, Hz or rpm; write -10.5%, -10.5Hz or -10.5rpm"),
-        ("fast", "'fast' is no reference; write a number and its unit, such as 50%, 25Hz or 1450rpm"),
+        ("10Hx", "'10Hx' is not a reference in %, Hz or rpm; write 10%, 10Hz or 10rpm"),
+        ("-10.5", "'-10.5' is not a reference in %, Hz or rpm; write -10.5%, -10.5Hz or -10.5rpm"),
+        ("fast", "'fast' is not a reference; write a number and its unit, such as 50%, 25Hz or 1450rpm"),
         ("nanHz", "'nan' for parameter reference is no number"),
     ],
 )

@@ -116,7 +116,7 @@ def test_a_name_that_no_drive_has_is_refused(shell, plant_file, monkeypatch):
 def test_what_only_a_terminal_gets_to_see(shell, plant_file, monkeypatch):
     in_a_terminal(monkeypatch)
     assert shell("watch", plant_file, "--name", "colour", port=None) == 2
-    assert "'colour' is no common name" in shell.err
+    assert "unknown common name 'colour'" in shell.err
     assert shell("watch", plant_file, "--log", "log.txt", port=None) == 2
     assert "a log is .csv or .parquet" in shell.err
 

@@ -44,7 +44,11 @@ def test_units_are_converted_where_that_is_exact():
     theirs = a_set(Entry(address="480", value=500, unit="%"))
     assert the_one(ours, theirs) == ("not comparable", "480", "kHz cannot be given in %")
     theirs = a_set(Entry(address="480", value="slow", unit="Hz"))
-    assert the_one(theirs, ours) == ("not comparable", "480", "'slow' is no number and cannot be given in kHz")
+    assert the_one(theirs, ours) == (
+        "not comparable",
+        "480",
+        "'slow' is not a number, so it cannot be converted to kHz",
+    )
 
 
 def test_what_one_side_does_not_have():

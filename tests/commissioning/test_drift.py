@@ -217,7 +217,7 @@ class TestFile:
 
     def test_a_set_that_nobody_approved_is_no_baseline(self, tmp_path):
         write_set(tmp_path / "pump.toml", a_set({"1": 1}))
-        with pytest.raises(FileFormatError, match=r"nobody approved .* --from"):
+        with pytest.raises(FileFormatError, match=r"is not approved.* --from"):
             read_baseline(tmp_path / "pump.toml")
 
     @pytest.mark.parametrize(

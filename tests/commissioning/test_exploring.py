@@ -300,7 +300,7 @@ def test_how_much_of_a_drive_a_set_holds(vabus):
 
 def test_a_package_that_does_not_tell_its_addresses():
     stranger = replace(installed["vabus"], address_space=None)
-    with pytest.raises(NotSupported, match="does not tell which addresses a vabus drive can hold"):
+    with pytest.raises(NotSupported, match="does not list the addresses of a vabus drive"):
         course(stranger, None, known=[])
 
 

@@ -149,7 +149,7 @@ def test_noise_and_what_it_may_be():
 def test_nobody_there():
     measurements, findings = diagnose(VirtualLine())
     assert (measurements.found, measurements.replies, measurements.elsewhere) == ([], [], [])
-    assert "nobody answers at 2 addresses (vabus at 19200 7E1)" in only(findings, "drives").text
+    assert "no drive answers at 2 addresses (vabus at 19200 7E1)" in only(findings, "drives").text
 
 
 @pytest.mark.parametrize("rate", [9600, 38400])

@@ -171,7 +171,7 @@ def test_what_is_wrong_is_said_with_its_line(text, sentence, tmp_path):
 
 def test_a_place_where_nothing_can_be_written(tmp_path):
     known = ParameterSet(protocol="vabus", drive="vabus:1", model="agile", entries={})
-    with pytest.raises(UsageError, match="no parameter set; give another name"):
+    with pytest.raises(UsageError, match="not a parameter set; give another name"):
         write_set(tmp_path, known)
     with pytest.raises(UsageError, match="there is no folder"):
         write_set(tmp_path / "a" / "b.toml", known)

@@ -140,10 +140,10 @@ def test_a_head_that_was_cut_is_written_again(tmp_path):
 def test_a_foreign_file_is_left_alone(tmp_path):
     path = tmp_path / "notes.csv"
     path.write_text("my,own,notes\n1,2,3\n", encoding="utf-8")
-    with pytest.raises(FileFormatError, match=r"is there already and is no log of values; give another name"):
+    with pytest.raises(FileFormatError, match=r"exists already and is not a value log; give another name"):
         open_log(path)
     assert path.read_text(encoding="utf-8") == "my,own,notes\n1,2,3\n"
-    with pytest.raises(FileFormatError, match="is no log of values"):
+    with pytest.raises(FileFormatError, match="is not a value log"):
         list(read_rows(path))
 
 
@@ -208,7 +208,7 @@ def test_files_that_cannot_be(tmp_path):
     for path, kind, message in (
         (tmp_path / "log.txt", UsageError, "a log is .csv or .parquet"),
         (tmp_path / "nowhere" / "log.csv", FileFormatError, "cannot be written as a log"),
-        (there, FileFormatError, "is there already"),
+        (there, FileFormatError, "exists already"),
     ):
         with pytest.raises(kind, match=message):
             open_log(path)
@@ -225,7 +225,7 @@ def test_files_that_cannot_be(tmp_path):
 def test_a_parquet_file_of_somebody_else(tmp_path):
     path = tmp_path / "other.parquet"
     parquet.write_table(pa.table({"time": [1]}), path)
-    with pytest.raises(FileFormatError, match="is no log of values; it must have the columns time, drive"):
+    with pytest.raises(FileFormatError, match="is not a value log; it must have the columns time, drive"):
         list(read_rows(path))
 
 
@@ -236,7 +236,7 @@ def test_a_parquet_file_of_somebody_else(tmp_path):
 def test_a_row_that_is_none_is_named(tmp_path, line):
     path = tmp_path / "log.csv"
     path.write_text(",".join(COLUMNS) + "\n" + line + "\n", encoding="utf-8")
-    with pytest.raises(FileFormatError, match=r"log.csv, line 2: is no row of a log"):
+    with pytest.raises(FileFormatError, match=r"log.csv, line 2: not a row of a value log"):
         list(read_rows(path))
 
 

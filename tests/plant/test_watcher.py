@@ -233,7 +233,7 @@ def test_what_cannot_be_watched():
     for lines, options, message in (
         ([], {}, "there is nothing to watch"),
         ([line, line], {}, "two drives are named 'vabus:1'"),
-        ([line], {"names": ["colour"]}, "'colour' is no common name"),
+        ([line], {"names": ["colour"]}, "unknown common name 'colour'"),
         ([line], {"period_s": 0}, "a period of 0 s cannot be"),
     ):
         with pytest.raises(UsageError, match=message):

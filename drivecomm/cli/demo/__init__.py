@@ -1,1 +1,1 @@
-"""The demo command: a tour of everything, on virtual lines or on a real one."""
+"""Command `demo`: a tour of all features, on virtual lines or on a real one."""

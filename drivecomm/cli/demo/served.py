@@ -1,4 +1,4 @@
-"""The end of the tour: a virtual plant with its server, a value from its API, and a trip that appears as an event."""
+"""Last stop of the tour: a virtual plant with its server, a value from its API, and a trip that appears as an event."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ _NEEDED = ("fastapi", "uvicorn")
 
 
 def served_plant(tour: Tour) -> None:
-    """Serve a virtual plant, read a value from its HTTP API, and see a trip among its events."""
+    """Serve a virtual plant, read a value from its HTTP API, and find a trip among its events."""
     tour.heading("The same plant file, simulated and served: drivecomm serve")
     missing = [name for name in _NEEDED if find_spec(name) is None]
     if missing:
         tour.console.print(f"  left out without {' and '.join(missing)}; install drivecomm[server]", markup=False)
         return
-    # The tour shows its events.
+    # The tour prints the events itself, so the server's log must stay silent.
     logging.getLogger("drivecomm.server").addHandler(logging.NullHandler())
     with TemporaryDirectory() as folder, tour.step("serve a virtual plant") as tell:
         file = Path(folder) / "plant.toml"

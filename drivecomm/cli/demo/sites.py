@@ -1,4 +1,4 @@
-"""The lines of the tour, virtual or the real one behind --port, and what is done with each drive."""
+"""Lines of the tour, virtual ones or the real one at --port, and the actions for each drive."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 class Site:
     """One line of the tour.
 
-    let_pass: lets seconds pass on it. now: its time. virtual: its virtual drives by name. heard: everything that
-    happened on it, as the trace tells.
+    let_pass: advances the time of the line by some seconds. now: returns its time. virtual: its virtual drives by name.
+    heard: all trace events of the line.
     """
 
     title: str
@@ -58,7 +58,7 @@ def _virtual_site(title: str, places: list[tuple[str, int]], *, echo: bool) -> I
 
 @contextmanager
 def real_site(line: LineOptions) -> Iterator[list[Site]]:
-    """Yield the real line behind --port."""
+    """Yield the real line at --port."""
     heard: list[TraceEvent] = []
     with line.bus(heard.append) as bus:
         yield [Site(title=f"line {line.port}", bus=bus, let_pass=time.sleep, now=time.monotonic, heard=heard)]
@@ -66,11 +66,11 @@ def real_site(line: LineOptions) -> Iterator[list[Site]]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Case:
-    """What is read from a drive and how it is moved.
+    """Values to read from a drive, and the way to move it.
 
-    model: whose names and units are used, None for bare values. parameters: what is read. frequency: the parameter that
-    shows output frequency or speed, signed. reference, backwards: what is set for running, in percent or hertz;
-    backwards is for drives that reverse by a negative reference. fault: the code that a virtual drive trips with.
+    model: model for names and units, None for bare values. parameters: parameters to read. frequency: parameter with
+    the signed output frequency or speed. reference, backwards: references for running, in percent or hertz; backwards
+    is for drives that reverse by a negative reference. fault: fault code with which a virtual drive trips.
     """
 
     model: str | None = None
@@ -104,5 +104,5 @@ _CASES = {
 
 
 def case_for(protocol: str, examples: tuple[str, ...]) -> Case:
-    """Return what to do with a drive; a protocol of somebody else's is read by the examples that it names."""
+    """Return the actions for a drive; for a third-party protocol, the reads of its own examples."""
     return _CASES.get(protocol, Case(parameters=examples))

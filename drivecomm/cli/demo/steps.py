@@ -1,4 +1,4 @@
-"""The steps of the tour: each is shown, and counted as done or failed."""
+"""Steps of the tour: each is shown, and counted as done or failed."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class Tour:
-    """A console to print on, and what has been done so far: title, whether it worked, what was seen."""
+    """Tour of the demo: its console, and the steps so far with title, success and observations."""
 
     console: Console
     steps: list[tuple[str, bool, str]] = field(default_factory=list)
 
     @contextmanager
     def step(self, title: str) -> Iterator[Callable[[str], None]]:
-        """Carry out a step; the block tells what it saw. Errors of the tree and failed checks fail the step."""
+        """Run a step; the block reports its observations. DriveCommError and AssertionError fail the step."""
         seen: list[str] = []
         try:
             yield seen.append
@@ -37,10 +37,10 @@ class Tour:
             self.steps.append((title, True, "; ".join(seen)))
 
     def heading(self, text: str) -> None:
-        """Print the heading of a stop."""
+        """Print the heading of a part of the tour."""
         self.console.print(f"\n[bold cyan]{escape(text)}[/bold cyan]")
 
     @property
     def failed(self) -> int:
-        """How many steps failed."""
+        """Number of failed steps."""
         return sum(not worked for _, worked, _ in self.steps)

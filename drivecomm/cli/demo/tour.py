@@ -1,4 +1,4 @@
-"""The demo command: the stops of the tour, their order and a summary. What goes wrong is a failed step, not the end."""
+"""Command `demo`: the stops of the tour, their order and a summary. An error fails its step and the tour continues."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _FAULT_LOCK_S = 16.0
 
 
 def scan(tour: Tour, site: Site) -> list[Found]:
-    """Find the drives of a line; on a virtual one exactly those that are there."""
+    """Find the drives of a line; on a virtual one, check that exactly its drives are found."""
     tour.heading(f"Scan of {site.title}")
     found: list[Found] = []
     with tour.step(f"scan {site.title.partition(':')[0]}") as tell:
@@ -51,7 +51,7 @@ def scan(tour: Tour, site: Site) -> list[Found]:
 
 
 def values(tour: Tour, drive: Drive, protocol: str) -> None:
-    """Read what a plant engineer looks at first."""
+    """Read the values that a plant engineer needs first."""
     case = case_for(protocol, installed[protocol].parameter_examples)
     with tour.step(f"read {drive.name}") as tell:
         for place, parameter in enumerate(case.parameters):
@@ -62,7 +62,7 @@ def values(tour: Tour, drive: Drive, protocol: str) -> None:
 
 
 def motion(tour: Tour, site: Site, drive: Drive, protocol: str) -> None:
-    """Start, watch the ramp, reverse, stop."""
+    """Start the drive, show the ramp, reverse, and stop."""
     case = case_for(protocol, ())
     can = drive.capabilities
     with tour.step(f"start, ramp, reverse, stop {drive.name}") as tell:
@@ -95,7 +95,7 @@ def _ramp(site: Site, drive: Drive, frequency: str) -> str:
 
 
 def fault(tour: Tour, site: Site, drive: Drive, protocol: str) -> None:
-    """Let the virtual drive trip, see it, reset it."""
+    """Trip a virtual drive, show the fault, and reset it."""
     case = case_for(protocol, ())
     with tour.step(f"fault and reset {drive.name}") as tell:
         site.virtual[drive.name].trip(case.fault, site.now())
@@ -119,7 +119,7 @@ def fault(tour: Tour, site: Site, drive: Drive, protocol: str) -> None:
 
 
 def refusals(tour: Tour, drive: Drive) -> None:
-    """Ask for what cannot be: every refusal is one sentence."""
+    """Show that each invalid request is refused with one sentence."""
     attempts: list[tuple[str, Callable[[], object]]] = [
         ("a parameter that is none", lambda: drive.read("not a parameter")),
         ("a value that does not fit", lambda: drive.write("481", 10**9)),
@@ -154,7 +154,7 @@ def one_exchange(tour: Tour, site: Site, drive: Drive, protocol: str, parameter:
 
 
 def printed_telegrams(tour: Tour, protocol: str, vectors: list[Vector]) -> None:
-    """Decode every telegram that stands byte by byte in a manual, build it again, and show the first."""
+    """Decode and rebuild each telegram that a manual prints byte by byte, and show the first one."""
     with tour.step(f"telegrams printed in {protocol} manuals") as tell:
         wrong = [vector.id for vector in vectors if not _is_as_printed(protocol, vector)]
         first, more = vectors[0], f", and {len(vectors) - 1} more" if len(vectors) > 1 else ""
@@ -187,7 +187,7 @@ def drawn(protocol: str, data: bytes, message: Message) -> Table:
 
 
 def _pieces(protocol: str, data: bytes, message: Message) -> Iterator[tuple[bytes, str, str]]:
-    """Split the bytes by the form that reads this message from them."""
+    """Split the bytes of a telegram by the form from which this message was decoded."""
     for form in installed[protocol].forms().values():
         if form.message is not type(message):
             continue

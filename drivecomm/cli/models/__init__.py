@@ -1,1 +1,1 @@
-"""The commands for drive models."""
+"""Commands for drive models."""

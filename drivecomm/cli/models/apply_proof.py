@@ -1,4 +1,4 @@
-"""The command that gives facts of a model the marks that a proof has shown."""
+"""Command `models apply-proof`: marks of facts in a model, from the report of a proof."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ _FOLDER = "proofs"
 @click.option("--virtual", is_flag=True, help="Apply a proof of a virtual drive all the same, to try it out.")
 @options.json
 def apply(*, file: Path, to: Path | None, virtual: bool, json: bool) -> int:
-    """Mark facts of a model as shown or contradicted by a drive, as a report of prove says.
+    """Mark facts of a model as shown or contradicted by a drive, from a report of prove.
 
-    Only the table [proofs] of the model file is changed, and a second time changes nothing. Exit code 1 when the drive
-    has contradicted facts.
+    Only the table [proofs] of the model file is changed, and a second run changes nothing. Exit code 1 if the drive has
+    contradicted facts.
     """
     proof = read_proof(file)
     if proof.virtual and not virtual:

@@ -1,4 +1,4 @@
-"""The command that draws facts of the packaged models, to be checked against their pages."""
+"""Command `models draw`: random facts of the packaged models, for checks against their pages."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from drivecomm.models import draw as drawn
 @click.option("--count", type=click.IntRange(min=1), default=100, show_default=True, help="How many.")
 @options.json
 def draw(*, seed: int, count: int, json: bool) -> int:
-    """Draw facts at random, each with the page that says so, or the program.
+    """Draw facts at random, each with its source page or program.
 
-    For those who check the packaged models: open the page, and compare number, scale, unit and texts.
+    To check the packaged models, open the page, and compare number, scale, unit and texts.
     """
     facts = drawn(seed, count)
     for fact in facts:

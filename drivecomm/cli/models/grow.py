@@ -1,4 +1,4 @@
-"""The command that grows a model from a drive."""
+"""Command `models grow`: a model made from the answers of a drive."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from drivecomm.commissioning.exploring import Answer, Course
     from drivecomm.protocol import Model as KnownModel, ParameterInfo, Protocol
 
-# As many as fit below each other on a screen; the others are counted.
+# As many as fit on a screen; the rest is only counted.
 _MOST_SHOWN = 10
 
 
@@ -53,11 +53,11 @@ def grow(
     option: tuple[str, ...],
     force: bool,
 ) -> int:
-    """Write a model file from what a drive answers.
+    """Write a model file from the answers of a drive.
 
-    Drives whose protocol lets them describe their parameters give names, types, units, scales, limits, texts; of others
-    it is known which addresses they answer: what the model to start from does not know becomes read-only, without type
-    and unconfirmed. Changes nothing in the drive; an interrupted one is continued by the same command. Exit code 5 when
+    Drives that can describe their parameters supply names, types, units, scales, limits, texts. Other drives only show
+    which addresses they answer: a parameter that the base model does not have becomes read-only, without type and
+    unconfirmed. Changes nothing in the drive. After an interruption, run the same command to continue. Exit code 5 if
     the drive answers nothing.
     """
     if write.suffix != ".toml":
@@ -103,9 +103,9 @@ def grow(
 
 
 def _written(drive: Drive, answers: list[Answer], told: list[ParameterInfo], file: Path) -> KnownModel:
-    """Write the model that is made of a drive's answers, and return it. Raises DriveError where there are none."""
+    """Write the model made from a drive's answers, and return it. Raises DriveError without answers."""
     if not any(answer.told is not None for answer in answers):
-        raise DriveError(f"{drive.name} tells nothing of {len(answers)} parameters, so there is no model to write")
+        raise DriveError(f"{drive.name} answers none of {len(answers)} parameters, so there is no model to write")
     made = grown(
         told,
         protocol=drive.name.partition(":")[0],
@@ -123,5 +123,5 @@ def _usual(model: KnownModel | None, plugin: Protocol) -> KnownModel:
 
 
 def _counts(answer: Answer, way: Course) -> bool:
-    """Whether it is worth a word that nothing was told: of all that a drive may hold, most is not there."""
+    """Return whether a missing answer is worth reporting; most addresses that a drive may hold do not exist."""
     return answer.address in way.known or not answer.absent

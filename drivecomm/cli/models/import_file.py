@@ -1,4 +1,4 @@
-"""The command that makes a model from a register list, or from a file of another program."""
+"""Command `models import`: a model made from a register list, or from a file of another program."""
 
 from __future__ import annotations
 
@@ -53,8 +53,8 @@ def import_file(
 ) -> int:
     """Make a model from a register list, or from the configuration of another program.
 
-    Its drives are monitoring only: they are read, and neither commanded nor written. Shows what was understood, what
-    was assumed and what was not carried over, and asks before it writes. Exit code 1 if nothing is written.
+    Its drives are monitoring only: they are read, and neither commanded nor written. Shows the registers found, the
+    assumptions and the items left out, and asks before it writes. Exit code 1 if nothing is written.
     """
     path = output or Path(f"{file.stem}.toml")
     if path.suffix != ".toml":
@@ -79,7 +79,7 @@ def import_file(
 
 
 def _agreed(path: Path, *, as_json: bool) -> bool:
-    """Ask whether to write; without a terminal the answer is no."""
+    """Ask the user whether to write the file; False without a terminal."""
     if as_json or not sys.stdin.isatty():
         return False
     return click.confirm(f"Write {path}?", default=False, err=True)
@@ -119,7 +119,7 @@ def _emit(model: Model, found: Foreign) -> None:
 
 
 def _head(found: Foreign, file: Path) -> str:
-    """Return the comment above the model: what was assumed, and what is not in it."""
+    """Return the comment above the model: assumptions of the import, and items that are missing."""
     lines = [f"Imported from {file.name}, {found.form}. Monitoring only: nothing here commands a drive."]
     lines += [f"Assumed: {sentence}." for sentence in found.assumptions]
     lines += [f"Not carried over: {each}" for each in found.left]
@@ -127,7 +127,7 @@ def _head(found: Foreign, file: Path) -> str:
 
 
 def _next(model: Model, found: Foreign, path: Path, address: int | None) -> str:
-    """Return the command that reads from such a drive, the common names first."""
+    """Return a command that reads from such a drive, preferably a common name."""
     drive = address if address is not None else next(iter(drives_of(found)), 1)
     names = list(dict.fromkeys([*model.quantities, *_readable(model)]))
     return f"drivecomm read modbus:{drive or 1} {names[0]} --model {path} --port {found.port or _PORT}"

@@ -1,4 +1,4 @@
-"""Models as the command line names them."""
+"""Model names on the command line."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def model_named(text: str, protocol: str | None) -> Model:
-    """Return the model of NAME, PROTOCOL/NAME or a .toml file. Raises UsageError."""
+    """Return the model with this NAME, PROTOCOL/NAME or .toml file. Raises UsageError."""
     if text.endswith(".toml"):
         given = protocol or open_model_file(Path(text)).content.get("protocol")
         if not isinstance(given, str):

@@ -1,4 +1,4 @@
-"""The models setup command: what to set at the panel of a drive, with the values of its plant."""
+"""Command `models setup`: the settings to make at the panel of a drive, with the values of its plant."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilledSheet:
-    """A set-up sheet with what it was filled in with. drive: None for the defaults of the series."""
+    """Set-up sheet with the values filled in. drive: None for the defaults of the series."""
 
     model: Model
     drive: DriveConfig | None
@@ -37,7 +37,7 @@ class FilledSheet:
 
     @property
     def about(self) -> str:
-        """What the sheet is for, as one line."""
+        """Subject of the sheet, as one line."""
         whose = f"for {self.drive.full_name}" if self.drive else "for any drive of the series"
         return f"{self.model.title}, {whose}, at {self.settings}"
 
@@ -58,7 +58,7 @@ class FilledSheet:
 def setup(
     *, series: str | None, drive: str | None, plant: Path | None, html: Path | None, force: bool, json: bool
 ) -> int:
-    """Show what must be set at the panel of a drive, so that it talks and obeys.
+    """Show the panel settings that a drive needs to communicate and to obey commands.
 
     With --for, the address, line settings and link loss of that drive are filled in; without, the series' defaults.
     """
@@ -68,7 +68,7 @@ def setup(
     sheet = filled_sheet(series, _drive(drive, plant) if drive else None)
     show_sheet(sheet, as_json=json)
     if html is not None:
-        # Who prints text needs no page.
+        # Imported late, because text output does not need it.
         from drivecomm.cli.models.setup_page import page
 
         write_whole(html, page(sheet))
@@ -76,7 +76,7 @@ def setup(
 
 
 def _drive(text: str, plant: Path | None) -> DriveConfig:
-    """Return a drive of the plant as its line reaches it, or one that is named by its protocol and address."""
+    """Return a drive of the plant with the settings of its line, or a drive named by its protocol and address."""
     known = known_plant(plant, port_given=False)
     named = {each.name for each in known.drives} if known else set()
     if known is None or (":" in text and text not in named and text not in map(str, known.drives)):
@@ -108,7 +108,7 @@ def filled_sheet(series: str | None, drive: DriveConfig | None) -> FilledSheet:
 
 
 def show_sheet(sheet: FilledSheet, *, as_json: bool) -> None:
-    """Print a sheet: what is set at the panel, by purpose."""
+    """Print the panel settings of a sheet, by purpose."""
     if as_json:
         for row in sheet.rows:
             emit(value=row.value, made_of=row.made_of, lacks=row.lacks, setting=row.setting)

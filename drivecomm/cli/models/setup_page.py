@@ -1,4 +1,4 @@
-"""A set-up sheet as a page to print and to tick off at the panel."""
+"""Set-up sheet as an HTML page, to print and tick off at the panel."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def page(sheet: FilledSheet) -> str:
-    """Return a sheet as HTML: one file, black on white."""
+    """Return a sheet as one HTML file, black on white."""
     lacking = sum(bool(row.lacks) for row in sheet.rows)
     result = f"{len(sheet.rows)} settings" + (f", {lacking} of them without a known value" if lacking else "")
     return html_page(

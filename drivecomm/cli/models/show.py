@@ -1,4 +1,4 @@
-"""The models commands: which drive series are known, what is known of them, and whether a model file is in order."""
+"""Commands `models list`, `show`, `check` and `names`: known drive series, their facts, and checks of model files."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def list_models(*, protocol: str | None, json: bool) -> int:
 @click.option("--quantities", "common", is_flag=True, help="Only its common names.")
 @options.json
 def show(*, model: str, parameters: tuple[str, ...], protocol: str | None, common: bool, json: bool) -> int:
-    """Show what is known of a drive series: its parameters, common names, watchdog, and how sure each fact is."""
+    """Show the facts of a drive series: its parameters, common names, watchdog, and the mark of each fact."""
     known = model_named(model, protocol)
     if parameters:
         for number, info in enumerate([_parameter(each, known) for each in parameters]):
@@ -111,7 +111,7 @@ def show(*, model: str, parameters: tuple[str, ...], protocol: str | None, commo
 @click.argument("files", type=FILE, metavar="[FILE...]", nargs=-1, help="Default: all that drivecomm finds by name.")
 @options.json
 def check(*, files: tuple[Path, ...], json: bool) -> int:
-    """Check model files and list everything that is wrong. Exit code 2 when anything is."""
+    """Check model files and list all faults in them. Exit code 2 if there are any."""
     wrong = 0
     for path in files or _all_model_files():
         findings = check_model(path)
@@ -138,7 +138,7 @@ def check(*, files: tuple[Path, ...], json: bool) -> int:
 @click.command(cls=Command)
 @options.json
 def names(*, json: bool) -> int:
-    """List the common names: what each means on every drive, and its unit."""
+    """List the common names with their meaning on every drive, and their unit."""
     if json:
         for quantity in quantities().values():
             emit(**asdict(quantity))
@@ -148,7 +148,7 @@ def names(*, json: bool) -> int:
 
 
 def _contradicted(path: Path) -> str:
-    """Return what a drive has contradicted of a model file that is in order; empty where nothing was."""
+    """Return the facts of a valid model file that a drive has contradicted, as text; empty if there are none."""
     if "proofs" not in (content := open_model_file(path).content):
         return ""
     plugin = installed[content["protocol"]]
@@ -157,16 +157,16 @@ def _contradicted(path: Path) -> str:
 
 
 def _all_model_files() -> Iterator[Path]:
-    """Yield the files of all models, also packaged ones that a user's file of the same name hides."""
+    """Yield the files of all models, including packaged ones that a user's file of the same name hides."""
     for plugin in installed.working():
         yield from dict.fromkeys([*model_paths(plugin.package, plugin.name).values(), *packaged_models(plugin.package)])
 
 
 def _parameter(text: str, model: Model) -> ParameterInfo:
-    """Return what a model knows of an address, a name of its own or a common name. Raises ParameterAddressError."""
+    """Return a parameter of a model by its address, its name or a common name. Raises ParameterAddressError."""
     info = parameter_at(model.quantities.get(text, text), model)
     if info is None:
-        raise ParameterAddressError(f"model {model.name} knows no parameter {text!r}; drivecomm models show lists them")
+        raise ParameterAddressError(f"model {model.name} has no parameter {text!r}; drivecomm models show lists them")
     return info
 
 
@@ -239,7 +239,7 @@ def _print_model(model: Model) -> None:
 
 
 def _needs(model: Model) -> str:
-    """Return the parameters that must hold certain values before such a drive obeys, as far as its model says."""
+    """Return the parameters that need certain values before such a drive obeys commands, by its model, as text."""
     told = ""
     for address, raws in model.control.get("needs", {}).items():
         info = parameter_at(address, model)

@@ -1,1 +1,1 @@
-"""The commands for parameter sets: backup, compare, restore."""
+"""Commands for parameter sets: `backup`, `compare`, `restore`."""

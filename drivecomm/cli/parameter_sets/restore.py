@@ -1,4 +1,4 @@
-"""The restore command."""
+"""Command `restore`: the parameters of a file, written to a drive."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import DriveConfig
 
 INCOMPLETE = 1
-"""Exit code of a restore that did all it could, but left out parameters that it should have restored."""
+"""Exit code of a completed restore that left out parameters which it should have restored."""
 
 
 @click.command(cls=LineCommand)
@@ -87,7 +87,7 @@ def restore(
 
 
 def exit_code_of_restore(done: Restored) -> int:
-    """Return the exit code of a restore that came to its end."""
+    """Return the exit code of a completed restore."""
     if done.refused:
         return DriveError.exit_code
     if done.unconfirmed or done.left:
@@ -97,7 +97,7 @@ def exit_code_of_restore(done: Restored) -> int:
 
 @contextmanager
 def _said_how_to_go_on(journal: Journal, line: LineOptions) -> Iterator[None]:
-    """Say of a restore that is cut off that it can go on."""
+    """Add to an interruption in the block how to resume the restore."""
     try:
         yield
     except (LinkError, ReplyError) as error:
@@ -116,7 +116,7 @@ def _how_to_go_on(journal: Journal) -> str:
 
 
 def show_plan(plan: Plan, drive: DriveConfig, *, as_json: bool) -> None:
-    """Print what a restore would write, and what it would leave alone."""
+    """Print the parameters that a restore would write, and those that it would leave alone."""
     if as_json:
         for item in plan.items:
             told = {**plain(item), "stage": item.stage.name.lower(), "quantity": item.name}
@@ -131,7 +131,7 @@ def show_plan(plan: Plan, drive: DriveConfig, *, as_json: bool) -> None:
 
 
 def _show_changes(items: list[Planned], drive: DriveConfig) -> None:
-    """Say what each of these was before and what it is to be."""
+    """Print the present and the new value of each item."""
     names = [f"{item.address} {item.name}" for item in items]
     width = max(map(len, names), default=0)
     for name, item in zip(names, items, strict=True):
@@ -140,7 +140,7 @@ def _show_changes(items: list[Planned], drive: DriveConfig) -> None:
 
 
 def _left_alone(plan: Plan) -> str:
-    """Return how much of a set is not restored, of that first what should have been."""
+    """Return the number of items that are not restored, as text; first those that should have been restored."""
     missed, as_meant = len(plan.missed), len(plan.to("skip")) - len(plan.missed)
     told = f", {missed} not restored" if missed else ""
     return told + (f", {as_meant} left alone" if as_meant else "")

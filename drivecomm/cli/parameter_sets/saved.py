@@ -1,4 +1,4 @@
-"""The backup and compare commands, and the drives whose parameters are saved, compared or restored."""
+"""Commands `backup` and `compare`, and the drives whose parameters are saved, compared or restored."""
 
 from __future__ import annotations
 
@@ -72,10 +72,10 @@ def backup(
     everything: bool,
     within: tuple[str, ...],
 ) -> int:
-    """Save the parameters of a drive to a file. What cannot be read is listed in it.
+    """Save the parameters of a drive to a file. Parameters that cannot be read are listed in it.
 
-    With --everything every address that such a drive can have is asked for; what the model does not know is kept as
-    raw values, which are never restored. That takes minutes; the same command continues one that was interrupted.
+    With --everything, every possible address is requested; values that the model does not know are kept as raw values,
+    which are never restored. That takes minutes; after an interruption, run the same command to continue.
     """
     reached, name = line.reaching(drive)
     must_be_free(file, str(name))
@@ -134,7 +134,7 @@ def _show_saved(found: ParameterSet, model: KnownModel, file: Path, name: DriveC
 def drive_of_set(
     reached: LineOptions, name: DriveConfig, model: str | None, known: ParameterSet | None = None
 ) -> Iterator[bus.Drive]:
-    """Open the line of a drive and yield it. known: a set whose model is used where none is given."""
+    """Open the line of a drive and yield the drive. known: a parameter set whose model is the default model."""
     of_set = {"model": known.model} if known and known.model and known.protocol == name.protocol else {}
     with reached.drive_at(replace(name, options={**of_set, **name.options}), model) as one:
         yield one
@@ -154,7 +154,7 @@ def compare(
 ) -> int:
     """List the parameters in which two drives or files differ. Exit code 1 when they do.
 
-    What one of them lacks is listed and counted separately, and is not a difference.
+    Parameters that only one of them has are listed and counted separately, and are not a difference.
     """
     parts: list[Part] = ["settings"]
     if communication or everything:
@@ -225,17 +225,17 @@ def called(difference: Difference) -> str:
 
 
 def _in_columns(rows: list[tuple[str, str, str, str]]) -> Iterator[str]:
-    """Yield rows as lines: a name, two values that end under each other, and a remark."""
+    """Yield rows as lines: a name, two right-aligned values, and a remark."""
     name, left, right = (max(len(row[place]) for row in rows) for place in range(3))
     for row in rows:
         yield f"{row[0]:<{name}}  {row[1]:>{left}}  {row[2]:>{right}}  {row[3]}".rstrip()
 
 
 def shown(entry: Entry | None) -> str:
-    """Return a value for people."""
+    """Return a value as text."""
     return "-" if entry is None else str(entry) or '""'
 
 
 def told(entry: Entry | None) -> Any:
-    """Return a value for programs."""
+    """Return a value as JSON content."""
     return None if entry is None else {"value": entry.value, "unit": entry.unit, "raw": entry.raw}

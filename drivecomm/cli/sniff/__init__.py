@@ -1,1 +1,1 @@
-"""The sniff command: where the bytes come from, what they are called, how it is shown."""
+"""Command `sniff`: sources of bytes, names of parameters, and output."""

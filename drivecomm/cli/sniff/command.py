@@ -1,4 +1,4 @@
-"""The sniff command: listen to a line, or read a capture, and show what is said on it."""
+"""Command `sniff`: show the traffic of a line or a capture."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def sniff(
         raise UsageError(f"{write}: is the capture that is read; write to another file")
     must_be_free(write, "--write", force=force)
     recorded, planned = _expected(place)
-    # What a recording names has no model, so that its parameters have no names either.
+    # Drives named in a recording have no model, so their parameters have no names.
     naming = Naming([parse_drive(text) for text in drives] or planned, everybody=names)
     given = {"baudrate": baudrate, "bytesize": bytesize, "parity": parity and parity.upper(), "stopbits": stopbits}
     naming.check()
@@ -136,7 +136,7 @@ def sniff(
             raise UsageError(
                 f"{place} is the port of {found[0]}, which tells what it hears; leave --detect and --shared out"
             )
-        # Loaded by those who go through a server only.
+        # Imported late, because only a port of a server needs it.
         from drivecomm.client import LineEar
 
         open_port, making_way = (lambda *_: LineEar(*found)), nullcontext()
@@ -159,9 +159,9 @@ def sniff(
 
 
 def _expected(place: str) -> tuple[list[DriveConfig], list[DriveConfig]]:
-    """Return the drives that a recording says were on its line, and those that the plant has on the line of this port.
+    """Return the drives that a recording names, and the plant's drives on the line of this port.
 
-    Of a recording, the plant tells only of drives that the recording names.
+    For a recording, the second list has only drives that the recording names.
     """
     port, recorded = place, []
     if is_file(place):
@@ -170,7 +170,7 @@ def _expected(place: str) -> tuple[list[DriveConfig], list[DriveConfig]]:
     try:
         plant = known_plant(None, port_given=False)
     except FileFormatError as error:
-        # Whoever listens needs no plant.
+        # Listening does not need a plant.
         note(str(error))
         plant = None
     if plant is None:
@@ -184,7 +184,7 @@ def _expected(place: str) -> tuple[list[DriveConfig], list[DriveConfig]]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Output:
-    """How events are shown: each one, and at the beginning and the end."""
+    """Output functions of a call: for each event, and at the beginning and the end."""
 
     show: Callable[[LineEvent, Meaning], None]
     end: Callable[[], None]
@@ -204,11 +204,11 @@ class Job:
     _heard: bool = False
 
     def counted(self) -> Mapping[str, Mapping[str, Statistics]]:
-        """Return what was counted by now, by line."""
+        """Return the statistics so far, by line."""
         return {name: watch.statistics for name, watch in list(self._watches.items())}
 
     def read(self, place: str, write: Path | None, output: Output) -> None:
-        """Show what a capture holds."""
+        """Show the contents of a capture."""
         with open_capture(place) as capture:
             about = capture.provenance
             settings = self._settings(None) if self.given or about.settings is None else None
@@ -227,9 +227,9 @@ class Job:
         told: Callable[[str, Detected], None] | None,
         seconds: float | None,
     ) -> bool:
-        """Show what is said at a port; return whether anything was.
+        """Show the traffic at a port; return whether there was any.
 
-        told: the line settings are found by listening, and it is told.
+        told: called with the line settings detected by listening; None to detect nothing.
         """
         settings = self._settings(self.naming.settings)
         with closing(open_port(place, settings)) as port:
@@ -264,7 +264,7 @@ class Job:
                     if self._is_wanted(event):
                         output.show(event, self.naming.meaning(event))
         except KeyboardInterrupt:
-            # The usual way to end it.
+            # Ctrl-C is the normal end.
             pass
         finally:
             output.end()
@@ -283,7 +283,7 @@ class Job:
                 watch = self._watches[name]
                 yield from watch.feed(piece) if piece.data else watch.flush(piece.time_s)
         finally:
-            # Also after Ctrl-C or when the port is lost: what is half decided is counted.
+            # After Ctrl-C or the loss of the port, pending telegrams still count.
             left = [event for watch in self._watches.values() for event in watch.finish()]
         yield from left
 

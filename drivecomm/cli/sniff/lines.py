@@ -1,4 +1,4 @@
-"""What was heard as lines for people, as objects for scripts, and as a table of the drives."""
+"""Output of traffic: as lines for people, as JSON objects for scripts, and as a table of the drives."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ _json_text = json.JSONEncoder(default=plain).encode
 
 
 def say_event(event: LineEvent, meaning: Meaning) -> None:
-    """Print an event for people: time, direction, drive, content, what is known of the parameter, remarks."""
+    """Print an event as a line: time, direction, drive, content, parameter, remarks."""
     _, arrow, content = _described(event)
     line = f"{event.line}  " if event.line else ""
     parts = (f"{event.drive:<14}", content, _about(meaning))
-    # Whoever listens to a port flushes them; a long capture goes out in blocks.
+    # No flush here: the reader of a live port flushes, and a long capture is written in blocks.
     text = line + line_text(event.time_s, arrow, *parts, remarks=_remarks(event))
     sys.stdout.write(printable(text) + "\n")
 
@@ -74,7 +74,7 @@ def emit_event(event: LineEvent, meaning: Meaning) -> None:
 
 
 def _described(event: LineEvent) -> tuple[str, str, str]:
-    """Return what an event is, its arrow, and its content."""
+    """Return the kind of an event, its arrow, and its content."""
     item = event.item
     if item is None:
         asked = event.pair.request if event.pair else None
@@ -91,12 +91,12 @@ def _described(event: LineEvent) -> tuple[str, str, str]:
 
 
 def _text_of(message: Message) -> str:
-    """Return the text of a message; a telegram that is said again and again has one and the same."""
+    """Return the text of a message, cached because many telegrams repeat."""
     known = _texts.get(id(message))
     if known is None:
         if len(_texts) >= _MOST_TEXTS:
             _texts.clear()
-        # As long as the message is kept, no other is in its place.
+        # The cached message keeps its id from being reused.
         known = _texts[id(message)] = message, fields_text(message)
     return known[1]
 
@@ -145,14 +145,14 @@ _NOT_A_TERMINAL = 160
 
 @dataclass(slots=True)
 class LiveTable:
-    """A table that is drawn anew while events come; only on a terminal."""
+    """Table that is redrawn as events arrive, on a terminal only."""
 
     counted: Callable[[], Mapping[str, Mapping[str, Statistics]]]
     _last: dict[tuple[str, str], str] = field(default_factory=dict)
     _live: Live | None = None
 
     def start(self) -> None:
-        """Begin to draw."""
+        """Start drawing."""
         from rich.live import Live
 
         if sys.stdout.isatty():
@@ -162,12 +162,12 @@ class LiveTable:
             self._live.start()
 
     def show(self, event: LineEvent, meaning: Meaning) -> None:
-        """Keep the last value of each drive."""
+        """Store the last value of each drive."""
         if meaning.parameter is not None and meaning.reading is not None:
             self._last[event.line, event.drive] = f"{meaning.parameter.name} = {meaning.reading}"
 
     def stop(self) -> None:
-        """Draw for the last time."""
+        """Draw the final table."""
         if self._live is not None:
             self._live.stop()
             self._live = None
@@ -176,13 +176,13 @@ class LiveTable:
 
 
 def print_summary(counted: Mapping[str, Mapping[str, Statistics]]) -> None:
-    """Print what was counted for each drive, apart from what stands before it."""
+    """Print the statistics of each drive, after an empty line."""
     say()
     print_table(drawn(counted, {}), _NOT_A_TERMINAL)
 
 
 def emit_summary(counted: Mapping[str, Mapping[str, Statistics]]) -> None:
-    """Print what was counted as one JSON object for each drive, and one for the line."""
+    """Print the statistics as one JSON object for each drive, and one for the line."""
     for line, drives in counted.items():
         for drive, each in sorted(drives.items()):
             times = each.reply_times
@@ -197,14 +197,14 @@ def emit_summary(counted: Mapping[str, Mapping[str, Statistics]]) -> None:
 
 
 def drawn(counted: Mapping[str, Mapping[str, Statistics]], last: Mapping[tuple[str, str], str]) -> Table:
-    """Return the table; last: what each drive said last."""
+    """Return the table of statistics. last: last value of each drive."""
     from rich import box
     from rich.table import Table
 
     narrow = {"box": box.SIMPLE_HEAD, "padding": (0, 1, 0, 0), "show_edge": False, "pad_edge": False}
     table = Table(**narrow if sys.stdout.isatty() else {"box": box.ASCII2})
     table.add_column("drive", no_wrap=True)
-    # A terminal has 80 columns, and the last values need them.
+    # A terminal has 80 columns, and the last values need the space.
     times = dict(list(_TIMES.items())[: 1 if last else None])
     for head in (*_COUNTED, *times):
         table.add_column(head, justify="right", no_wrap=True)
@@ -225,7 +225,7 @@ def drawn(counted: Mapping[str, Mapping[str, Statistics]], last: Mapping[tuple[s
 
 
 def _order(drive: str) -> tuple[bool, str, int, str]:
-    """By protocol, then by number; what belongs to no drive comes last."""
+    """Return the sort key of a drive: protocol, then address; entries without a drive come last."""
     protocol, _, address = drive.partition(":")
     return drive == LINE, protocol, int(address) if address.isdigit() else -1, address
 
@@ -235,7 +235,7 @@ def _milliseconds(times: ReplyTimes, how: Callable[[ReplyTimes], float]) -> str:
 
 
 def _errors_of(each: Statistics) -> str:
-    """Return what went wrong, in words: a table of zeros would hide it."""
+    """Return the errors of a drive in words, because a table of zeros would hide them."""
     counts = [(each.counters[name], *words) for name, words in _COUNTED_ERRORS.items()]
     counts.append((sum(each.counters[name] for name in _ERRORS), "error", "errors"))
     counts.append((each.counters["noise bytes"], "noise byte", "noise bytes"))

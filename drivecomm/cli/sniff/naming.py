@@ -1,4 +1,4 @@
-"""Parameter names and values for the drives that are heard."""
+"""Parameter names and values of the drives in sniffed traffic."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Meaning:
-    """What a telegram is about: the parameter, and in a reply its value or why there is none."""
+    """Meaning of a telegram: the parameter, and in a reply its value or the refusal."""
 
     parameter: ParameterInfo | None = None
     reading: Reading | None = None
@@ -31,9 +31,9 @@ _NOTHING = Meaning()
 
 @dataclass(slots=True)
 class Naming:
-    """Names the parameters of drives whose model is known.
+    """Naming of the parameters of drives with a known model.
 
-    drives: as given with --drive. everybody: whether other drives are taken for their protocol's default model.
+    drives: drives given with --drive. everybody: whether other drives get their protocol's default model.
     """
 
     drives: Sequence[DriveConfig]
@@ -41,14 +41,14 @@ class Naming:
     _known: dict[str, ParameterNames | None] = field(default_factory=dict)
 
     def check(self) -> None:
-        """Raise UsageError unless all drives can be."""
+        """Raise UsageError for an invalid drive."""
         for drive in self.drives:
             _, options = _sorted_out(drive)
             checked_address(installed[drive.protocol], drive.address, options)
 
     @property
     def options(self) -> Mapping[str, Any]:
-        """The protocols' drive options, from the first drive of each."""
+        """Drive options of each protocol, from its first drive."""
         chosen: dict[str, Any] = {}
         for drive in self.drives:
             chosen.setdefault(drive.protocol, _sorted_out(drive)[1])
@@ -56,11 +56,11 @@ class Naming:
 
     @property
     def settings(self) -> LineSettings | None:
-        """The line settings of the first drive."""
+        """Line settings of the first drive."""
         return _sorted_out(self.drives[0])[0] if self.drives else None
 
     def meaning(self, event: LineEvent) -> Meaning:
-        """Return what a telegram is about, as far as the drive's model says."""
+        """Return the meaning of a telegram, as far as the drive's model contains it."""
         if not isinstance(event.item, HeardTelegram):
             return _NOTHING
         request = event.pair.request if event.pair else event.item
@@ -95,7 +95,7 @@ class Naming:
 
 
 def _sorted_out(drive: DriveConfig) -> tuple[LineSettings, Any]:
-    """Return line settings and protocol options. Raises UsageError for an option that the protocol does not have."""
+    """Return line settings and protocol options of a drive. Raises UsageError for an unknown option."""
     plugin = installed[drive.protocol]
     given = {name: value for name, value in drive.options.items() if name != "model"}
     name = drive.options.get("model")

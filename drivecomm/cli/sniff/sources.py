@@ -1,4 +1,4 @@
-"""Where the bytes come from: a capture file, or a port that only listens."""
+"""Sources of bytes: a capture file, or a port that only listens."""
 
 from __future__ import annotations
 
@@ -17,39 +17,39 @@ if TYPE_CHECKING:
     from drivecomm.transport import ListeningPort
 
 _SUFFIXES = (".jsonl", ".pcapng")
-# How long a silence is noticed at the latest.
+# Limit of the delay in seconds until a silence is noticed.
 _TICK_S = 0.05
-# An adapter hands over what it has every 16 ms; a shorter silence shows only between them.
+# An adapter delivers bytes every 16 ms, so shorter silences show only between its deliveries.
 _SILENCE_S = 0.005
 _SILENCE_CHARACTERS = 3
 _NO_LONGER_THAN_S = 4.0
 
 
 def is_file(place: str) -> bool:
-    """Whether this is a capture file and not a port."""
+    """Return whether a place is a capture file and not a port."""
     return Path(place).suffix.lower() in _SUFFIXES or Path(place).is_file()
 
 
 def pieces_from(port: ListeningPort, settings: LineSettings, seconds: float | None) -> Iterator[Piece]:
-    """Yield what comes, and empty pieces while nothing does; times count from now. seconds: None for without end."""
+    """Yield the bytes of a port, and empty pieces during silence; times start now. seconds: None for no end."""
     began = port.now()
     until = None if seconds is None else began + seconds
     while until is None or port.now() < until:
         tick = port.now() + _TICK_S
         data = port.read(tick if until is None else min(tick, until))
         yield Piece(time_s=port.now() - began, data=data, settings=settings)
-        # What was said about it has been written by now.
+        # The caller has printed the piece by now.
         sys.stdout.flush()
 
 
 @dataclass(slots=True)
 class Ear:
-    """Listens to a port with any settings, for the detection."""
+    """Listens to a port with changing settings, for the detection of line settings."""
 
     port: ListeningPort
 
     def listen(self, settings: LineSettings, telegrams: int) -> LineSample:
-        """Return what came until so many silences, at the longest for 4 s."""
+        """Return the bytes received until a number of silences, for 4 s at most. telegrams: that number."""
         self.port.configure(settings)
         began, spoilt = self.port.now(), self.port.spoilt
         silence_s = max(_SILENCE_S, settings.wire_s(_SILENCE_CHARACTERS))

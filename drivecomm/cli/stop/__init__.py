@@ -1,1 +1,1 @@
-"""The stop command: one drive, or everything, with as little loaded as that takes."""
+"""Command `stop`: one drive, or everything, with as few imports as possible."""

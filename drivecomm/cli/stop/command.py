@@ -1,4 +1,4 @@
-"""The stop command as click reads it: any option, and any mistake."""
+"""Command `stop` for click: accepts all options, and reports mistakes."""
 
 from __future__ import annotations
 
@@ -28,11 +28,10 @@ if TYPE_CHECKING:
 def stop(*, line: LineOptions, drives: tuple[str, ...], everything: bool, how: str, model: str | None) -> int:
     """Stop one motor or several, or with --all every motor.
 
-    A group of the plant file stands for its drives.
-    --all works on all lines at the same time: it broadcasts a stop for each protocol and then stops each drive of the
-    plant individually, so that it confirms. PROTOCOL:* does that with the drives of one protocol; without a plant file,
-    or with --port, it only broadcasts, on one line, which nobody confirms. Exit code 5 unless every drive has
-    confirmed; with --all and without a plant file none can. Drives that are not armed in the plant file are stopped
-    too.
+    A group of the plant file stands for its drives. --all works on all lines at the same time: it broadcasts a stop for
+    each protocol and then stops each drive of the plant individually, so that it confirms. PROTOCOL:* does that with
+    the drives of one protocol; without a plant file, or with --port, it only broadcasts, on one line, which no drive
+    confirms. Exit code 5 unless every drive has confirmed; with --all and without a plant file no drive can. Drives
+    that are not armed in the plant file are stopped too.
     """
     return stop_motors(line, drives, everything=everything, how=how, model=model)

@@ -1,4 +1,4 @@
-"""Plant files for stopping: of one that is damaged, as much as can be read."""
+"""Plant files for stopping; as much as possible is read of a damaged file."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ if TYPE_CHECKING:
 
 
 def readable_plant(path: Path) -> tuple[Plant, list[str]]:
-    """Return the plant of a file as far as it can be read, and what is wrong with the file, in sentences.
+    """Return the readable part of a plant file, and the faults of the file as sentences.
 
-    No sentences mean that this is the whole plant. Raises FileFormatError when nothing can be read.
+    Without sentences, the plant is complete. Raises FileFormatError if nothing can be read.
     """
-    # Only who has a plant file needs the reader of it.
+    # Imported late, because only calls with a plant file need it.
     from drivecomm.plant import read_plant
 
     try:
         return read_plant(path), []
-    except Exception as error:  # noqa: BLE001 - as far as it can be read
+    except Exception as error:  # noqa: BLE001 - the readable part is used instead
         from drivecomm.plant import salvaged
 
         try:
             plant, lost = salvaged(path)
-        except Exception:  # noqa: BLE001 - what was wrong first is said
+        except Exception:  # noqa: BLE001 - the first error is the useful one
             raise error from None
         return plant, [f"{error}; what else can be read of it is stopped", *lost]

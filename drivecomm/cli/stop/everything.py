@@ -1,8 +1,8 @@
-"""Stopping everything, or all drives of a protocol: all lines at once, broadcasts first.
+"""Stop of everything, or of all drives of a protocol: on all lines concurrently, broadcasts first.
 
-A broadcast reaches every drive with one telegram, and nobody confirms it. So each drive of the plant is then stopped by
-itself: all of them once, without waiting for those that are silent any longer than one reply takes, and those that have
-not confirmed once more with all the attempts that they may have. A server is asked for all its drives concurrently.
+A broadcast reaches every drive with one telegram, but no drive confirms it. Therefore each drive of the plant is then
+stopped individually. The first round stops each drive once and waits for a silent drive no longer than one reply takes.
+The second round repeats unconfirmed stops with all their attempts. A server stops all its drives concurrently.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ if TYPE_CHECKING:
 
 
 def stop_all(line: LineOptions, path: Path | None, how: Stop) -> int:
-    """Stop what is behind the port or in the plant file, and say what was confirmed; returns the exit code.
+    """Stop all drives at the port or in the plant file, and print the confirmations; return the exit code.
 
-    A drive that cannot stop this way is stopped down its ramp. Line facts of the command line go before what the plant
-    says. Where the plant file cannot be read, its server says what there is, and otherwise the port that is given is
-    left.
+    A drive that does not support this kind of stop is stopped down its ramp. Line facts of the command line override
+    those of the plant. If the plant file is unreadable, its server supplies the drives; without a server, only the
+    given port remains.
     """
     spite = InSpite(as_json=line.json)
     if path is None:
@@ -51,10 +51,10 @@ def stop_all(line: LineOptions, path: Path | None, how: Stop) -> int:
             stop_port(line, how, spite)
         spite.note(error)
         return code
-    # Of a damaged file its server may know more.
+    # The server of a damaged file may know more drives.
     lines = list(_lines_of(plant, line, path, () if whole or of_server else tuple(installed)))
     if of_server:
-        # Loaded by those who have a server only.
+        # Imported late, because only calls with a server need it.
         from drivecomm.cli.stop.served_lines import merged
 
         lines = merged(lines, of_server)
@@ -64,10 +64,10 @@ def stop_all(line: LineOptions, path: Path | None, how: Stop) -> int:
 
 
 def stop_protocol(line: LineOptions, path: Path, protocol: str, model: str | None, how: Stop) -> int:
-    """Stop the drives of a protocol that a plant has, on all its lines, as `stop_all` does; returns the exit code.
+    """Stop the drives of a protocol in a plant, on all its lines, as `stop_all` does; return the exit code.
 
-    A protocol that the plant has no drive of is told all on each line, which nobody confirms. Raises UsageError for a
-    plant without lines.
+    If the plant has no drive of the protocol, each line gets a broadcast, which no drive confirms. Raises UsageError
+    for a plant without lines.
     """
     if protocol not in installed:
         raise unknown_protocol(protocol, installed)
@@ -97,7 +97,7 @@ def _of(protocol: str, drives: Iterable[DriveConfig]) -> tuple[DriveConfig, ...]
 
 
 def _plant(path: Path, spite: InSpite) -> tuple[Plant, bool]:
-    """Return the plant of a file, and whether it is all of it. Raises FileFormatError when nothing can be read."""
+    """Return the plant of a file, and whether it is complete. Raises FileFormatError if nothing can be read."""
     plant, wrong = readable_plant(path)
     for sentence in wrong:
         spite.note(sentence)
@@ -105,23 +105,23 @@ def _plant(path: Path, spite: InSpite) -> tuple[Plant, bool]:
 
 
 def _of_server(line: LineOptions, path: Path, spite: InSpite) -> list[StoppedLine]:
-    """Return the lines of the server of a plant file; none where none runs or answers."""
+    """Return the lines of the server of a plant file; empty if no server is running or it does not respond."""
     server = spite.of(lambda: server_of_plant(path), None, "the server of this plant is not looked for")
     if server is None:
         return []
-    # Loaded by those who have a server only.
+    # Imported late, because only calls with a server need it.
     from drivecomm.cli.stop.served_lines import lines_of_server
 
     try:
         return lines_of_server(server, line)
-    except Exception as error:  # noqa: BLE001 - the file or the ports are left
+    except Exception as error:  # noqa: BLE001 - the file or the ports may still work
         spite.lost.add(server.pid)
         spite.note(f"{error}; the ports themselves are tried now")
         return []
 
 
 def _lines_of(plant: Plant, line: LineOptions, path: Path, also: tuple[str, ...]) -> Iterator[StoppedLine]:
-    # What is said on the command line goes before what the plant says of a line or a drive.
+    # Facts of the command line override those of the plant's lines and drives.
     said = line.said_facts
     for each in plant.lines:
         drives = plant.on_line(each.name)

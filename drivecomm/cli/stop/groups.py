@@ -1,4 +1,4 @@
-"""Groups of drives to stop, as the plant file has them, or its server, or what can be read of a damaged file."""
+"""Groups of drives to stop: from the plant file, its server, or the readable part of a damaged file."""
 
 from __future__ import annotations
 
@@ -20,14 +20,15 @@ if TYPE_CHECKING:
     from drivecomm.protocol import DriveConfig
 
 Place: TypeAlias = "tuple[str, Mapping[str, Any], DriveConfig]"
-"""The port of a drive, what it is opened with, and the drive."""
+"""Port of a drive, the options for opening it, and the drive."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlacedDrives:
-    """Drives that a word means, and where they are.
+    """Drives that a word names, and their places.
 
-    unreached: why others of them cannot be reached, by their names. whole: no other drive can be meant.
+    unreached: errors for the named drives that cannot be reached, by their names. whole: whether these are certainly
+    all of them.
     """
 
     places: Sequence[Place] = ()
@@ -38,8 +39,8 @@ class PlacedDrives:
 def group_to_stop(line: LineOptions, text: str, servers: KnownToServers, spite: InSpite) -> PlacedDrives | None:
     """Return the drives of a group; None if neither the plant file nor a server has such a group.
 
-    Of a damaged file the drives that can be read, and those that its server knows: the group may have more, which is
-    noted. Raises UsageError if several servers know the word.
+    For a damaged file, these are the readable drives and those that its server knows. A note then warns that the group
+    may have more drives. Raises UsageError if several servers know the name.
     """
     path = the_plant_file(line, spite)
     plant, wrong = _read(path)
@@ -52,14 +53,14 @@ def group_to_stop(line: LineOptions, text: str, servers: KnownToServers, spite: 
     if known is not None and not known.is_group:
         known = None
     is_own = known is not None and path is not None and spite.of(partial(_is_of, known, path), False, str(path))
-    # A damaged file and another plant may have groups of one name.
+    # A damaged file and another plant may have groups of the same name.
     told = known.places(line) if known is not None and (is_own or not has_group) else []
     places = {(place[2].line, str(place[2])): place for place in (*told, *found.places)}
     if not places and not found.unreached:
         return None
     for sentence in wrong:
         spite.note(sentence)
-    # What a server has of a file that nobody can read any more is all that there is.
+    # If the file is completely unreadable, the server's copy is all there is.
     whole = not wrong or (plant is None and is_own)
     if not whole:
         spite.note(
@@ -70,7 +71,7 @@ def group_to_stop(line: LineOptions, text: str, servers: KnownToServers, spite: 
 
 
 def _read(path: Path | None) -> tuple[Plant | None, list[str]]:
-    """Return the plant of a file as far as it can be read, None if nothing can be, and what is wrong with the file."""
+    """Return the readable part of a plant file, None if there is none, and the faults of the file."""
     if path is None:
         return None, []
     try:
@@ -83,7 +84,7 @@ def _read(path: Path | None) -> tuple[Plant | None, list[str]]:
 def _of_plant(line: LineOptions, plant: Plant, text: str) -> PlacedDrives:
     """Return the drives of a group of a plant.
 
-    In a damaged file a drive may have the name of the group, so that it is unclear what is meant: both are stopped.
+    In a damaged file a drive may have the name of the group. As the meaning is then unclear, both are stopped.
     """
     word, *behind = text.split(",")
     places: list[Place] = []
@@ -93,7 +94,7 @@ def _of_plant(line: LineOptions, plant: Plant, text: str) -> PlacedDrives:
             try:
                 reached, drive = replace(line, arm=False).reaching_in(plant, member, behind)
                 places.append((reached.named_port, reached.opening, drive))
-            except Exception as error:  # noqa: BLE001 - the others are stopped
+            except Exception as error:  # noqa: BLE001 - the other drives must still be stopped
                 unreached[member.name] = error
     return PlacedDrives(places=places, unreached=unreached)
 

@@ -1,4 +1,4 @@
-"""Look-ups that only help a stop, such as whether there is a server: whatever they raise, the stop goes out."""
+"""Look-ups that only assist a stop, such as the search for a server; none of their errors prevents the stop."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ T = TypeVar("T")
 
 
 class InSpite:
-    """Carries helping look-ups out, and notes once each what was wrong with them."""
+    """Runner of assisting look-ups, which notes each of their errors once."""
 
     def __init__(self, *, as_json: bool) -> None:
         self._as_json = as_json
         self._noted: set[str] = set()
         self.lost: set[int] = set()
-        """Programs that did not answer once, and are asked no more."""
+        """Process numbers of programs that did not respond once, and are skipped."""
 
     def of(self, look_up: Callable[[], T], otherwise: T, what: str) -> T:
-        """Return the result of a look-up; if it raises anything, note that, and return what is given otherwise.
+        """Return the result of a look-up; on any error, note it and return `otherwise`.
 
-        what: the sentence about it, without its reason.
+        what: sentence about the error, without its reason.
         """
         try:
             return look_up()
-        except Exception as error:  # noqa: BLE001 - nothing that only helps keeps a motor running
+        except Exception as error:  # noqa: BLE001 - a failed look-up must not prevent a stop
             self.note(f"{what}: {error or type(error).__name__}")
             return otherwise
 
     def note(self, text: str | Exception) -> None:
-        """Say what was wrong, once; that it cannot be said is no reason to go no further."""
+        """Print a note once; a failure of the output is ignored."""
         if str(text) not in self._noted:
             self._noted.add(str(text))
             with suppress(Exception):

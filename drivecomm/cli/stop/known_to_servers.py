@@ -1,4 +1,4 @@
-"""The drives and groups that servers know, for stops to which no plant file leads."""
+"""Drives and groups that servers know, for stops of names that no plant file has."""
 
 from __future__ import annotations
 
@@ -22,28 +22,28 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServedDrives:
-    """What a word means to a server. drives: all of a group, or one drive."""
+    """Drives of a server that a word names. drives: all drives of a group, or one drive."""
 
     server: Registration
     drives: tuple[DriveConfig, ...]
     is_group: bool
 
     def places(self, line: LineOptions) -> list[Place]:
-        """Return where the drives are, and what their lines are opened with."""
+        """Return the places of the drives: port, options for opening it, and drive."""
         ports = self.server.lines
         return [(ports[each.line], line.opening, replace(each, options=line.said_facts)) for each in self.drives]
 
 
 class KnownToServers:
-    """The drives of the server of the plant file that is named, or of all servers; they are asked once."""
+    """Drives of the server of the given plant file, or of all servers; they are requested only once."""
 
     def __init__(self, line: LineOptions, spite: InSpite) -> None:
         self._line, self._spite = line, spite
 
     def named(self, text: str) -> ServedDrives | None:
-        """Return what a word means to the server that knows it; None if no server does.
+        """Return the drives that a word names at the server that knows it; None if no server does.
 
-        Raises UsageError where it means something to several servers.
+        Raises UsageError if several servers know the word.
         """
         word = text.partition(",")[0]
         found: dict[str, ServedDrives] = {}
@@ -51,7 +51,7 @@ class KnownToServers:
             drive = replace(parse_drive(told["drive"]), name=told["name"], line=told["line"])
             if word in (drive.name, str(drive)):
                 found[f"{server.plant}: {drive.name}"] = ServedDrives(server=server, drives=(drive,), is_group=False)
-            # A server of an earlier version has no groups.
+            # A server of an earlier version reports no groups.
             elif word in told.get("groups", ()):
                 group = f"{server.plant}: group {word}"
                 before = found[group].drives if group in found else ()
@@ -70,7 +70,7 @@ class KnownToServers:
         return found
 
     def _servers(self) -> list[Registration]:
-        """Return the server of the plant file, or all servers if neither is named nor runs."""
+        """Return the server of the plant file; without one, all servers unless the user named a plant file."""
         path, spite = the_plant_file(self._line, self._spite), self._spite
         own = None if path is None else spite.of(partial(server_of_plant, path), None, "its server is not looked for")
         if own is not None:

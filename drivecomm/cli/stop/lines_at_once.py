@@ -1,4 +1,4 @@
-"""Stopping several lines at the same time, each by the first of its ways that works."""
+"""Stop of several lines concurrently, each by the first way that works."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _Item: TypeAlias = StopResult | BaseException | None
 
 
 def stop_lines(lines: Sequence[StoppedLine], line: LineOptions, how: Stop, spite: InSpite, *, whole: bool) -> int:
-    """Stop lines and say what came of it; returns the exit code. whole: whether they are all that there is."""
+    """Stop lines and print the results; return the exit code. whole: whether these are all lines."""
     if line.record is not None and len(lines) > 1:
         spite.note("--record is for one line, and this plant has several; nothing is recorded")
         lines = [replace(each, opening={**each.opening, "record": None}) for each in lines]
@@ -50,7 +50,7 @@ def stop_lines(lines: Sequence[StoppedLine], line: LineOptions, how: Stop, spite
 
 @contextmanager
 def own_bus(line: StoppedLine, ways: Ways) -> Iterator[Bus]:
-    """Open the port of a line itself for the time of the block; errors then name it."""
+    """Open the port of a line directly for the time of the block; errors then name the port."""
     if line.port is None:
         raise UsageError("no port: give --port or set DRIVECOMM_PORT, and in a plant of several lines each its port")
     recorded = [partial(buses.open_bus, line.port, **line.opening)] if line.opening.get("record") else []
@@ -64,16 +64,16 @@ def own_bus(line: StoppedLine, ways: Ways) -> Iterator[Bus]:
 
 
 def bus_of(program: Registration, name: str, opening: Mapping[str, Any]) -> BlockingLine:
-    """Return the bus of a line through the program that has its port; as a bus of its own."""
+    """Return the bus of a line through the program that has its port, with the interface of a direct bus."""
     from drivecomm.client import ServedBus
 
     return ServedBus(program, name, **{**opening, "trace": None, "record": None})
 
 
 def stop_at_once(lines: Iterable[StoppedLine], how: Stop, spite: InSpite) -> Iterator[StopResult]:
-    """Stop all lines at the same time, and yield what comes of it as it comes.
+    """Stop all lines concurrently, and yield the results as they arrive.
 
-    A signal does not break it off: then those that are silent are not asked again.
+    A signal does not interrupt the stops; it only skips the second round for silent drives.
     """
     news: SimpleQueue[_Item] = SimpleQueue()
     fallen: list[BaseException] = []
@@ -125,16 +125,16 @@ def _stop_line(line: StoppedLine, how: Stop, news: SimpleQueue[_Item], hurry: Ev
     except DriveCommError as error:
         for drive in rest().left:
             tell(StopResult(line=line.name, drive=drive.name, how=how, error=error))
-    except BaseException as error:  # noqa: BLE001 - handed to the thread that waits, which raises it after all others
+    except BaseException as error:  # noqa: BLE001 - raised again by the waiting thread, after all stops
         news.put(error)
     finally:
         news.put(None)
 
 
 def _stop_through(program: Registration, name: str, line: StoppedLine, how: Stop, tell: OnResult) -> None:
-    """Have a server stop a line, all its drives concurrently, so that a silent one delays the report of no other.
+    """Stop a line through its server, all drives concurrently, so that a silent drive delays no other report.
 
-    Raises LinkError where it does not answer, or has not got the port, once all drives were tried.
+    Raises LinkError after all drives were tried, if the server does not respond or no longer has the port.
     """
     check_alive(program)
     lost: list[LinkError] = []
@@ -149,13 +149,13 @@ def _stop_through(program: Registration, name: str, line: StoppedLine, how: Stop
             tell(_stop_at(program, name, line, drive, how))
         except LinkError as error:
             lost.append(error)
-        except Exception as error:  # noqa: BLE001 - nothing that is wrong with one drive keeps the others running
+        except Exception as error:  # noqa: BLE001 - an error of one drive must not prevent other stops
             tell(StopResult(line=line.name, drive=drive.name, how=how, error=error))
 
     everybody = Thread(target=to_all, daemon=True)
     if not line.by_name:
         everybody.start()
-        # They reach most drives first, and hold up none.
+        # The broadcasts reach most drives first, and the limit keeps them from delaying the other stops.
         everybody.join(_BROADCASTS_S)
     each = [Thread(target=stop, args=(drive,), daemon=True) for drive in line.left]
     for thread in each:
@@ -167,7 +167,7 @@ def _stop_through(program: Registration, name: str, line: StoppedLine, how: Stop
 
 
 def _stop_at(program: Registration, name: str, line: StoppedLine, drive: DriveConfig, how: Stop) -> StopResult:
-    """Have a server stop a drive, down its ramp where it cannot otherwise."""
+    """Stop a drive through a server; down its ramp if it does not support this kind of stop."""
     from drivecomm.client import have_stopped, place_on_line
 
     place = place_on_line(name, str(drive))

@@ -1,4 +1,4 @@
-"""Stopping one drive, or all of a protocol: nothing that is wrong besides keeps a motor running."""
+"""Stop of one drive, or of all drives of a protocol; no unrelated error keeps a motor running."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 
 
 def stop_one(line: LineOptions, drive: str, model: str | None, how: Stop) -> int:
-    """Stop a drive, a group, or with PROTOCOL:* all of a protocol, and say so; returns the exit code.
+    """Stop a drive, a group, or with PROTOCOL:* all drives of a protocol, and print it; return the exit code.
 
-    The program that has the port does it where there is one. Raises the error that the drive or its line answered with.
+    A program that has the port sends the stop. Raises the error of the drive or its line.
     """
     spite = InSpite(as_json=line.json)
     chosen = {"model": model} if model else {}
@@ -40,7 +40,7 @@ def stop_one(line: LineOptions, drive: str, model: str | None, how: Stop) -> int
         return 0
     try:
         reached, name, broken = reached_for_stopping(line, drive, spite)
-    except Exception as error:  # noqa: BLE001 - raised there if nobody knows the drive
+    except Exception as error:  # noqa: BLE001 - raised again below if no server knows the drive
         return _stop_otherwise(line, drive, model, how, spite, failure=error)
     options = {**name.options, **chosen}
     ways = Ways(reached.named_port, spite)
@@ -70,11 +70,11 @@ def stop_one(line: LineOptions, drive: str, model: str | None, how: Stop) -> int
 def _stop_otherwise(
     line: LineOptions, text: str, model: str | None, how: Stop, spite: InSpite, *, failure: Exception
 ) -> int:
-    """Stop what the plant file has no drive of: a group, or a drive that its server knows all the same.
+    """Stop a name that is not a drive of the plant file: a group, or a drive that only the server knows.
 
-    Raises failure if it is neither.
+    Raises failure if the name is neither.
     """
-    # Loaded by those only whom the plant file leads to no drive.
+    # Imported late, because only names outside the plant file need it.
     from drivecomm.cli.stop.groups import group_to_stop
     from drivecomm.cli.stop.known_to_servers import KnownToServers
 
@@ -109,14 +109,14 @@ def _stop_all_of(line: LineOptions, protocol: str, options: Mapping[str, Any], h
 
 def _tell(name: DriveConfig, how: Stop, by: Registration | None = None, *, as_json: bool) -> None:
     done = f"stop ({how.value}) commanded"
-    # Nobody who cannot be told keeps other motors running.
+    # A failed output must not keep other motors running.
     with suppress(Exception):
         text = f"{name.name}  {done}{_by(by)}"
         tell(text, as_json=as_json, **labels(name), done=done, result=None, **_by_content(by))
 
 
 def _by(program: Registration | None) -> str:
-    """Return who has done it; that a server does is the rule."""
+    """Return the program that sent the stop, as text; empty for a server, which is the normal case."""
     return "" if program is None or program.plant else f", by {program}"
 
 
@@ -127,14 +127,14 @@ def _by_content(program: Registration | None) -> dict[str, str]:
 def _options_for(
     line: LineOptions, options: Mapping[str, Any], spite: InSpite, program: Registration
 ) -> Mapping[str, Any]:
-    """Return what another program is told of a drive: its own server what was said here only, any other all of it."""
+    """Return the drive options for another program: only those of the command line for its own server, else all."""
     path = the_plant_file(line, spite)
     own = path is not None and program.plant and spite.of(lambda: _is_same(path, program.plant), False, str(path))
     told = line.said_facts if own else dict(options)
     if str(told.get("model", "")).endswith(".toml"):
         import os
 
-        # It may have been started in another folder.
+        # The program may run in another folder.
         told["model"] = os.path.abspath(str(told["model"]))  # noqa: PTH100
     return told
 
@@ -144,13 +144,13 @@ def _is_same(path: Path, other: str) -> bool:
 
 
 def openings(line: LineOptions) -> list[Callable[[], AbstractContextManager[Bus]]]:
-    """Return what opens a line's own port: with its recording, and where that cannot be, without."""
+    """Return functions that open a line's own port: with its recording, and without as a fallback."""
     recorded = [line.own_bus] if line.record is not None else []
     return [*recorded, replace(line, record=None).own_bus]
 
 
 def the_plant_file(line: LineOptions, spite: InSpite) -> Path | None:
-    """Return the plant file of a call, None also where that cannot be seen."""
+    """Return the plant file of a call, None also if the folder cannot be read."""
     return spite.of(lambda: plant_file(line.plant, port_given=False), None, "the plant file is not looked for")
 
 
@@ -162,9 +162,9 @@ def _stop_by_name(server: Registration, drive: DriveConfig, said: Mapping[str, A
 
 
 def reached_for_stopping(line: LineOptions, text: str, spite: InSpite) -> tuple[LineOptions, DriveConfig, str]:
-    """Return the line of a drive, the drive, and what is wrong with the plant file, empty if nothing is.
+    """Return the line of a drive, the drive, and the fault of the plant file, empty without a fault.
 
-    --arm is not needed for it, and does no harm. Raises UsageError, also for a plant file in which it is not found.
+    A stop needs no --arm, and accepts it. Raises UsageError, also if a damaged plant file does not contain the drive.
     """
     line = replace(line, arm=False)
     try:
@@ -173,16 +173,16 @@ def reached_for_stopping(line: LineOptions, text: str, spite: InSpite) -> tuple[
         if not isinstance(error, FileFormatError):
             raise
         failure: Exception = error
-    except Exception as error:  # noqa: BLE001 - whatever is wrong with the plant file, the drive may be found
+    except Exception as error:  # noqa: BLE001 - the drive may be found despite a faulty plant file
         failure = error
     word = text.partition(",")[0]
     if (file := the_plant_file(line, spite)) is not None:
-        # Only a broken plant file takes the reader of such.
+        # Imported late, because only a damaged plant file needs it.
         with suppress(Exception):
             from drivecomm.plant import salvaged
 
             plant, _ = salvaged(file)
-            # A group of the same name makes it unclear what is meant, so that both are stopped.
+            # A group of the same name makes the meaning unclear, so both are stopped.
             if word not in plant.groups:
                 drive = plant.drive(word)
                 return line.on(plant.line(drive.line), str(file)), drive, str(failure)

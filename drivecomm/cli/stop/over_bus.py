@@ -1,4 +1,4 @@
-"""A line that the command line stops, and all drives of a protocol where no plant file says which there are."""
+"""Line to stop on the command line, and the stop of all drives of a protocol without a plant file."""
 
 from __future__ import annotations
 
@@ -17,35 +17,35 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StoppedLine(DrivesToStop):
-    """What is to be stopped on a line, and how the line is reached."""
+    """Drives to stop on a line, and the way to reach the line."""
 
     port: str | None
     opening: Mapping[str, Any]
     file: str = ""
-    """The real path of the plant file that says so: its server needs to be told what was said here only."""
+    """Real path of the plant file; its server needs only the options of the command line."""
 
     said: Mapping[str, Any] = field(default_factory=dict)
-    """What was said here: line facts of the command line."""
+    """Line facts of the command line."""
 
 
 def stop_protocol_of(bus: BlockingLine, name: str, how: Stop, tell: OnResult, *, as_json: bool) -> list[str]:
-    """Stop all drives of a protocol; return its name where that can be done one by one only."""
+    """Stop all drives of a protocol; return its name if its drives can only be stopped one by one."""
     unreached = []
     try:
         try:
-            # One after the other: the first has been stopped before the second is loaded.
+            # One protocol at a time: the first one is stopped before the second one is imported.
             everybody = bus.broadcast(name)
             told = carry_out(None, stopping_everybody(everybody, "", name, how))
         except NotSupported as error:
-            # Such as Modbus, where their model says how drives are stopped, or drives without a broadcast.
+            # For example Modbus, where the model defines the stop, or drives without a broadcast.
             unreached.append(name)
             if not as_json:
                 return unreached
             told = StopResult(protocol=name, how=how, error=error)
     except ServerLostError:
-        # Another way is left.
+        # The caller tries another way.
         raise
-    except Exception as error:  # noqa: BLE001 - a package that is broken keeps no drive of another one running
+    except Exception as error:  # noqa: BLE001 - a broken package must not block the stops of other protocols
         told = StopResult(protocol=name, how=how, error=error)
     tell(told)
     return unreached

@@ -1,6 +1,6 @@
-"""What the stop command does, and how its plain options are read without click, to load less before a motor stops.
+"""Entry of the stop command, which parses plain options without click, to import less before a motor stops.
 
-Any other option, and any mistake, is left to click, which reads these the same way.
+All other options, and all mistakes, are left to click, which parses the plain ones in the same way.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _WITH_A_VALUE = {
 
 
 def stop_motors(line: LineOptions, drives: Sequence[str], *, everything: bool, how: str, model: str | None) -> int:
-    """Stop the drives that are named, or everything, and return the exit code. Raises UsageError."""
+    """Stop the named drives, or everything, and return the exit code. Raises UsageError."""
     try:
         chosen = Stop(how.lower().replace("-", "_"))
     except ValueError:
@@ -48,10 +48,10 @@ def stop_motors(line: LineOptions, drives: Sequence[str], *, everything: bool, h
 
 
 def _plant_file(line: LineOptions) -> Path | None:
-    """Return the plant file of a call; None also where that cannot be seen, such as in a folder that is closed."""
+    """Return the plant file of a call; None also if it is not accessible, such as in a protected folder."""
     try:
         return plant_file(line.plant, port_given="port" in line.given)
-    except Exception:  # noqa: BLE001 - a port, or its server, may be left
+    except Exception:  # noqa: BLE001 - a port or its server may still work
         return None
 
 
@@ -66,7 +66,7 @@ def _stop_named(line: LineOptions, drives: Sequence[str], model: str | None, how
     protocol, _, address = drive.partition(":")
     plant = _plant_file(line) if address == "*" else None
     if plant is not None and "port" not in line.given:
-        # Kept apart, because nothing of it must be loaded to stop one drive, nor the other way round.
+        # Separate modules, so that neither kind of stop imports the other.
         from drivecomm.cli.stop.everything import stop_protocol
 
         return stop_protocol(line, plant, protocol, model, how)
@@ -76,7 +76,7 @@ def _stop_named(line: LineOptions, drives: Sequence[str], model: str | None, how
 
 
 def quick_stop(arguments: list[str]) -> Callable[[], int] | None:
-    """Return what carries out `stop` with these arguments, None if click has to read them."""
+    """Return a function that runs `stop` with these arguments, None if click has to parse them."""
     given = quick_arguments(arguments)
     if given is None:
         return None
@@ -93,9 +93,9 @@ def quick_stop(arguments: list[str]) -> Callable[[], int] | None:
 
 
 def quick_arguments(arguments: list[str]) -> dict[str, str] | None:
-    """Return the drives and the values of the options; None where there is anything but these, --all and --json.
+    """Return the drives and the values of the options; None if there is any other argument, except --all and --json.
 
-    drives: with spaces between them; one that has a space is left to click.
+    drives: separated by spaces; a name with a space is left to click.
     """
     given: dict[str, str] = {}
     left = iter(arguments)

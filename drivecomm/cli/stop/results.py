@@ -1,4 +1,4 @@
-"""The outcome of stops as the command line shows it."""
+"""Output of the results of stops."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def show(news: StopResult, wanted: Stop, *, as_json: bool) -> None:
-    """Say what came of a stop; that it cannot be said keeps no other motor running."""
+    """Print the result of a stop; a failed output keeps no other motor running."""
     with suppress(Exception):
         _show(news, wanted, as_json=as_json)
 

@@ -1,4 +1,4 @@
-"""The lines and drives that a server has, as it tells them."""
+"""Lines and drives of a server, as the server reports them."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 
 
 def lines_of_server(server: Registration, line: LineOptions) -> list[StoppedLine]:
-    """Return the lines of a server that have drives. Raises LinkError where it does not say which."""
+    """Return the lines of a server that have drives. Raises LinkError if the server does not report them."""
     found = []
     known = drives_known_to(server)
     for name, port in server.lines.items():
         said = _options_by_drive(server, name)
         there = [each for each in known if each["line"] == name]
         drives = tuple(_drive(each, said.get(each["drive"], {}), line.said_facts) for each in there)
-        # Of which series a drive is must be known before all of a protocol are told anything.
+        # A broadcast stop is allowed only if the series of every drive is known.
         whole = all(each["drive"] in said for each in there)
         one = StoppedLine(
             name=name, port=port, opening=line.opening, drives=drives, by_name=not whole, file=server.plant,
@@ -37,7 +37,7 @@ def lines_of_server(server: Registration, line: LineOptions) -> list[StoppedLine
 
 
 def merged(lines: Iterable[StoppedLine], of_server: Iterable[StoppedLine]) -> list[StoppedLine]:
-    """Return the lines of a plant file, and what its server has besides."""
+    """Return the lines of a plant file, with the further drives and lines of its server."""
     by_name = {each.name: each for each in lines}
     for each in of_server:
         known = by_name.setdefault(each.name, each)
@@ -53,7 +53,7 @@ def _drive(told: Mapping[str, Any], options: Mapping[str, Any], said: Mapping[st
 
 
 def _options_by_drive(server: Registration, line: str) -> dict[str, Mapping[str, Any]]:
-    """Return what the plant file of a server says of its drives; nothing where it cannot be read any more."""
+    """Return the drive options in the plant file of a server; empty if the file is unreadable now."""
     with suppress(Exception):
         from drivecomm.plant import drives_of
 

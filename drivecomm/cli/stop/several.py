@@ -1,4 +1,4 @@
-"""Stopping several drives by name, also those of groups: all their lines at once, and no other drive."""
+"""Stop of several drives and groups by name: all their lines concurrently, and no other drive."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
 
 def stop_several(line: LineOptions, names: Sequence[str], model: str | None, how: Stop) -> int:
-    """Stop drives and groups, and say of each drive whether it has confirmed; returns the exit code.
+    """Stop drives and groups, and print for each drive whether it has confirmed; return the exit code.
 
-    A name that leads to no drive is complained of, and keeps none of the others running.
+    An unknown name is reported, and does not prevent the other stops.
     """
     spite = InSpite(as_json=line.json)
     servers = KnownToServers(line, spite)
@@ -33,7 +33,7 @@ def stop_several(line: LineOptions, names: Sequence[str], model: str | None, how
     for text in dict.fromkeys(names):
         try:
             found.append(_placed(line, text, servers, spite))
-        except Exception as error:  # noqa: BLE001 - the others are stopped
+        except Exception as error:  # noqa: BLE001 - the other drives must still be stopped
             unknown = True
             show(StopResult(drive=text, how=how, error=error), how, as_json=line.json)
     code = stop_placed(line, found, model, how, spite)
@@ -41,7 +41,7 @@ def stop_several(line: LineOptions, names: Sequence[str], model: str | None, how
 
 
 def stop_placed(line: LineOptions, found: Sequence[PlacedDrives], model: str | None, how: Stop, spite: InSpite) -> int:
-    """Stop drives, each once, and say of each whether it has confirmed; returns the exit code."""
+    """Stop drives, each once, and print for each whether it has confirmed; return the exit code."""
     chosen = {"model": model} if model else {}
     lines: dict[str, StoppedLine] = {}
     for each in found:
@@ -59,7 +59,7 @@ def stop_placed(line: LineOptions, found: Sequence[PlacedDrives], model: str | N
 
 
 def _placed(line: LineOptions, text: str, servers: KnownToServers, spite: InSpite) -> PlacedDrives:
-    """Return the drive or the group that a word means. Raises what leads to none."""
+    """Return the drive or the group that a word names. Raises the error for an unknown name."""
     try:
         reached, drive, broken = reached_for_stopping(line, text, spite)
     except Exception as error:

@@ -1,7 +1,7 @@
-"""The ways by which a stop reaches the drives behind a port, in the order in which they are tried.
+"""Ways by which a stop reaches the drives at a port, in the order of the attempts.
 
-Servers whose plant has the port come first, then other programs of this user that have it open, then the port itself.
-A program that does not answer soon, or that has not got the port after all, is left for the next way.
+Servers whose plant has the port come first, then other programs of this user that have it open, then the port itself. A
+program that does not respond soon, or no longer has the port, is skipped.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     from drivecomm.client import Registration
     from drivecomm.protocol import Stop
 
-# A program that makes way closes its port within this time.
+# A program that releases its port for a stop closes it within this time.
 _MAKES_WAY_S = 3.0
 _TRY_AGAIN_S = 0.05
 
 
 class Ways:
-    """The ways to the drives behind one port. programs: who may have it, and what they call the line there."""
+    """Ways to the drives at one port. programs: programs that may have it, with their names of the line."""
 
     def __init__(self, port: str | None, spite: InSpite) -> None:
         self.spite = spite
@@ -45,12 +45,12 @@ class Ways:
     def stopped_by(
         self, whom: str, how: Stop, options_for: Callable[[Registration], Mapping[str, Any]]
     ) -> Registration | None:
-        """Have a program stop a drive, PROTOCOL:ADDRESS, or all of a protocol; return which has done it, None if none.
+        """Stop a drive, PROTOCOL:ADDRESS, or all of a protocol through another program.
 
-        Raises the error that the drive answered with.
+        Returns that program, None if there is no such program. Raises the error of the drive.
         """
         for program, line in self.programs:
-            # Loaded by those who have another program only.
+            # Imported late, because only a port of another program needs it.
             from drivecomm.client import have_stopped, place_on_line
 
             try:
@@ -63,17 +63,17 @@ class Ways:
 
     @contextmanager
     def itself(self, *openings: Callable[[], AbstractContextManager[Bus]]) -> Iterator[Bus]:
-        """Open the port itself for the time of the block, in the first way that works; a later one does with less.
+        """Open the port directly for the time of the block, by the first opening that works.
 
-        A program of ours that had the port may be closing it just now. What is wrong when the port is closed is only
-        noted. Raises LinkError.
+        Waits for another of our programs that may be closing the port. An error on closing the port is only noted.
+        Raises LinkError.
         """
         stack = ExitStack()
         bus = self._opened(stack, list(openings))
         try:
             yield bus
         except BaseException as error:
-            # Which names the port in it.
+            # Errors raised while leaving the stack get the name of the port.
             with suppress(Exception):
                 stack.__exit__(type(error), error, error.__traceback__)
             raise

@@ -1,4 +1,4 @@
-"""Stopping whatever is behind a port, where no plant file says what that is."""
+"""Stop of all drives at a port without a plant file."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 
 def stop_port(line: LineOptions, how: Stop, spite: InSpite) -> int:
-    """Stop whatever is behind the port that is given; returns the exit code.
+    """Stop all drives at the given port; return the exit code.
 
-    Without a server all that can be done is to tell all drives of each protocol, which nobody confirms.
+    Without a server, it can only send a broadcast for each protocol, which no drive confirms.
     """
     tell = partial(show, wanted=how, as_json=line.json)
     if line.port is None:
@@ -63,8 +63,8 @@ def _explain(unreached: Sequence[str], port: str) -> None:
 
 
 def _why_not(name: str, port: str) -> str:
-    """Return why the drives of a protocol were not stopped, and what can be done."""
-    # Loaded when all stops are out.
+    """Return why the drives of a protocol were not stopped, with a remedy."""
+    # Imported late, so that all stops are sent first.
     from drivecomm.models import is_monitoring_only, load_model
 
     plugin = installed[name]
@@ -78,17 +78,17 @@ def _why_not(name: str, port: str) -> str:
 
 
 def _stopped_by_server(program: Registration, name: str, line: LineOptions, how: Stop, spite: InSpite) -> int:
-    """Stop the drives that a server has on a line; return the exit code. Raises LinkError where it does not answer."""
+    """Stop the drives of a server's line; return the exit code. Raises LinkError if the server does not respond."""
     one = [each for each in lines_of_server(program, line) if each.name == name]
     return stop_lines(one, line, how, spite, whole=True)
 
 
 def _stop_by_holder(program: Registration, name: str, line: LineOptions, how: Stop, tell: OnResult) -> None:
-    """Stop all drives over the bus of a program that has the port. Raises LinkError where it cannot."""
+    """Stop all drives over the bus of a program that has the port. Raises LinkError if that fails."""
     from drivecomm.client import have_stopped, place_on_line
 
     with suppress(UsageError):
-        # What it keeps running itself, also where that has no broadcast; most keep nothing.
+        # The program's own kept motor is stopped even without a broadcast; most programs keep no motor.
         have_stopped(program, place_on_line(name, "*:*"), how)
     with bus_of(program, name, line.opening) as bus:
         for protocol in installed:

@@ -1,1 +1,1 @@
-"""The watch command: the drives of a plant, live in a terminal."""
+"""Command `watch`: the drives of a plant, live in a terminal."""

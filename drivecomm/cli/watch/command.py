@@ -1,4 +1,4 @@
-"""The watch command: what is to be watched, its log, and the screen, which is loaded only when it is wanted."""
+"""Command `watch`: its lines, its log, and its screen, which is imported late."""
 
 from __future__ import annotations
 
@@ -79,12 +79,12 @@ def watch(
         raise ended_by
     if complaint:
         raise DriveCommError(complaint)
-    # 1 after an exception that textual has printed.
+    # The code is 1 after an exception that textual has printed.
     return int(screen.return_code or 0)
 
 
 def _must_be_a_terminal() -> None:
-    # Keys come by the first, and the screen goes out by the last.
+    # Keys come from standard input, and the screen is drawn on standard error.
     streams = {"input": sys.stdin, "output": sys.stdout, "error": sys.stderr}
     elsewhere = [name for name, stream in streams.items() if stream is None or not stream.isatty()]
     if "output" in elsewhere:

@@ -1,4 +1,4 @@
-"""The log of a watch, which a key switches on and off."""
+"""Value log of a watch, which a key switches on and off."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ if TYPE_CHECKING:
 
 
 class LogSwitch:
-    """Keeps a log or does not. path: the file; None for one in this folder that is named after the time."""
+    """Log that can be switched on and off. path: its file; None for a file in this folder named after the time."""
 
     def __init__(self, path: Path | None) -> None:
         self._path = path
         self._log: ValueLog | None = None
         self.is_on = False
         self.said: Callable[[str], None] = lambda _: None
-        """Hears when values cannot be logged for want of room, and when they are again; set before it is switched."""
+        """Called when values cannot be logged for lack of disk space, and when they can again; set before `switch`."""
 
     def switch(self) -> str:
-        """Switch it on or off; return what to say. Raises DriveCommError for a file that cannot be."""
+        """Switch the log on or off; return a message. Raises DriveCommError if the file cannot be written."""
         if self.is_on:
             self.is_on = False
             return f"logging is paused; {self._name} is finished when watch ends"
@@ -44,14 +44,14 @@ class LogSwitch:
 
     @property
     def words(self) -> str:
-        """How it is, for the head of the screen."""
+        """State of the log, for the title of the screen."""
         if self.is_on:
             missing = f", {self._log.missing} missing" if self._log is not None and self._log.missing else ""
             return f"log {self._name}{missing}"
         return "log paused" if self._log is not None else "log off"
 
     def close(self) -> str:
-        """Finish the file; return what is missing in it, or why it cannot be finished, empty when all is well."""
+        """Complete the file; return a message on missing rows or on the failure, empty on success."""
         if self._log is None:
             return ""
         log, self._log, self.is_on = self._log, None, False

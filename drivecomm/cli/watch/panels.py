@@ -1,4 +1,4 @@
-"""The columns of the table of drives, as many as fit; below it everything of one drive, and what happened."""
+"""Panels of the watch screen: the table of drives with as many columns as fit, one drive in full, and the events."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ _SCALE = 8
 
 
 def drive_panel(view: DriveView, watcher: Watcher, *, shown: str, width: int, height: int) -> Group:
-    """Return everything that is known of a drive. shown: the quantity of which there is a chart where it has room."""
+    """Return all values of a drive. shown: quantity of the chart, which is drawn if there is room."""
     left = width - _NAMES - _VALUES - 2 * _GAP
-    # Where there is little room, first the range gives way, and then the trend.
+    # If there is little room, the range is dropped first, then the trend.
     further = (_RANGE,) if left - _RANGE - _GAP >= _LEAST_TREND else ()
     cells = max(_LEAST_TREND, min(_LONGEST_TREND, left - sum(further) - _GAP * len(further)))
     columns = (_NAMES, _VALUES, cells, *further) if left >= _LEAST_TREND else (_NAMES, width - _NAMES - _GAP)
@@ -83,7 +83,7 @@ def _heading(view: DriveView) -> Text:
 
 
 def events_panel(board: Board) -> Group:
-    """Return what happened, the latest first."""
+    """Return the events, the latest first."""
     if not board.events:
         return Group(Text("nothing has changed yet", style=ASIDE))
     return Group(*(event_line(each, board.began_s) for each in board.events))
@@ -94,7 +94,7 @@ GAP = " "
 
 
 def sparkline(values: Sequence[float | None]) -> str:
-    """Return one character a value, between 0 (or the lowest, if below) and the highest; a gap for None."""
+    """Return one character per value, scaled from 0 (or a lower minimum) to the maximum; a gap for None."""
     there = [value for value in values if value is not None]
     low, high = min([0.0, *there]), max([0.0, *there])
     return "".join(GAP if value is None else _step(value, low, high) for value in values)
@@ -107,7 +107,7 @@ def _step(value: float, low: float, high: float) -> str:
 
 
 def chart(values: Sequence[float | None], height: int) -> list[str]:
-    """Return the same on so many lines, the highest first, with the figures of its scale before them."""
+    """Return a sparkline of several lines, the highest line first, with the figures of its scale in front."""
     there = [value for value in values if value is not None]
     low, high = min([0.0, *there]), max([0.0, *there])
     labels = {0: f"{high:g}", height - 1: f"{low:g}"}
@@ -120,13 +120,13 @@ def chart(values: Sequence[float | None], height: int) -> list[str]:
 
 
 def _eighths(value: float, low: float, high: float, height: int) -> int:
-    """Return how high the bar of a value is, in eighths of a line; the lowest is seen as well."""
+    """Return the height of a bar in eighths of a line, at least 1 so that the lowest value is visible."""
     share = (value - low) / (high - low) if high > low else 0.0
     return max(1, round(share * height * len(_STEPS)))
 
 
 def _part(eighths: int | None, line: int) -> str:
-    """Return what is seen of a bar on one line, counted from below."""
+    """Return the character of a bar on one line, counted from below."""
     if eighths is None:
         return GAP
     here = min(eighths - line * len(_STEPS), len(_STEPS))
@@ -141,7 +141,7 @@ _LONGEST_NAME = 16
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Column:
-    """A column. rank: where there is no room, those of the highest rank go first."""
+    """Column of the table. rank: columns with the highest rank are dropped first if there is no room."""
 
     key: str
     head: str
@@ -151,9 +151,9 @@ class Column:
 
 
 def columns_for(watcher: Watcher, board: Board, width: int, shown: str) -> list[Column]:
-    """Return the columns that fit into so many characters, at least that of the names.
+    """Return the columns that fit into this width, at least the column of names.
 
-    shown: the quantity of which there is a trend.
+    shown: quantity of the trend.
     """
     columns = _all_columns(watcher, board, shown)
     while len(columns) > 1 and (surplus := _width(columns) - width) > 0:

@@ -1,4 +1,4 @@
-"""The screen of `drivecomm watch`: the drives of a plant in a table, and below it the one that is chosen."""
+"""Main screen of `drivecomm watch`: a table of the drives of a plant, and below it the selected drive."""
 
 from __future__ import annotations
 
@@ -33,14 +33,15 @@ if TYPE_CHECKING:
 
 REFRESH_S = 0.5
 SAID_S = 8.0
-"""So long a sentence stays above the keys."""
+"""Time in seconds for which a message stays above the keys."""
 
 
 class WatchScreen(App[Exception | None]):
-    """Shows what a watcher sees, and commands only what a person asks for.
+    """Screen that shows a watcher's drives, and sends only commands that the user requests.
 
-    title: what is watched, for people. log: the log that `l` switches. armed: --arm was given. duration_s: how long to
-    ask; the screen stays. Its result is the error that ended it, None when a person did.
+    title: name of the watched plant or port. log: the log that the key `l` switches. armed: whether --arm was given.
+    duration_s: how long to poll; the screen stays. The result is the error that ended the screen, None if the user
+    closed it.
     """
 
     ENABLE_COMMAND_PALETTE = False
@@ -75,7 +76,7 @@ class WatchScreen(App[Exception | None]):
         super().__init__()
         self.watcher = watcher
         self.asked_all = asyncio.Event()
-        """Set when the time to ask is over."""
+        """Set when the polling time has ended."""
         self._what = title
         self._value_log = log
         log.said = self.say
@@ -86,10 +87,10 @@ class WatchScreen(App[Exception | None]):
         self._columns: tuple[object, ...] = ()
         self._saying: Timer | None = None
         self._resting = ""
-        """What stands above the keys while nothing else is to be said."""
+        """Text above the keys while there is no message."""
 
     def compose(self) -> ComposeResult:
-        """Place the table, what stands below it, and the keys."""
+        """Lay out the table, the panels below it, and the keys."""
         yield Static(id="title", markup=False)
         yield DataTable[Text](id="drives", cursor_type="row")
         with Container(id="below"):
@@ -100,13 +101,13 @@ class WatchScreen(App[Exception | None]):
         yield Footer()
 
     def on_mount(self) -> None:
-        """Begin to watch."""
+        """Start watching."""
         self._watching = asyncio.create_task(self._watch())
         self.set_interval(REFRESH_S, self.show)
         self.query_one("#drives").focus()
 
     async def on_unmount(self) -> None:
-        """Let go of the lines."""
+        """Release the lines."""
         if self._watching is not None:
             self._watching.cancel()
             await asyncio.gather(self._watching, return_exceptions=True)
@@ -118,17 +119,17 @@ class WatchScreen(App[Exception | None]):
                 self.asked_all.set()
                 self._resting = f"asked for {self._duration_s:g} s; q quits" if self._duration_s else ""
                 self.say("")
-                # The lines stay open for the keys.
+                # The lines stay open, because the keys still send commands.
                 await asyncio.Event().wait()
-        except Exception as error:  # noqa: BLE001 - the command raises it when the screen is gone
+        except Exception as error:  # noqa: BLE001 - the command raises it after the screen is closed
             self.exit(error)
 
     def on_resize(self, _: Resize) -> None:
-        """Show what fits now."""
+        """Redraw the screen for its new size."""
         self.call_after_refresh(self.show)
 
     def show(self) -> None:
-        """Show how things are now."""
+        """Redraw the screen with the present values."""
         if len(self.screen_stack) > 1 or not self.is_running:
             return
         board = self.watcher.board()
@@ -136,7 +137,7 @@ class WatchScreen(App[Exception | None]):
         self._show_table(board)
         panel = self.query_one("#drive", Static)
         width = panel.content_size.width or self.size.width - PADDING
-        # Where the panel has a height of its own, and does not make it by what it shows, there is room for a chart.
+        # Only a panel with a fixed height, independent of its content, has room for a chart.
         height = panel.content_size.height if self.screen.has_class("-wide") else 0
         panel.update(drive_panel(self._view, self.watcher, shown=self._trend, width=width, height=height))
         self.query_one("#events", Static).update(events_panel(board))
@@ -173,24 +174,24 @@ class WatchScreen(App[Exception | None]):
 
     @property
     def _view(self) -> DriveView:
-        """The drive that is chosen."""
+        """Selected drive."""
         drives = self.watcher.board().drives
         return drives[min(self.screen_stack[0].query_one("#drives", DataTable).cursor_row, len(drives) - 1)]
 
     def say(self, text: str) -> None:
-        """Put a sentence above the keys, for some seconds."""
+        """Show a message above the keys, for some seconds."""
         if self._saying is not None:
             self._saying.stop()
         self._saying = self.set_timer(SAID_S, partial(self.say, "")) if text else None
-        # The screen with the table, which may be under another.
+        # The screen with the table may be below another screen.
         table = self.screen_stack[0]
         table.query_one("#message", Static).update(text or self._resting)
         if self.screen is not table and text:
-            # The screens on top have no place for it.
+            # Other screens have no line for messages.
             self.notify(text, markup=False)
 
     def on_data_table_row_highlighted(self) -> None:
-        """Show the drive that the cursor came to."""
+        """Show the drive at the cursor."""
         self.show()
 
     def on_data_table_row_selected(self) -> None:
@@ -198,7 +199,7 @@ class WatchScreen(App[Exception | None]):
         self.action_parameters()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Leave the keys of a screen on top to that screen; only stopping at once goes from everywhere."""
+        """Leave the keys to the top screen; only the immediate stop works on all screens, except in a question."""
         del parameters
         if len(self.screen_stack) <= 1:
             return True
@@ -211,11 +212,11 @@ class WatchScreen(App[Exception | None]):
         self.push_screen(ParametersScreen(self.watcher, self._view.name))
 
     def action_trace(self) -> None:
-        """Show the telegrams with the drive."""
+        """Show the telegrams of the drive."""
         self.push_screen(TraceScreen(self.watcher, self._view.name))
 
     def action_next_trend(self) -> None:
-        """Show the trend of the next quantity that one of the drives has."""
+        """Show the trend of the next quantity that any of the drives has."""
         views = self.watcher.board().drives
         known = [name for name in self.watcher.names if any(name in view.values for view in views)]
         if known:
@@ -232,16 +233,16 @@ class WatchScreen(App[Exception | None]):
         self.show()
 
     def action_stop(self) -> None:
-        """Stop the motor, after a question."""
+        """Stop the motor, after a confirmation."""
         name = self._view.name
         self._ask(f"Stop {name}?", "down its ramp; S stops without this question", partial(self._stop, name))
 
     def action_stop_at_once(self) -> None:
-        """Stop the motor."""
+        """Stop the motor immediately."""
         self._stop(self._view.name)
 
     def action_start(self) -> None:
-        """Start the motor, if the drive is armed, after a question."""
+        """Start the motor, if the drive is armed, after a confirmation."""
         if self._is_refused("start"):
             return
         name = self._view.name
@@ -250,7 +251,7 @@ class WatchScreen(App[Exception | None]):
         self._ask(f"Start {name}?", remark, lambda: self._command(name, "started", _start(drive)))
 
     def action_reset(self) -> None:
-        """Acknowledge a fault, if the drive is armed, after a question."""
+        """Acknowledge a fault, if the drive is armed, after a confirmation."""
         if self._is_refused("reset"):
             return
         view = self._view
@@ -293,6 +294,6 @@ class WatchScreen(App[Exception | None]):
 
 
 async def _start(drive: AsyncDrive) -> None:
-    """Start a motor that goes on without a master. Raises StateError where the drive's watchdog would not let it."""
+    """Start a motor that runs on without a master. Raises StateError if the drive's watchdog would stop it."""
     async with keep_async(drive, HOLD):
         await drive.start()

@@ -1,4 +1,4 @@
-"""The screens above the table of drives: parameters, telegrams, a question."""
+"""Screens on top of the table of drives: parameters, telegrams, a question."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ if TYPE_CHECKING:
     from drivecomm.protocol import ParameterInfo
 
 _CHROME = 4
-"""Lines that hold no parameter: title, heads, message, keys; and columns that hold no telegram."""
+"""Number of lines without a parameter (title, heads, message, keys), and of columns without a telegram."""
 
 
 class ParametersScreen(Screen[None]):
-    """Shows the parameters of one drive; nothing is read that is not on the screen, and nothing is written."""
+    """Parameters of one drive; reads only parameters on the screen, and writes nothing."""
 
     CSS = """
     ParametersScreen #title { height: 1; background: $panel; padding: 0 1; text-style: bold; }
@@ -55,7 +55,7 @@ class ParametersScreen(Screen[None]):
         self._page = 0
 
     def compose(self) -> ComposeResult:
-        """Show a table and the keys."""
+        """Lay out the table and the keys."""
         yield Static(id="title", markup=False)
         yield DataTable[Text](cursor_type="row", zebra_stripes=True)
         yield Static(id="message", markup=False)
@@ -69,7 +69,7 @@ class ParametersScreen(Screen[None]):
             self._say("name a model in the drive's options, such as model=agile; its parameters are then shown here")
 
     def on_resize(self, _: Resize) -> None:
-        """Read what has come into sight."""
+        """Read the parameters that have become visible."""
         if self._parameters:
             self._show_page()
 
@@ -86,14 +86,14 @@ class ParametersScreen(Screen[None]):
         return self._parameters[self._page * self._rows : (self._page + 1) * self._rows]
 
     def action_page(self, step: int) -> None:
-        """Go a page on or back."""
+        """Turn to the next or the previous page."""
         page = max(0, min(self._page + step, self._pages - 1))
         if page != self._page:
             self._page = page
             self._show_page()
 
     def action_read_again(self) -> None:
-        """Read the page once more."""
+        """Read the page again."""
         for info in self._shown:
             self._values.pop(info.address, None)
         if self._parameters:
@@ -117,13 +117,13 @@ class ParametersScreen(Screen[None]):
         self.run_worker(self._read_page(), exclusive=True)
 
     async def _read_page(self) -> None:
-        """Read what is on this page and has not been read; everything else on the line goes first."""
+        """Read the unread parameters of this page; all other requests on the line take precedence."""
         missing = [info for info in self._shown if "r" in info.access and info.address not in self._values]
         for number, info in enumerate(missing, start=1):
             self._say(f"reading {number} of {len(missing)}")
             self._values[info.address] = value = await self._value_of(info)
             if not self.is_attached:
-                # The screen was closed meanwhile, and its table is gone.
+                # The screen and its table have been closed meanwhile.
                 return
             self.query_one(DataTable).update_cell(info.address, "value", value)
         self._say("")
@@ -146,7 +146,7 @@ _STYLES = {"damaged": "red", "noise": "red", "stray": "yellow", "note": "dim", "
 
 
 class TraceScreen(Screen[None]):
-    """Shows what goes over the line between the master and one drive; space holds it still."""
+    """Telegrams between the master and one drive; the space key pauses the display."""
 
     CSS = """
     TraceScreen #title { height: 1; background: $panel; padding: 0 1; text-style: bold; }
@@ -165,13 +165,13 @@ class TraceScreen(Screen[None]):
         self._held = False
 
     def compose(self) -> ComposeResult:
-        """Show the latest telegrams and the keys."""
+        """Lay out the telegrams and the keys."""
         yield Static(self._title, id="title", markup=False)
         yield RichLog(markup=False, max_lines=2000)
         yield Footer()
 
     def on_mount(self) -> None:
-        """Begin."""
+        """Start the display."""
         self.show()
         self.set_interval(REFRESH_S, self.show)
         self.query_one(RichLog).focus()
@@ -181,7 +181,7 @@ class TraceScreen(Screen[None]):
         return f"telegrams with {self._drive}{', held still' if self._held else ''}"
 
     def show(self) -> None:
-        """Add the telegrams that have come since."""
+        """Add the telegrams that arrived since the last update."""
         if self._held or not self.is_attached:
             return
         log = self.query_one(RichLog)
@@ -198,19 +198,19 @@ class TraceScreen(Screen[None]):
         return events
 
     def action_hold(self) -> None:
-        """Hold the trace still, or let it go on."""
+        """Pause or resume the display."""
         self._held = not self._held
         self.query_one("#title", Static).update(self._title)
         self.show()
 
 
 def _lines_of(event: TraceEvent, width: int) -> list[str]:
-    """Return an event in lines that fit; whose it is stands above them all."""
+    """Return an event as lines that fit, without the drive's name, which the title shows."""
     return textwrap.wrap(trace_line(replace(event, drive="")), max(width, 2 * _INDENT), subsequent_indent=" " * _INDENT)
 
 
 class Question(ModalScreen[bool]):
-    """Asks; everything but y is no. text: the question. remark: what is to be known before it is answered."""
+    """Confirmation dialogue; every key but y means no. text: the question. remark: advice for the answer."""
 
     CSS = """
     Question { align: center middle; background: $background 60%; }
@@ -231,7 +231,7 @@ class Question(ModalScreen[bool]):
         self._remark = remark
 
     def compose(self) -> ComposeResult:
-        """Show the question."""
+        """Lay out the question."""
         with Vertical():
             yield Static(self._text, markup=False)
             if self._remark:
@@ -239,5 +239,5 @@ class Question(ModalScreen[bool]):
             yield Static("y yes   n no", classes="keys", markup=False)
 
     def action_answer(self, answer: bool) -> None:
-        """Close with the answer."""
+        """Close the dialogue with the answer."""
         self.dismiss(answer)

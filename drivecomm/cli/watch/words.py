@@ -1,4 +1,4 @@
-"""What the screen says, with colours that only repeat what the words say, and why it does not command a drive."""
+"""Texts of the watch screen, whose colours only repeat their meaning, and the reasons for refused commands."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _EVENT_STYLES = {"fault": FAULT, "silent": WARNING, "warning": WARNING, "change"
 
 
 def unit_of(unit: str) -> str:
-    """Return a unit as it is written."""
+    """Return the display form of a unit."""
     return _UNITS.get(unit, unit)
 
 
@@ -61,7 +61,7 @@ def state_of(view: DriveView) -> Text:
 
 
 def note_of(view: DriveView) -> Text:
-    """Return what is to be known of a drive besides its state."""
+    """Return the most important remark on a drive besides its state."""
     if view.reachability == "silent" and view.age_s is not None:
         return Text(f"silent for {view.age_s:.0f} s", style=WARNING)
     if view.reachability == "silent" or view.error:
@@ -78,7 +78,7 @@ def note_of(view: DriveView) -> Text:
 
 
 def value_of(view: DriveView, name: str) -> Text:
-    """Return a value without its unit: with ? behind it when it is old, - when there is none."""
+    """Return a value without its unit: followed by ? if it is old, - if there is none."""
     value = view.values.get(name)
     if value is None:
         return Text("")
@@ -90,7 +90,7 @@ def value_of(view: DriveView, name: str) -> Text:
 
 
 def at_machine(view: DriveView, name: str) -> Text:
-    """Return a frequency as its machine counts it; empty for any other value, and for an old one."""
+    """Return a frequency in machine units; empty for any other value, and for an old one."""
     value = view.values.get(name)
     if view.drive.machine is None or value is None or value.reading is None or not _is_now(view, value):
         return Text("")
@@ -103,7 +103,7 @@ def _is_now(view: DriveView, value: WatchedValue) -> bool:
 
 
 def in_full(value: WatchedValue) -> Text:
-    """Return a value with its unit and what is to be said of it."""
+    """Return a value with its unit and remarks."""
     if value.reading is None:
         return Text(printable(value.cause), style=WARNING)
     text = Text(printable(f"{value.reading.value} {unit_of(value.reading.unit)}".rstrip()))
@@ -113,7 +113,7 @@ def in_full(value: WatchedValue) -> Text:
 
 
 def event_line(event: DriveEvent, began_s: float | None) -> Text:
-    """Return what happened, on one line with its time of day; in virtual time with that since the beginning."""
+    """Return an event on one line with its time of day; in virtual time with the time since the beginning."""
     text = Text(no_wrap=True, overflow="ellipsis")
     at = clock(event.time_s) if began_s is None else time_of_day(began_s + event.time_s)
     text.append(f"{at}  ", style=ASIDE).append(printable(event.drive), style="bold")
@@ -121,7 +121,7 @@ def event_line(event: DriveEvent, began_s: float | None) -> Text:
 
 
 def summary_of(board: Board) -> Text:
-    """Return how many drives there are, and how many of them need somebody."""
+    """Return the number of drives, of faults and of silent drives, as text."""
     text = Text(f"{len(board.drives)} drive{'' if len(board.drives) == 1 else 's'}")
     if board.faults:
         text.append(", ").append(f"{board.faults} fault{'' if board.faults == 1 else 's'}", style=FAULT)
@@ -131,7 +131,7 @@ def summary_of(board: Board) -> Text:
 
 
 def counters_of(view: DriveView) -> Text:
-    """Return what was counted of a drive: the main things always, the others if they happened."""
+    """Return the counters of a drive: the main ones always, the others if they are not zero."""
     always = ("requests", "replies", "timeouts", "damaged")
     counted = [f"{view.counters.get(name, 0)} {name}" for name in always]
     counted += [f"{number} {name}" for name, number in view.counters.items() if name not in always and number]
@@ -140,7 +140,7 @@ def counters_of(view: DriveView) -> Text:
 
 
 def time_of_day(seconds: float) -> str:
-    """Return a time in seconds since 1970 as the clock here shows it."""
+    """Return a time in seconds since 1970 as local time of day."""
     return datetime.fromtimestamp(seconds).astimezone().strftime("%H:%M:%S")
 
 
@@ -151,11 +151,11 @@ def clock(seconds: float) -> str:
 
 
 HOLD: Literal["hold"] = "hold"
-"""The policy for which nobody has to stay: the motor goes on."""
+"""Policy that needs no running program: the motor keeps running."""
 
 
 def why_not(verb: Literal["start", "reset"], drive: DriveConfig, *, armed: bool) -> str:
-    """Return why this drive is not to be started or reset, empty when it may. armed: --arm was given."""
+    """Return why this drive must not be started or reset, empty if it may. armed: whether --arm was given."""
     if not armed:
         return f"{drive.name} is not commanded: watch was started without --arm"
     if not drive.armed:
@@ -163,7 +163,7 @@ def why_not(verb: Literal["start", "reset"], drive: DriveConfig, *, armed: bool)
     if verb == "start" and drive.link_loss is None:
         return f"{drive.name} is not started: the plant file does not say its link_loss, what it does without a master"
     if verb == "start" and drive.link_loss is not None and drive.link_loss.policy != HOLD:
-        # Another policy needs somebody who sets the drive's watchdog and stays; a screen may be closed at any moment.
+        # Other policies need a program that sets the drive's watchdog and stays; a screen may be closed at any moment.
         way = f"drivecomm start {drive.name} --link-loss {drive.link_loss.policy}"
         return f"{drive.name} is not started from here: use {way}, which stays with it"
     return ""

@@ -1,4 +1,4 @@
-"""What is wrong with a line: what is measured, what is found, what to do."""
+"""The line doctor: measurements of a line, findings, and remedies."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""What was measured of a line as plain content: for JSON, on the command line and between a server and its clients."""
+"""Measurements of a line as plain content: for JSON, the command line, and messages between server and client."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 def measured_content(report: PortReport | None, found: Measurements) -> dict[str, Any]:
-    """Return the report on a port, where there is one, and all that was measured."""
+    """Return the report on a port, None if there is no report, and all measurements as plain content."""
     return {
         "report": report,
         "expected": [

@@ -1,4 +1,4 @@
-"""What a diagnosis means for the person who has the adapter in hand: one sentence each, with a remedy."""
+"""Findings of a diagnosis for the person at the adapter: one sentence each, with a remedy."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 _About: TypeAlias = Literal["port", "noise", "echo", "drives", "panel", "time"]
 _Found: TypeAlias = "tuple[Weight, str, str]"
-"""Weight, text and remedy."""
+"""Weight, text and remedy of one finding."""
 
-# Beyond this share of the reply time a slow day of the drive becomes a timeout.
+# Beyond this share of the reply timeout, a slow reply soon becomes a timeout.
 _CLOSE_TO_TIMEOUT = 0.7
 _SHOWN_BYTES = 12
 _BIAS = "check the bias (fail-safe) resistors, and whether a transmitter is switched on late or off early"
@@ -32,7 +32,7 @@ _LOW_LATENCY = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """One thing that was found. weight: whether anything is to be done. remedy: what, empty when nothing is."""
+    """One finding of a diagnosis. weight: whether action is needed. remedy: the action, empty if none is needed."""
 
     weight: Weight
     about: _About
@@ -41,7 +41,7 @@ class Finding:
 
 
 def judge(measurements: Measurements, report: PortReport | None) -> list[Finding]:
-    """Return what was found, in the order in which a line is best looked after. report: None where nothing is known."""
+    """Return the findings, in the best order to work through them. report: None if nothing is known of the port."""
     found: dict[_About, Iterator[_Found]] = {
         "port": _port(report, measurements),
         "noise": _noise(measurements),
@@ -84,7 +84,7 @@ def _port(report: PortReport | None, measurements: Measurements) -> Iterator[_Fo
         text = "whether the adapter holds received bytes back does not show; see the reply times"
         yield "note", text, ""
     for note in report.notes:
-        # What the timer does stands above, with its remedy.
+        # The latency timer is reported above, with its remedy.
         if "low-latency" not in note:
             yield "note", note, ""
     if measurements.replies and report.stable_name != report.url:
@@ -177,7 +177,7 @@ def _drives(measurements: Measurements) -> Iterator[_Found]:
         "check that the drives have power, their address, protocol and baud rate (--baudrate, --parity), "
         "and whether the two signal wires are swapped"
     )
-    yield "problem", f"nobody answers at {measurements.addresses} addresses ({at})", remedy
+    yield "problem", f"no drive answers at {measurements.addresses} addresses ({at})", remedy
 
 
 def _expected(sought: Sought) -> _Found:
@@ -292,10 +292,10 @@ _USUAL_TIMERS_S = (0.016, 0.008)
 
 
 def latency_timer_s(arrivals_s: Sequence[float]) -> float | None:
-    """Return the latency timer, in seconds, at whose ticks replies came; None where they came at any time.
+    """Return the period in seconds of the latency timer at whose ticks replies came, or None if they fit no timer.
 
-    A USB adapter with such a timer hands over what it received at its ticks only. The replies must have been asked for
-    at uneven times.
+    A USB adapter with such a timer hands over received bytes only at its ticks. The requests must have been sent at
+    uneven intervals.
     """
     intervals = [later - earlier for earlier, later in pairwise(arrivals_s)]
     if len(intervals) < _LEAST_INTERVALS:

@@ -1,4 +1,4 @@
-"""What a port does while no drive is asked: noise, and an adapter that hands back what it sends."""
+"""Observation of an idle port: noise, and an adapter that hands back what it sends."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ _ECHO_WAIT_S = 0.25
 _ECHO_TRIALS = 3
 _MOST_AT_ONCE = 4096
 _WAYS: tuple[Direction, Direction] = ("request", "reply")
-# Seven bits carry them, and neither noise nor a break looks like them.
+# These patterns fit into seven data bits, and neither noise nor a break looks like them.
 _PATTERNS = (b"U*U*", b"*U*U", b"\x55\x55\x55\x55", b"j5j5", b"?Z?Z")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Heard:
-    """What a port does by itself. echo: what the user says of the adapter.
+    """Observations of an idle port. echo: the echo setting given by the user.
 
-    carries_settings: whether line settings asked for here are those of the line; raw TCP leaves them to the serial
-    server.
+    carries_settings: whether the line really uses the requested line settings; with raw TCP the serial server decides
+    them.
     """
 
     paced: bool
@@ -52,7 +52,7 @@ def listen(
     progress: Callable[[str, int, int], None] | None = None,
     **facts: Any,
 ) -> Heard:
-    """Listen to an open port at the settings of each protocol, and look for an echo; asks no drive."""
+    """Listen to an open port at the settings of each protocol, and test for an echo; sends no request to a drive."""
     settings = dict.fromkeys(settings_of(only, facts).values())
     step = progress or (lambda *_: None)
     noise = []
@@ -67,12 +67,12 @@ def listen(
 
 
 def settings_of(only: Iterable[str] | None, facts: dict[str, Any]) -> dict[str, LineSettings]:
-    """Return the line settings of each protocol, by its name."""
+    """Return the line settings of each protocol, by protocol name."""
     return {plugin.name: plugin.facts.override(facts).settings for plugin, _ in scan_plan(only, None)}
 
 
 def harmless_bytes() -> bytes:
-    """Return a few bytes in which no installed protocol finds a telegram; none where one finds them everywhere."""
+    """Return a few bytes in which no installed protocol finds a telegram; empty if there is no such pattern."""
     codecs = [plugin.codec(plugin.options()) for plugin in installed.working()]
     for pattern in _PATTERNS:
         finds = (find for codec in codecs for way in _WAYS for find in _finds(Framer(codec, way), pattern))
@@ -104,7 +104,7 @@ def _echo_trial(port: Port, sent: bytes) -> EchoTrial:
 
 
 def _all_until(port: Port, until: float) -> tuple[bytes, float]:
-    """Return what comes until then, and when the last of it came."""
+    """Return the bytes received until a time, and the time of the last byte."""
     data, last = bytearray(), port.now()
     while port.now() < until and len(data) < _MOST_AT_ONCE:
         if came := port.read(until, 1):

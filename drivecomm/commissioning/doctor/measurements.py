@@ -1,4 +1,4 @@
-"""What was measured of a port and its line: made by `measuring`, judged by `findings`."""
+"""Measurements of a port and its line: taken by `measuring`, judged by `findings`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ EchoKind: TypeAlias = Literal["none", "whole", "changed"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Listening:
-    """What came within some seconds unasked. telegrams: how many sound ones of which protocols were among it."""
+    """Bytes received unasked within some seconds. telegrams: number of sound telegrams among them, by protocol."""
 
     settings: LineSettings
     seconds: float
@@ -28,7 +28,7 @@ class Listening:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EchoTrial:
-    """What came back of a few bytes that nobody answers. took_s: from sending to the last byte's coming."""
+    """Bytes that came back for a few bytes that no drive answers. took_s: seconds from sending to the last byte."""
 
     sent: bytes
     came: bytes
@@ -36,7 +36,7 @@ class EchoTrial:
 
     @property
     def kind(self) -> EchoKind:
-        """Whether nothing came back, all of it, or something else."""
+        """Kind of echo: nothing came back, all of the bytes, or different bytes."""
         if not self.came:
             return "none"
         return "whole" if self.sent in self.came else "changed"
@@ -44,11 +44,11 @@ class EchoTrial:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sought:
-    """What came of asking for an expected drive at its own settings.
+    """Result of a search for an expected drive at its own settings.
 
-    error: why it is taken not to answer, empty when it does. elsewhere: the settings at which it answers instead.
-    needs: options with which it answers. answered_by: the address that a reply came from instead. came: what was
-    received that is not a reply of it.
+    error: why the drive counts as silent; empty if it answers. elsewhere: the settings at which it answers instead.
+    needs: options with which it answers. answered_by: the address from which a reply came instead. came: received bytes
+    that are not a reply of this drive.
     """
 
     drive: DriveConfig
@@ -62,12 +62,12 @@ class Sought:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Replies:
-    """How one drive answers a number of probes.
+    """Replies of one drive to a series of probes.
 
-    asked: how many. times_s: from the sending of a request to the end of its reply. wire_s: how much of each is the
-    time of the characters. arrivals_s: when the replies came. noise: bytes around replies that belong to none. damaged:
-    replies that were not sound. damage: what probably happened to them. needs: options with which the drive answers
-    every time, if it does not without them.
+    asked: number of probes. times_s: seconds from sending a request to the end of its reply. wire_s: transmission time
+    of the characters within each of these. arrivals_s: arrival times of the replies. noise: bytes around replies that
+    belong to no reply. damaged: replies that were not sound. damage: their probable cause. needs: options with which
+    the drive answers every time, if it fails without them.
     """
 
     drive: str
@@ -84,19 +84,19 @@ class Replies:
 
     @property
     def delays_s(self) -> list[float]:
-        """What each reply took beyond its characters: the drive's own time, and the adapter's."""
+        """Seconds of each reply beyond its transmission time: the delay of the drive and of the adapter."""
         return [time - wire for time, wire in zip(self.times_s, self.wire_s, strict=True)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measurements:
-    """All that was measured.
+    """All measurements of one port and its line.
 
-    asked: the protocols and the settings they were asked at. unclear_bytes: what came while asking and was part of no
-    answer. elsewhere: drives that answer only at another baud rate, with the settings, or only with more time, with the
-    settings they were asked at. sought: the drives that are said
-    to be there; found are then others. panel: what drives of the plant say of the settings of their panels.
-    carries_settings: whether line settings asked for here are those of the line.
+    asked: the protocols, with the settings used for their requests. unclear_bytes: bytes received during requests that
+    belong to no answer. elsewhere: drives that answer only at another baud rate, with its settings, or only with more
+    time, with the original settings. sought: the expected drives; with these, `found` has only other drives. panel:
+    settings that drives of the plant report of their panels. carries_settings: whether the line really uses the
+    requested line settings.
     """
 
     paced: bool

@@ -1,7 +1,7 @@
-"""What an adapter and its line do, measured: noise, echo, who answers, how fast. `findings` judges it.
+"""Measurement of an adapter and its line: noise, echo, drives that answer, reply times. `findings` judges the result.
 
-Sent are a few bytes that no installed protocol takes for a telegram, and the probes of the protocols, which cannot move
-a motor.
+It sends only a few bytes that no installed protocol takes for a telegram, and the probes of the protocols, which cannot
+move a motor.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 
 OTHER_RATES = (4800, 9600, 19200, 38400, 57600, 115200)
 
-# One lost telegram does not make a drive a silent one.
+# A single lost telegram does not count as silence.
 _TRIES = 3
-# Single bytes of noise stand in many a telegram.
+# Single bytes of noise also occur within many telegrams.
 _SHORTEST_ECHO = 3
-# Uneven, so that replies which come at the ticks of a latency timer show it.
+# Uneven pauses reveal replies that come at the ticks of a latency timer.
 _PAUSES_S = (0.0, 0.005, 0.011, 0.003, 0.007, 0.013, 0.002, 0.009)
 
 
@@ -51,12 +51,12 @@ def measure(
     progress: Callable[[str, int, int], None] | None = None,
     **facts: Any,
 ) -> Measurements:
-    """Measure what an open port and its line do; takes some seconds, and longer the fewer drives answer.
+    """Measure an open port and its line; takes some seconds, and longer if few drives answer.
 
-    only, addresses, facts: as for `Bus.scan` and `open_bus`. expected: the drives that are said to be there, which are
-    asked at their own settings, before others are looked for. echo: what the user says of the adapter; what is seen
-    counts. listen_s: how long to listen unasked, for each line setting. probes: how often to ask each drive that was
-    found. search: ask at other baud rates when nobody answers. Raises LinkError when the port fails.
+    only, addresses, facts: see `Bus.scan` and `open_bus`. expected: drives that should be on the line; they are probed
+    at their own settings before the search for others. echo: the user's echo setting; the measured echo takes
+    precedence. listen_s: listening time without requests, for each line setting. probes: number of probes to each drive
+    that was found. search: try other baud rates if no drive answers. Raises LinkError if the port fails.
     """
     only = None if only is None else list(only)
     facts = {name: value for name, value in facts.items() if value is not None}
@@ -69,10 +69,10 @@ def measure(
 
 
 class AskedBus(Protocol):
-    """What asking the drives of a line needs of a bus: a `Bus`, or the line of a server."""
+    """Interface of a bus that the doctor needs: a `Bus`, or the line of a server."""
 
     def drive(self, protocol: str, address: int, **options: Any) -> Any:
-        """Return a drive whose verbs block."""
+        """Return a drive with blocking verbs."""
 
     def scan(
         self,
@@ -85,21 +85,21 @@ class AskedBus(Protocol):
         """Yield the drives that answer."""
 
     def listen(self, listener: Callable[[TraceEvent], None]) -> Callable[[], None]:
-        """Report what is sent and received for this bus; returns a function that ends that."""
+        """Report the traffic of this bus to a listener; return a function that stops the reports."""
 
     def now(self) -> float:
         """Return the time of the line's clock in seconds."""
 
     def sleep_until(self, until: float) -> None:
-        """Let time pass; others may use the line."""
+        """Sleep until a time of the line's clock; other callers may use the line."""
 
 
 def ask(bus: AskedBus, heard: Heard, **how: Any) -> Measurements:
-    """Ask the drives that are expected, then look for others, and measure how fast all of them answer.
+    """Probe the expected drives, then search for others, and measure the reply times of all that answer.
 
-    Each question is a call of its own, between which others may use the line. heard: what the port does by itself. how:
-    `only`, `addresses`, `expected`, `probes`, `search`, `progress` and facts as for `measure`; rates: ask at other baud
-    rates when nobody answers.
+    Each request is a separate call, between which other callers may use the line. heard: observations of the idle port.
+    how: `only`, `addresses`, `expected`, `probes`, `search`, `progress` and facts as for `measure`; rates: try other
+    baud rates if no drive answers.
     """
     recorder = _Recorder()
     end = bus.listen(recorder)
@@ -136,7 +136,7 @@ def _asked(
         for plugin in dict.fromkeys(plugin for plugin, _ in scan_plan([each], None))
         for one in bus.scan([each], _others(plugin, wanted, places), progress=progress)
     ]
-    # Those that answered are asked again below; what came from an address where nobody is needs an explanation.
+    # Drives that answered are probed again below; bytes from an address without a drive need an explanation.
     known = {one.name for one in found} | {f"{protocol}:{address}" for protocol, address in places}
     unclear = sum(number for name, number in recorder.unclear.items() if name not in known)
     there: list[tuple[str, Callable[..., Drive]]]
@@ -171,7 +171,7 @@ def _asked(
 
 
 def _others(plugin: InstalledProtocol, wanted: Sequence[int] | None, places: set[tuple[str, int]]) -> list[int]:
-    """Return the addresses at which somebody may be who is not expected."""
+    """Return the addresses to search for drives that are not expected."""
     addresses = plugin.scan_addresses if wanted is None else wanted
     return [one for one in addresses if (plugin.name, one) not in places]
 
@@ -189,7 +189,7 @@ def _sought(
     search: bool,
     elsewhere: bool,
 ) -> Sought:
-    """Ask for a drive at its own settings, then with more time and longer pauses, then at other usual baud rates."""
+    """Probe a drive at its own settings, then with more time and longer pauses, then at other usual baud rates."""
     step(f"asking {one.name}", 0, 1)
     drive = one.build(bus.drive)
     recorder.forget()
@@ -210,7 +210,7 @@ def _sought(
 
 
 def _panel(bus: AskedBus, sought: Sought, step: Callable[[str, int, int], None]) -> Iterator[PanelReading]:
-    """Yield what a drive says of the settings of its panel, wherever it answers; nothing for one that does not."""
+    """Yield the panel settings that a drive reports, wherever it answers; yields nothing for a silent drive."""
     found = {} if sought.elsewhere is None else {"baudrate": sought.elsewhere.baudrate}
     if not sought.error or found or sought.needs:
         step(f"reading the panel settings of {sought.drive.name}", 0, 1)
@@ -218,18 +218,18 @@ def _panel(bus: AskedBus, sought: Sought, step: Callable[[str, int, int], None])
 
 
 def _no_answer(drive: Drive, tries: int) -> str:
-    """Return why a drive is taken not to answer, empty when it does."""
+    """Return why a drive counts as silent, or an empty string if it answers."""
     error = ""
     while tries:
         try:
             drive.probe()
         except (OvertakenError, LineBusyError):
-            # It was not asked.
+            # No request was sent, so this try does not count.
             continue
         except ReplyError as failure:
             error, tries = in_one_line(failure), tries - 1
         except DriveError:
-            # Who refuses is there.
+            # A refusal also shows that the drive is there.
             return ""
         else:
             return ""
@@ -237,22 +237,22 @@ def _no_answer(drive: Drive, tries: int) -> str:
 
 
 class _Recorder:
-    """Keeps which reply belongs to which request, and what came that belongs to nothing."""
+    """Recorder that matches replies to requests and collects bytes that belong to neither."""
 
     def __init__(self) -> None:
         self.unclear: Counter[str] = Counter()
-        """Bytes that belong to nothing, by the drive that was asked."""
+        """Number of bytes that belong to no reply, by the drive of the request."""
 
         self.forget()
 
     def forget(self) -> None:
-        """Begin with another drive."""
+        """Start again with another drive."""
         self.pairs: list[tuple[TraceEvent, TraceEvent]] = []
         self.noise: list[bytes] = []
-        """What came beside sound replies."""
+        """Noise received together with sound replies."""
 
         self.damaged: list[bytes] = []
-        """What came in place of a sound reply."""
+        """Bytes received instead of a sound reply."""
 
         self.answered_by: int | None = None
         self._sent: TraceEvent | None = None
@@ -273,18 +273,18 @@ class _Recorder:
             self._pieces.append(event)
 
     def settle(self) -> None:
-        """Take in what came for the last request."""
+        """Sort the bytes that were received for the last request."""
         pieces, self._pieces = self._pieces, []
         noise = b"".join(each.data for each in pieces if each.what == "noise")
         damaged = [each.data for each in pieces if each.what == "damaged"]
         if self._answered and noise:
             self.noise.append(noise)
         elif not self._answered and (noise or damaged):
-            # What looks like a damaged telegram is searched again without its first byte, and so on.
+            # A damaged telegram is searched again without its first byte, so the longest piece is whole.
             self.damaged.append(max(damaged, key=len) if damaged else noise)
 
     def _is_echo(self, data: bytes) -> bool:
-        # The echo of a telegram that nobody answers is met as noise before the next one.
+        # The echo of an unanswered telegram appears as noise before the next telegram.
         return self._sent is not None and len(data) >= _SHORTEST_ECHO and data in self._sent.data
 
 
@@ -295,10 +295,10 @@ def _ask_often(bus: AskedBus, drive: Drive, recorder: _Recorder, probes: int, na
         try:
             drive.probe()
         except (OvertakenError, LineBusyError):
-            # It was not asked.
+            # No request was sent, so this probe does not count.
             continue
         except (ReplyError, DriveError):
-            # What is missing is seen by what is there.
+            # A lost reply shows as the difference between probes and recorded replies.
             pass
         else:
             bus.sleep_until(bus.now() + _PAUSES_S[number % len(_PAUSES_S)])
@@ -320,7 +320,7 @@ def _ask_often(bus: AskedBus, drive: Drive, recorder: _Recorder, probes: int, na
 
 
 def _usual_damage(drive: Drive, damaged: Sequence[bytes]) -> Damage | None:
-    """Return what probably happened to most of these replies; None if they have nothing in common."""
+    """Return the probable damage of most of these replies; None if they have nothing in common."""
     likely = Counter(likely_damage(data, drive.peer.codec, "reply") for data in damaged)
     return likely.most_common(1)[0][0] if likely else None
 
@@ -331,7 +331,7 @@ def _search(
     addresses: Sequence[int] | None,
     step: Callable[[str, int, int], None],
 ) -> Iterator[tuple[Found, LineSettings]]:
-    """Ask one address of each protocol with more time, then at the other usual baud rates."""
+    """Probe one address of each protocol with more time, then at the other usual baud rates."""
     for plugin in plugins:
         usual = plugin.facts.settings.baudrate
         address = next((one for one in addresses or plugin.scan_addresses if one in plugin.addresses), None)
@@ -339,7 +339,7 @@ def _search(
             continue
         step(f"asking {plugin.name}:{address} with more time", 0, 1)
         if late := list(bus.scan([plugin.name], [address], reply_timeout_s=PATIENCE_S)):
-            # Its late replies would be taken for replies at the next baud rate.
+            # Late replies of this drive would be taken for replies at the next baud rate.
             yield from ((found, plugin.facts.settings) for found in late if found.sound)
             continue
         for number, rate in enumerate(OTHER_RATES):

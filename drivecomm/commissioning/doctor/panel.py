@@ -1,4 +1,4 @@
-"""What drives say of the settings of their panels, held against the plant; nothing is written."""
+"""Panel settings that drives report, compared with the plant; writes nothing."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _TRIES = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PanelReading:
-    """One setting of a drive's panel, as the drive tells it.
+    """One setting of a drive's panel, as the drive reports it.
 
-    row: of the drive's set-up sheet, with what the plant makes of it. shown: what the drive says, in words. agrees:
-    whether that is what the row says.
+    row: row of the drive's set-up sheet, with the value that the plant requires. shown: the reported value, in words.
+    agrees: whether the reported value is the required one.
     """
 
     drive: DriveConfig
@@ -33,9 +33,9 @@ class PanelReading:
 
 
 def panel_readings(drive: Any, config: DriveConfig, settings: LineSettings) -> Iterator[PanelReading]:
-    """Yield each setting of the drive's sheet that the plant decides and the drive can be asked for.
+    """Yield each setting of the drive's sheet that the plant determines and that can be read from the drive.
 
-    settings: of the line, as the plant says them. A setting that the drive does not tell is left out.
+    settings: line settings of the plant. Settings that the drive does not report are left out.
     """
     model: Model | None = drive.model
     if model is None:
@@ -54,7 +54,7 @@ def _read(drive: Any, address: str) -> Reading | None:
         try:
             reading: Reading = drive.read(address)
         except (OvertakenError, LineBusyError):
-            # It was not asked.
+            # No request was sent, so this try does not count.
             continue
         except ReplyError:
             tries -= 1
@@ -68,7 +68,7 @@ def _read(drive: Any, address: str) -> Reading | None:
 
 
 def _agrees(row: SheetRow, reading: Reading, model: Model) -> bool | None:
-    """Return whether a drive holds one of the right values; None where they cannot be compared."""
+    """Return whether a drive holds one of the right values; None if they cannot be compared."""
     setting = row.setting
     if setting.made_from == "watchdog_s":
         return _seconds(reading) == Decimal(row.value) / (1000 if setting.unit == "ms" else 1)
@@ -81,7 +81,7 @@ def _seconds(reading: Reading) -> Decimal | None:
 
 
 def _shown(row: SheetRow, reading: Reading, model: Model) -> str:
-    """Return what a drive holds, as `6 (9600 baud)` or `1 (keypad)`."""
+    """Return the value in a drive as text, such as `6 (9600 baud)` or `1 (keypad)`."""
     exact = reading.value if isinstance(reading.value, str) else f"{Decimal(reading.value).normalize():f}"
     value = f"{exact} {reading.unit}".rstrip()
     said = [said for said, code in codes_of(row.setting, model).items() if _number(code) == reading.value]

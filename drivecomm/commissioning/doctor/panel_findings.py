@@ -1,4 +1,4 @@
-"""What panel settings mean for a person: what differs from the plant, and what keeps a drive from obeying."""
+"""Findings on panel settings: differences from the plant, and settings that keep a drive from obeying commands."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _SAID_BY = {
     "format": {"bytesize", "parity", "stopbits"},
     "line": set(SETTING_NAMES),
 }
-"""The options by which a plant file says what a setting is made from."""
+"""Options of a plant file that determine a setting, by the source of the setting."""
 
 
 def panel_findings(readings: Sequence[PanelReading], *, carries_settings: bool) -> Iterator[tuple[Weight, str, str]]:
-    """Yield weight, text and remedy of what drives say of their panels.
+    """Yield weight, text and remedy of each finding on the panel settings of drives.
 
-    carries_settings: whether the line has the settings of the plant; behind a serial server it may have others, which
-    makes a note of what nobody has said in the plant file.
+    carries_settings: whether the line has the settings of the plant. Behind a serial server it may have others, so a
+    difference in a setting that the plant file does not state is only a note.
     """
     for drive, group in groupby(readings, key=lambda one: one.drive):
         several = list(group)
@@ -53,7 +53,7 @@ def _weight(one: PanelReading, *, carries_settings: bool) -> Weight:
     if setting.when or setting.sure in DOUBTFUL or setting.purpose == "link loss":
         return "note"
     if setting.purpose in _SO_THAT:
-        # What nobody may command need not obey.
+        # A drive that cannot be commanded need not obey.
         return "problem" if one.drive.armed else "note"
     said = one.drive.options.keys() & _SAID_BY.get(setting.made_from or "", set())
     return "problem" if carries_settings or said or setting.made_from == "address" else "note"

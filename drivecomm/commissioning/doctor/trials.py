@@ -1,4 +1,4 @@
-"""What a drive that misses requests may need: more time for its reply, or a longer pause before a request."""
+"""Trials with a drive that misses requests: more time for its reply, or a longer pause before a request."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ if TYPE_CHECKING:
     from drivecomm.bus import Drive
 
 _TRIES = 8
-"""Requests in a row that all have to be answered before an option counts as the remedy."""
+"""Number of consecutive requests that must all be answered before an option counts as the remedy."""
 
 PATIENCE_S = 3.0
-"""Longer than any drive of the manuals takes to answer."""
+"""Reply timeout in seconds that is longer than the reply time of any drive in the manuals."""
 
 _PAUSES_S = (0.02, 0.05, 0.1, 0.2, 0.5)
 
 
 def needed_options(build: Callable[..., Drive]) -> Mapping[str, float]:
-    """Return the drive options with which a drive answers every request; empty if none of those tried help.
+    """Return the drive options with which a drive answers every request; empty if no tried option helps.
 
-    build: returns the drive with more options. Tried are a longer reply timeout, and longer and longer pauses between
-    a reply and the next request. Sends only probes, which move no motor.
+    build: returns the drive with additional options. The trials use a longer reply timeout, then longer and longer
+    pauses between a reply and the next request. They send only probes, which move no motor.
     """
     timeout_s = _timeout_needed(build)
     if timeout_s:
@@ -37,7 +37,7 @@ def needed_options(build: Callable[..., Drive]) -> Mapping[str, float]:
 
 
 def _timeout_needed(build: Callable[..., Drive]) -> float:
-    """Return a reply timeout with which all requests are answered, in seconds; 0 if patience does not help."""
+    """Return a reply timeout in seconds with which all requests are answered; 0 if a longer timeout does not help."""
     drive, usual_s = build(reply_timeout_s=PATIENCE_S), build().facts.timing.reply_timeout_s
     longest_s = 0.0
     for _ in range(_TRIES):
@@ -45,7 +45,7 @@ def _timeout_needed(build: Callable[..., Drive]) -> float:
         if not _answers(drive):
             return 0.0
         longest_s = max(longest_s, drive.bus.now() - began)
-    # Where all replies came in time, what was missing before was not slow.
+    # If all replies were in time, slowness was not the cause of the missing ones.
     return round(2 * longest_s, 2) if longest_s > usual_s else 0.0
 
 

@@ -1,4 +1,4 @@
-"""Drift: what differs in a drive from the set that somebody approved; docs/how-to/parameter-sets.md tells how."""
+"""Drift: differences between a drive and its approved set; see docs/how-to/parameter-sets.md."""
 
 import lazy_loader
 

@@ -20,14 +20,14 @@ FOLDER = "baselines"
 
 
 def baseline_path(plant_file: Path, drive: str) -> Path:
-    """Return where the baseline of a drive of this plant is; different drives have different files."""
+    """Return the path of the baseline of a drive of this plant; each drive has a file of its own."""
     return plant_file.parent / FOLDER / f"{file_stem(drive)}.toml"
 
 
 def approved_set(known: ParameterSet, approval: Approval) -> ParameterSet:
-    """Return what is approved of a set: settings and communication, without what a drive shows or nobody knows.
+    """Return the part of a set that can be approved: settings and communication, without displayed or unknown values.
 
-    Raises UsageError where that is nothing: a drive would be as approved however it is set.
+    Raises UsageError if that part is empty, because every state of the drive would then count as approved.
     """
     kept = {entry.address: entry for entry in known.of(WRITABLE)}
     if not kept:
@@ -36,20 +36,20 @@ def approved_set(known: ParameterSet, approval: Approval) -> ParameterSet:
 
 
 def read_baseline(path: Path) -> ParameterSet:
-    """Read a baseline. Raises FileFormatError as `read_set` does, and for a set that nobody approved."""
+    """Read a baseline. Raises FileFormatError as `read_set` does, and for a set without approval."""
     known = read_set(path)
     if known.approved is None:
         raise FileFormatError(
-            f"{path}: nobody approved this parameter set: it has no [approved]; approve it with drivecomm baseline "
+            f"{path}: this parameter set is not approved: it has no [approved]; approve it with drivecomm baseline "
             "accept and --from, or remove it"
         )
     return known
 
 
 def write_baseline(path: Path, known: ParameterSet) -> None:
-    """Write an approved set in place of the drive's older one, whole or not at all.
+    """Replace the drive's approved set in its file, atomically.
 
-    Raises FileFormatError where it cannot be written.
+    Raises FileFormatError if the file cannot be written.
     """
     try:
         path.parent.mkdir(exist_ok=True)
@@ -59,9 +59,9 @@ def write_baseline(path: Path, known: ParameterSet) -> None:
 
 
 def restore_command(drive: DriveConfig, baseline: Path, plant: Path | None = None) -> str:
-    """Return the command that gives its approved set to another drive in the place of a drive.
+    """Return the command that writes the approved set of a drive to its replacement.
 
-    plant: the plant file, None for the one that the command line finds by itself.
+    plant: the plant file; None for the one that the command line finds by itself.
     """
     named = ["--plant", str(plant)] if plant else []
     arm = [] if drive.armed else ["--arm"]

@@ -1,4 +1,4 @@
-"""What differs in a drive from its approved set, and whether it is the same drive at all."""
+"""Differences between a drive and its approved set, and evidence that it is another drive."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drift:
-    """What is not as it was approved. In each difference, left is approved and right is now.
+    """Differences from the approved set. In each difference, left is approved and right is now.
 
-    replaced: how one sees that another drive is there, empty where nothing says so. untold: what the drive told of
-    itself then, and does not tell now, so that it may be another one. changed: what has another value. not_comparable:
-    what could be read only once, with the reason. These four are drift; the rest is not. equal: how many are as
-    approved. never_read: read neither then nor now. in_ram: written to RAM only, by the program that reads. unapproved:
-    settings that the approved set does not have.
+    replaced: evidence that another drive is there, empty if there is none. untold: identity fields that the drive
+    reported at approval and does not report now, so that it may be another drive. changed: settings with another value.
+    not_comparable: settings that were read only then or only now, with the reason. These four are drift; the rest is
+    not. equal: number of settings as approved. never_read: settings read neither then nor now. in_ram: settings written
+    only to RAM, by the program that reads. unapproved: settings that the approved set does not have.
     """
 
     approved: ParameterSet
@@ -48,14 +48,14 @@ class Drift:
 
     @property
     def same(self) -> bool:
-        """Whether the same drive is there, and all that is approved was read and has its approved value."""
+        """Whether the same drive is there, and every approved setting was read and has its approved value."""
         return not (self.replaced or self.changed or self.not_comparable or self.untold)
 
 
 def drift_between(approved: ParameterSet, now: ParameterSet, live: Collection[str] = ()) -> Drift:
-    """Return what differs in a drive as it is now from its approved set.
+    """Return the differences between a drive as it is now and its approved set.
 
-    live: addresses that change by themselves, and never count, though an older set may have them as settings.
+    live: addresses that change by themselves. They never count, even if an older set has them as settings.
     """
     replaced = of_another_drive(approved, now)
     if approved.protocol != now.protocol:
@@ -83,16 +83,16 @@ def drift_between(approved: ParameterSet, now: ParameterSet, live: Collection[st
 
 
 def live_addresses(of: Subject) -> frozenset[str]:
-    """Return the addresses of what a drive shows or is commanded, which never counts as drift."""
+    """Return the addresses of displayed values and commands, which never count as drift."""
     return frozenset(address for address, _, part in of.values_known() if part not in WRITABLE)
 
 
 def read_drift(
     drive: Drive, approved: ParameterSet, *, progress: Callable[[str, int, int], None] = no_progress
 ) -> Drift:
-    """Read the settings of a drive, and return what differs from its approved set.
+    """Read the settings of a drive, and return its differences from the approved set.
 
-    progress: as of `back_up`. Raises UsageError for a drive without a model, ReplyError and LinkError when drive or
-    line are away.
+    progress: see `back_up`. Raises UsageError for a drive without a model, ReplyError or LinkError if the drive or the
+    line does not respond.
     """
     return drift_between(approved, back_up(drive, progress=progress), live_addresses(subject(drive)))

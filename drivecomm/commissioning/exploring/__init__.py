@@ -1,4 +1,4 @@
-"""Asking a drive what it holds, address by address; docs/how-to/everything-a-drive-holds.md tells how."""
+"""Exploration of a drive, address by address; see docs/how-to/everything-a-drive-holds.md."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""What came of one question to a drive."""
+"""Answer of a drive to one request."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
-    """What a drive answered when it was asked for one address.
+    """Answer of a drive to the request for one address.
 
-    told: its value, or what it says the parameter is; None where it told neither. absent: it says that it has no such
-    parameter or element. code: with which it refused. reason: why nothing was told, as a sentence.
+    told: the value of the address or the description of the parameter; None if the drive gave neither. absent: the
+    drive says that it has no such parameter or element. code: code of the refusal. reason: why there is no value, as a
+    sentence.
     """
 
     address: str

@@ -1,4 +1,4 @@
-"""Which addresses a drive is asked for, and in which order: what its model knows first, then all else it may hold."""
+"""Addresses to request from a drive, in order: first those that its model knows, then all others that it may hold."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Course:
-    """The way through the addresses of one drive.
+    """Addresses of one drive, in the order of the requests.
 
-    known: those that its model knows. rest: all others. absent: see `AddressSpace`. elements: which elements of one of
-    the rest are asked for, by the code of its refusal, None for a value. key: one text for every way to write an
-    address. taken: the keys of all that the model knows, so that no element of it is taken for unknown.
+    known: addresses that the model knows. rest: all other addresses. absent: see `AddressSpace`. elements: elements to
+    request of a parameter among the rest, by the code of its refusal, None for a value. key: returns the same text for
+    every notation of an address. taken: keys of all addresses that the model knows, so that none of their elements
+    counts as unknown.
     """
 
     known: Sequence[str]
@@ -37,15 +38,15 @@ class Course:
 def course(
     plugin: Protocol, model: Model | None, *, known: Iterable[str], within: Collection[str] | None = None
 ) -> Course:
-    """Return the way through all addresses that a drive of a protocol may hold.
+    """Return all addresses that a drive of a protocol may hold, in the order of the requests.
 
-    known: what is asked for first. within: of the others only these; all unless given. Raises NotSupported where the
-    protocol's package does not tell which addresses there can be.
+    known: addresses to request first. within: limits the other addresses to these; None for all. Raises NotSupported if
+    the protocol package does not list the possible addresses.
     """
     if plugin.address_space is None:
         raise NotSupported(
-            f"the package {plugin.package} does not tell which addresses a {plugin.name} drive can hold, so nobody "
-            "knows what to ask; back up what its model knows"
+            f"the package {plugin.package} does not list the addresses of a {plugin.name} drive, so "
+            "they cannot be read; back up the parameters that its model knows"
         )
     _, options = resolve_options(plugin, model, {})
     space = plugin.address_space(options, model)
@@ -75,7 +76,7 @@ def course(
 
 
 def chosen_course(plugin: Protocol, model: Model | None, addresses: Iterable[str]) -> Course:
-    """Return the way through these addresses and no others."""
+    """Return a course with these addresses and no others."""
     _, options = resolve_options(plugin, model, {})
     space = plugin.address_space(options, model) if plugin.address_space is not None else None
     return Course(
@@ -89,7 +90,7 @@ def chosen_course(plugin: Protocol, model: Model | None, addresses: Iterable[str
 
 
 def without_elements(way: Course) -> Course:
-    """Return a way on which only whole parameters are asked for: a drive that describes them tells their elements."""
+    """Return a course that requests only whole parameters, for drives that describe elements with their parameter."""
     return replace(way, elements=_none)
 
 

@@ -1,7 +1,7 @@
-"""Asking a drive address by address, by reads that cannot move a motor, as long as that takes.
+"""Exploration of a drive, address by address, by reads that cannot move a motor; may take hours.
 
-A refusal is an answer. A drive that falls silent is asked again after a while; what was answered so far is remembered,
-so that whoever begins again goes on from there. Between two questions others may use the line.
+A refusal counts as an answer. A drive that falls silent is asked again after a pause. The answers so far are recorded,
+so that a later run resumes from there. Other callers may use the line between two requests.
 """
 
 from __future__ import annotations
@@ -31,14 +31,16 @@ if TYPE_CHECKING:
     from drivecomm.commissioning.exploring.logbook import Remembers
 
 PAUSES_S = (1.0, 2.0, 5.0, 10.0, 30.0)
-"""How long a drive that fell silent is left alone before it is asked again: a fuse or a restart is over by then."""
+"""Pauses in seconds before a silent drive is asked again; replacing a fuse or a restart takes less than their sum."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """How far it is. answer: the latest. asked: how many of all were, by an earlier run too; found: told something.
+    """Progress of an exploration.
 
-    remembered: whether this one is from an earlier run, so that it took no time.
+    answer: the latest answer. asked: number of addresses done, including those of an earlier run. of: number of all
+    addresses. found: number of addresses with a value. remembered: whether the answer comes from an earlier run, so
+    that it took no time.
     """
 
     answer: Answer
@@ -49,20 +51,20 @@ class Step:
 
 
 Progress: TypeAlias = "Callable[[Step], None]"
-"""Hears of each step of an exploration."""
+"""Callback for each step of an exploration."""
 
 Asks: TypeAlias = "Callable[[str], Callable[[Any], Any]]"
-"""Makes the step that asks for an address; what it results in is what the drive told."""
+"""Function that returns the request for an address; the result of that request is the drive's answer."""
 
 
 def unseen(_step: Step) -> None:
-    """Show nothing."""
+    """Ignore a step; default callback."""
 
 
 def exploring(way: Course, asks: Asks, logbook: Remembers, progress: Progress) -> Procedure[list[Answer]]:
-    """Ask for all addresses of a way; return the answers in its order.
+    """Request all addresses of a course; return the answers in its order.
 
-    Raises NoReplyError when the drive stays silent, and LinkError when the line is lost.
+    Raises NoReplyError if the drive stays silent, and LinkError if the line is lost.
     """
     work = _Work(way, asks, logbook, progress)
     yield from work.each(way.known)
@@ -73,7 +75,7 @@ def exploring(way: Course, asks: Asks, logbook: Remembers, progress: Progress) -
 
 
 class _Work:
-    """An exploration under way. answers: by the key of their address."""
+    """Exploration in progress. answers: answers by the key of their address."""
 
     def __init__(self, way: Course, asks: Asks, logbook: Remembers, progress: Progress) -> None:
         self.answers: dict[str, Answer] = {}
@@ -89,7 +91,7 @@ class _Work:
             yield from self.one(address)
 
     def one(self, address: str) -> Procedure[Answer]:
-        """Return what the drive answers, or answered before."""
+        """Return the drive's answer for an address, now or from an earlier request."""
         key = self._way.key(address)
         if key in self.answers:
             return self.answers[key]
@@ -114,7 +116,7 @@ class _Work:
         return answer
 
     def elements(self, of: Answer) -> Procedure[None]:
-        """Ask for the elements of a parameter that may have some."""
+        """Request the elements of a parameter that may have elements."""
         if of.told is None and of.code is None:
             return
         known = self._way.elements(of.address, of.code)
@@ -135,7 +137,7 @@ class _Work:
         return answer.told is not None
 
     def _forget(self, address: str) -> None:
-        """Take back an answer that was to the plain address in truth."""
+        """Remove an answer that in fact belongs to the plain address."""
         del self.answers[self._way.key(address)]
         self._found -= 1
 
@@ -153,32 +155,32 @@ class _Work:
         raise NoReplyError(f"the drive fell silent before {address}, and stayed so for {waited_s:g} s")
 
     def _maybe_answered(self, address: str) -> Procedure[Answer | None]:
-        """Ask once; None where the drive is away."""
+        """Send one request; return None if the drive is silent."""
         try:
             told = yield self._asks(address)
         except RefusedError as error:
             absent = error.code in self._way.absent
             return Answer(address=address, absent=absent, code=error.code, reason=in_one_line(error))
         except ParameterAddressError as error:
-            # The drive's own options are narrower than those of its model: no telegram can carry it.
+            # The options of this drive allow fewer addresses than its model, so no telegram can carry this one.
             return Answer(address=address, absent=True, reason=in_one_line(error))
         except DriveError as error:
             return Answer(address=address, reason=in_one_line(error))
         except OvertakenError:
-            # A stop went first; the question was not sent.
+            # A stop took precedence and this request was not sent.
             return (yield from self._maybe_answered(address))
         except (UnexpectedReplyError, DamagedReplyError) as error:
             return Answer(address=address, reason=in_one_line(error))
         except ReplyError as error:
             if (yield from is_there()):
-                # Some drives are silent where others refuse.
+                # Some drives stay silent instead of refusing an unknown address.
                 return Answer(address=address, absent=True, reason=in_one_line(error))
             return None
         return Answer(address=address, told=told)
 
 
 def is_there() -> Procedure[bool]:
-    """Whether the drive answers something else, so that its silence was about one parameter."""
+    """Return whether the drive answers another request, so that its silence concerned only one parameter."""
     try:
         yield ask_status()
     except ReplyError:

@@ -1,4 +1,4 @@
-"""Exploring for callers that block and callers that await."""
+"""Exploration for blocking callers and for asyncio callers."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 def explore(
     drive: Drive, way: Course, asks: Asks, logbook: Remembers | None = None, *, progress: Progress = unseen
 ) -> list[Answer]:
-    """Ask a drive for all addresses of a way; return the answers in its order.
+    """Request all addresses of a course from a drive; return the answers in its order.
 
-    asks: how, such as `drivecomm.bus.read_parameter`. logbook: what remembers the answers, so that a later call goes on
-    where this one is cut off. Raises FileFormatError for a logbook of another drive, NoReplyError when the drive stays
-    silent, LinkError when the line is lost.
+    asks: returns the request for an address, such as `drivecomm.bus.read_parameter`. logbook: record of the answers,
+    from which a later call resumes after an interruption. Raises FileFormatError for a logbook of another drive,
+    NoReplyError if the drive stays silent, LinkError if the line is lost.
     """
     return carry_out(drive, _exploring(way, asks, logbook or Forgetful(), progress))
 
@@ -32,7 +32,7 @@ def explore(
 async def explore_async(
     drive: AsyncDrive, way: Course, asks: Asks, logbook: Remembers | None = None, *, progress: Progress = unseen
 ) -> list[Answer]:
-    """Ask a drive for all addresses of a way, as `explore` does."""
+    """Request all addresses of a course from a drive; see `explore`."""
     return await carry_out_async(drive, _exploring(way, asks, logbook or Forgetful(), progress))
 
 

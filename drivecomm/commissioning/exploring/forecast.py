@@ -1,4 +1,4 @@
-"""How long it takes to ask for everything, before it is begun."""
+"""Forecast of the duration of an exploration, before it begins."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ if TYPE_CHECKING:
     from drivecomm.commissioning.exploring.course import Course
 
 _QUESTIONS = 3
-"""Some, because the first one may wait for the line."""
+"""Number of status requests for the forecast; several, because the first one may wait for the line."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Forecast:
-    """How many addresses are still to be asked for, and how long that takes at the pace of a few status requests."""
+    """Number of addresses left to request, and the seconds that they take at the pace of a few status requests."""
 
     addresses: int
     seconds: float
 
 
 def forecasting(way: Course, *, remembered: int = 0) -> Procedure[Forecast]:
-    """Ask the drive for its status a few times, and say how long the whole way takes.
+    """Request the status of a drive a few times, and forecast the duration of the whole course.
 
-    remembered: of how many addresses the answers are there already. Raises ReplyError for a drive that does not answer.
+    remembered: number of addresses that already have an answer. Raises ReplyError for a drive that does not answer.
     """
     left = max(0, len(way) - remembered)
     begun: float = yield lambda drive: drive.bus.now()
@@ -35,7 +35,7 @@ def forecasting(way: Course, *, remembered: int = 0) -> Procedure[Forecast]:
         try:
             yield ask_status()
         except DriveError:
-            # A refusal takes as long as a status.
+            # A refusal takes as long as a status reply.
             continue
     ended: float = yield lambda drive: drive.bus.now()
     return Forecast(addresses=left, seconds=left * (ended - begun) / _QUESTIONS)

@@ -1,4 +1,4 @@
-"""What a drive tells of itself, and what of it stays while it is the same drive."""
+"""Identity of a drive, and the part of it that does not change on the same drive."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ if TYPE_CHECKING:
 
     from drivecomm.bus import Procedure
 
-# What may change while it stays the same drive.
+# Fields that may change on the same drive.
 _PASSING = ("state", "software", "firmware", "version", "hours")
 
 
 def identity_told() -> Procedure[Mapping[str, str]]:
-    """Return what the drive tells of itself, nothing where it refuses; its state says nothing of what it is."""
+    """Return the identity that a drive reports, without its state; empty if the drive refuses."""
     try:
         told: Mapping[str, str] = yield ask_identity()
     except DriveError:
@@ -26,5 +26,5 @@ def identity_told() -> Procedure[Mapping[str, str]]:
 
 
 def lasting(identity: Mapping[str, str]) -> dict[str, str]:
-    """Return what of a drive's identity stays as it is while it stays the same drive."""
+    """Return the identity fields that stay the same on the same drive."""
     return {key: text for key, text in identity.items() if not any(word in key.lower() for word in _PASSING)}

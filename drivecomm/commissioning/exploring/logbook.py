@@ -1,7 +1,7 @@
-"""What a drive has answered so far, in a file beside the one that is to come of it, so that asking can go on.
+"""Logbook of an exploration: the answers so far, in a file beside the future result, so that a later run can resume.
 
-JSON Lines: which drive is asked as which model, then a line for each answer. A line that was cut in the middle counts
-as not there: its address is asked for again, which costs nothing but time.
+The file is JSON Lines: a head with the drive and its model, then one line for each answer. A line that was cut off is
+ignored, and its address is requested again.
 """
 
 from __future__ import annotations
@@ -22,55 +22,55 @@ if TYPE_CHECKING:
 
 
 class Remembers(Protocol):
-    """What is told each answer."""
+    """Interface of a record of answers."""
 
     @property
     def answers(self) -> Mapping[str, Answer]:
-        """By address, those of an earlier run that was cut off too."""
+        """Answers by address, including those of an earlier run that was interrupted."""
         ...
 
     def begin(self, identity: Mapping[str, str]) -> None:
-        """Take note of what the drive tells of itself. Raises FileFormatError if an earlier run asked another one."""
+        """Record the identity of the drive. Raises FileFormatError if an earlier run was with another drive."""
         ...
 
     def add(self, answer: Answer) -> None:
-        """Remember an answer."""
+        """Record an answer."""
         ...
 
     def over(self) -> None:
-        """Remember that all was asked, and what came of it is kept."""
+        """Record that the exploration is complete and its result is stored."""
         ...
 
 
 class Forgetful:
-    """Remembers nothing: asking that is cut off begins anew."""
+    """Record that keeps no answers: an interrupted exploration starts again from the beginning."""
 
     def __init__(self) -> None:
         self.answers: Mapping[str, Answer] = {}
 
     def begin(self, identity: Mapping[str, str]) -> None:
-        """Forget it."""
+        """Ignore the identity."""
 
     def add(self, answer: Answer) -> None:
-        """Forget it."""
+        """Ignore the answer."""
 
     def over(self) -> None:
-        """Forget it."""
+        """Do nothing."""
 
 
 def logbook_path(of: Path) -> Path:
-    """Return where the answers are kept that shall become this file: beside it, `pump.toml.answers`."""
+    """Return the path of the logbook for a result file: beside it, as `pump.toml.answers`."""
     return of.with_name(f"{of.name}.answers")
 
 
 class Logbook:
-    """The answers of one drive as a file. It is made with the first answer and removed when all is over."""
+    """Answers of one drive in a file, created with the first answer and removed when the exploration is complete."""
 
     def __init__(self, path: Path, *, drive: str, model: Model | None, asked: str) -> None:
-        """Open the answers of an earlier run, if there are any.
+        """Load the answers of an earlier run, if there are any.
 
-        asked: what each question is, as the answers to others are of no use. Raises FileFormatError for a file that is
-        of another drive, model or question, or no such file at all.
+        asked: the kind of request, because answers to another kind are of no use. Raises FileFormatError for a logbook
+        of another drive, model or kind of request, and for a file that is not a logbook.
         """
         self.path = path
         self.answers: dict[str, Answer] = {}
@@ -81,7 +81,7 @@ class Logbook:
             self._read()
 
     def begin(self, identity: Mapping[str, str]) -> None:
-        """Take note of what the drive tells of itself. Raises FileFormatError if an earlier run asked another one."""
+        """Record the identity of the drive. Raises FileFormatError if an earlier run was with another drive."""
         if self.answers and self._identity != dict(identity):
             told = next(
                 (
@@ -98,7 +98,7 @@ class Logbook:
         self._identity = dict(identity)
 
     def add(self, answer: Answer) -> None:
-        """Write a line; it is with the system before the next address is asked for."""
+        """Append an answer and flush it to the operating system. Raises UsageError on failure."""
         try:
             if self._file is None:
                 self._file = self.path.open("a", encoding="utf-8")
@@ -111,12 +111,12 @@ class Logbook:
         self.answers[answer.address] = answer
 
     def over(self) -> None:
-        """Remove the file."""
+        """Close and remove the file."""
         self.close()
         self.path.unlink(missing_ok=True)
 
     def close(self) -> None:
-        """Leave the file for the next run."""
+        """Close the file and keep it for the next run."""
         if self._file is not None:
             self._file.close()
             self._file = None
@@ -129,11 +129,11 @@ class Logbook:
             identity = {} if head is None else {str(key): str(text) for key, text in head.pop("identity").items()}
             answers = [_answer(line) for line in rest]
             if whole != data:
-                # What is appended must not be glued to a line that was cut.
+                # New lines must not be appended to a line that was cut off.
                 self.path.write_bytes(whole)
         except (OSError, ValueError, KeyError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
             raise FileFormatError(
-                f"{self.path}: these are no answers of a drive; remove the file to begin anew"
+                f"{self.path}: these are not answers of a drive; remove the file to begin anew"
             ) from error
         if head is not None and head != self._head:
             raise FileFormatError(f"{self.path}: {self._differing(head)}; remove the file to begin anew")
@@ -172,6 +172,6 @@ def _answer(content: Mapping[str, Any]) -> Answer:
 
 
 def _digest(model: Model | None) -> str:
-    """Return what changes with what a model knows."""
+    """Return a hash of the parameters and options of a model."""
     known = [] if model is None else [repr(model.parameters), repr(sorted(model.options.items()))]
     return sha256("\n".join(known).encode()).hexdigest()[:16]

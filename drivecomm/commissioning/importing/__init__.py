@@ -1,4 +1,4 @@
-"""What people already have of a drive: register lists and the configurations of other programs, made into models."""
+"""Import of existing drive data: register lists and configurations of other programs become models."""
 
 import lazy_loader
 

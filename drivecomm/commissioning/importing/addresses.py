@@ -1,4 +1,4 @@
-"""How a register list counts its registers: from 0 as telegrams do, from 1, or as Modicon printed them."""
+"""Register numbering of a list: from 0 as in telegrams, from 1, or in the style of Modicon."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 Base: TypeAlias = Literal["0", "1", "modicon"]
-"""What a list calls the register that has address 0 in a telegram: 0, 1, or 40001 and 30001 (Modicon PI-MBUS-300)."""
+"""Number that a list gives to the register with telegram address 0: 0, 1, or 40001 and 30001 (Modicon PI-MBUS-300)."""
 
 _KINDS = {"0": "c", "1": "d", "3": "i", "4": ""}
-"""The first digit of Modicon's numbers: coils, discrete inputs, input registers, holding registers."""
+"""First digit of a Modicon number: coils, discrete inputs, input registers, holding registers."""
 
 _HEX = re.compile(r"(?:0x|&h|#|\$)\s*([0-9a-f]+)|([0-9a-f]+)\s*h", re.IGNORECASE)
 _DECIMAL = re.compile(r"\d+")
 _MODICON = re.compile(r"([0134](?!x)|[134]x|[0134]:)\s*(\d{4,5})", re.IGNORECASE)
 _MARKED = re.compile(r"(?:[134]x|[0134]:)\s*\d{4,5}", re.IGNORECASE)
-"""Written as 4x0001 or 4:0001; 0x0001 is hexadecimal instead."""
+"""Notation 4x0001 or 4:0001; 0x0001 is hexadecimal instead."""
 
 _BIT = re.compile(r"(.+?)\s*(?:[.:/]\s*(?:bit\s*)?|\s+bit\s*)(\d{1,2})", re.IGNORECASE)
 _RANGE = re.compile(r"(\S+?)\s*[-–]\s*\S+")
@@ -27,7 +27,7 @@ _BARE_HEX = re.compile(r"[0-9a-f]{1,4}", re.IGNORECASE)
 
 
 class Counted(NamedTuple):
-    """A register as a list prints it. kind: None if the number does not say it. number: as it stands in a telegram."""
+    """Register as printed in a list. kind: None if the number does not show the kind. number: as in a telegram."""
 
     kind: str | None
     number: int
@@ -35,14 +35,14 @@ class Counted(NamedTuple):
 
 
 class Counting(NamedTuple):
-    """How a list counts. base: from which number. hex: whether digits alone are hexadecimal. certain: not assumed."""
+    """Numbering of a list. base: first number. hex: whether bare digits are hexadecimal. certain: not just assumed."""
 
     base: Base
     hex: bool
     certain: bool
 
     def of(self, text: str) -> Counted | None:
-        """Return the register that a cell names, None if it names none."""
+        """Return the register that a cell names, None if it names no register."""
         text = _RANGE.sub(r"\1", text.strip())
         marked, bit = bool(_MARKED.fullmatch(text)), ""
         if not marked and (found := _BIT.fullmatch(text)) and (_number(found[1], hexadecimal=self.hex) is not None):
@@ -53,13 +53,13 @@ class Counting(NamedTuple):
             return Counted(_KINDS[modicon[1][0]], int(modicon[2]) - 1, bit)
         number = _number(text, hexadecimal=self.hex)
         if number is None or self.base == "modicon":
-            # In a list of Modicon's numbers, another number could be counted in any way.
+            # In a list with Modicon numbers, the base of any other number is unknown.
             return None
         return Counted(None, number - (self.base == "1" and not _HEX.fullmatch(text)), bit)
 
 
 def counting_of(cells: Iterable[str], heading: str, base: Base | None) -> Counting:
-    """Return how a list counts, by its addresses and the heading above them. base: as the user says it, if at all."""
+    """Return the numbering of a list, by its addresses and their heading. base: given by the user, or None."""
     given = [_RANGE.sub(r"\1", cell.strip()) for cell in cells if cell.strip()]
     bare = [cell for cell in given if _BARE_HEX.fullmatch(cell)]
     hexadecimal = bool(re.search(r"hex", heading, re.IGNORECASE)) or any(_LETTERS.search(cell) for cell in bare)

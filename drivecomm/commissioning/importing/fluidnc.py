@@ -1,4 +1,4 @@
-"""Spindles of FluidNC: the telegrams that its ModbusVFD sends, as YAML.
+"""FluidNC spindles: the telegrams of its ModbusVFD, as YAML.
 
 Facts of the form: the FluidNC wiki, Modbus VFD: a command is the bytes of a request without address and check, `>`, and
 the reply, with `rpm*60/10` where two bytes of it are a speed.
@@ -16,7 +16,7 @@ from drivecomm.commissioning.importing.meanings import ratio, whole_in
 BUILT_IN = frozenset(
     ("Huanyang", "H2A", "H100", "YL620", "NowForever", "SiemensV20", "DanfossVLT2800", "FolinnVFD", "MollomG70")
 )
-"""Spindles whose telegrams the program knows itself, and its file does not say."""
+"""Spindles whose telegrams are built into FluidNC and do not appear in its file."""
 
 _SPEED = re.compile(r"(min|max)?rpm(?:\*(\d+))?(?:/(\d+))?", re.IGNORECASE)
 _BYTE = re.compile(r"[0-9A-Fa-f]{2}")
@@ -33,7 +33,7 @@ class _Request(NamedTuple):
 
 
 def fluidnc_configuration(content: Mapping[str, Any]) -> Foreign | None:
-    """Return what the spindle of a configuration names, None if it has none that speaks Modbus."""
+    """Return the registers of the spindle in a configuration, None if it has no Modbus spindle."""
     spindle = content.get("ModbusVFD")
     for name in BUILT_IN & content.keys():
         found = Foreign(form="FluidNC configuration (YAML)", title=name)
@@ -69,7 +69,7 @@ def _reading(found: Foreign, key: str, command: str, drive: int | None) -> None:
         found.leave(key, command, "not a request of Modbus that reads registers")
         return
     words = replied.split()
-    # The reply begins with its function and the number of bytes; two bytes make a register.
+    # The reply begins with its function code and its number of bytes; two bytes make a register.
     if not arrow or [int(word, 16) if _BYTE.fullmatch(word) else None for word in words[:2]] != [
         request.function,
         2 * request.registers,
@@ -109,7 +109,7 @@ def _command(found: Foreign, key: str, command: str) -> None:
 
 
 def _request(text: str) -> _Request | None:
-    """Return what the first five bytes ask for; what follows them, or stands for a speed, is not looked at."""
+    """Return the read request in the first five bytes; further bytes, and bytes that stand for a speed, are ignored."""
     words = text.split()
     head = [int(word, 16) for word in words[:3] if _BYTE.fullmatch(word)]
     if len(head) < 3:

@@ -1,4 +1,4 @@
-"""What was found in a file of another program: its registers, and what a model cannot say or nobody understood."""
+"""Contents of a foreign file: its registers, and everything that a model cannot express or the import cannot read."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ if TYPE_CHECKING:
 
 _LONGEST_WORD = 60
 MOST = 0xFFFF
-"""The highest address of a register or coil in a telegram (Modbus application protocol 4.4)."""
+"""Highest address of a register or coil in a telegram (Modbus application protocol 4.4)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForeignRegister:
-    """A register or coil that a file names.
+    """Register or coil in a foreign file.
 
-    place: where in the file. title: what the file calls it. kind: empty for a holding register, i input register, c
-    coil, d discrete input. number: as it stands in a telegram, from 0. part: low, high or a bit of the register. type:
-    as models of Modbus drives call it, empty for a part or a coil. unit, factor, values: as in a model. word_order:
-    high or low, empty where the file does not say it. characters: of a text. written: the file only writes there.
-    drive: the address of the drive that is asked, None where the file names none. counted: how the file prints the
-    number, where that is not how a telegram has it.
+    place: position in the file. title: name in the file. kind: empty for a holding register, i input register, c coil,
+    d discrete input. number: as in a telegram, from 0. part: low, high or a bit of the register. type: type name of
+    Modbus drive models, empty for a part or a coil. unit, factor, values: as in a model. word_order: high or low, empty
+    if the file does not state it. characters: length of a text. written: the file only writes this register. drive:
+    address of the drive, None if the file names none. counted: the number as printed in the file, if it differs from
+    that of the telegram.
     """
 
     place: str
@@ -47,14 +47,14 @@ class ForeignRegister:
 
     @property
     def address(self) -> str:
-        """The address in a model whose registers are counted from 0."""
+        """Address of the register in a model that counts registers from 0."""
         shown = str(self.number) if self.number <= 0xFF or self.counted.isdecimal() else f"0x{self.number:04X}"
         return f"{self.kind}{shown}{f'.{self.part}' if self.part else ''}"
 
 
 @dataclass(frozen=True, slots=True)
 class NotCarried:
-    """Something of the file that the model does not say. place: line or key. what: as it stands there. reason: why."""
+    """Item of the file that is missing in the model. place: line or key. what: text of the item. reason: why."""
 
     place: str
     what: str
@@ -66,11 +66,11 @@ class NotCarried:
 
 @dataclass(slots=True, kw_only=True)
 class Foreign:
-    """What was found in one file.
+    """Contents of one foreign file.
 
-    form: what the file is, for people. title: of the drives, as far as the file says it. options: line settings of a
-    Modbus drive. columns: for a list, the heading of each column that was understood. assumptions: what was taken for
-    granted and is to be confirmed, in sentences. port: where the file reaches the drive, empty if it does not say.
+    form: kind of file, for display. title: name of the drives, if the file has one. options: line settings of a Modbus
+    drive. columns: for a list, the heading of each recognised column. assumptions: assumptions that the user should
+    confirm, as sentences. port: the port to the drive, empty if the file does not name it.
     """
 
     form: str
@@ -83,16 +83,16 @@ class Foreign:
     options: dict[str, Any] = field(default_factory=dict)
 
     def leave(self, place: str, what: object, reason: str) -> None:
-        """List something that is not carried over."""
+        """Record an item that is not imported."""
         self.left.append(NotCarried(place, "" if what is None else str(what), reason))
 
     def assume(self, sentence: str) -> None:
-        """Note an assumption, once."""
+        """Record an assumption, once."""
         if sentence not in self.assumptions:
             self.assumptions.append(sentence)
 
     def take_line(self, place: str, given: Mapping[str, Any]) -> None:
-        """Take over line settings, by the names of the options of a Modbus drive; what is not one of them is listed."""
+        """Import line settings, by the option names of a Modbus drive; record other items as not imported."""
         for option, value in given.items():
             word = str(value).strip()[:_LONGEST_WORD]
             setting: Any = word[:1].upper() if option == "parity" else int(word) if word.isdecimal() else word
@@ -104,7 +104,7 @@ class Foreign:
                 self.options[option] = setting
 
     def tables(self, place: str, value: object) -> Iterator[tuple[str, Mapping[str, Any]]]:
-        """Yield the tables of a list, each with its place; anything else in it, or in place of it, is listed."""
+        """Yield the tables of a list, each with its place; record every other item as not imported."""
         if value is None or value == "":
             return
         for number, each in enumerate(value if isinstance(value, list) else [value]):
@@ -114,7 +114,7 @@ class Foreign:
                 self.leave(f"{place}[{number}]", str(each)[:_LONGEST_WORD], "not an entry with keys")
 
     def add(self, register: ForeignRegister) -> None:
-        """Add a register; one beyond what a telegram can name is listed instead."""
+        """Add a register; record one whose number does not fit into a telegram as not imported."""
         if not 0 <= register.number <= MOST:
             self.leave(register.place, register.number, f"a telegram names registers from 0 to {MOST}")
             return

@@ -1,4 +1,4 @@
-"""The columns of a register list, by the words of its heading line in several languages."""
+"""Columns of a register list, by the words of its heading line in several languages."""
 
 from __future__ import annotations
 
@@ -104,16 +104,18 @@ COLUMNS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "bit": ("bit", "bit no", "bit number", "bit position", "bitnummer", "bitnr", "numero de bit", "бит", "位"),
     }
 )  # fmt: skip
-"""What each column may be called, in small letters without accents and signs. A column of a kind is the first heading
-in the order of its words."""
+"""Headings of each column, in lower case without accents and punctuation.
+
+If several headings match a column, the earliest in this list wins.
+"""
 
 NEEDED = ("address", "name")
 _BASES = frozenset(("hex", "hexadecimal", "dec", "dez", "decimal", "dezimal"))
-"""Words behind an address that say how its numbers are written."""
+"""Words after an address heading that state the base of the numbers."""
 
 
 def columns_in(cells: Sequence[str]) -> dict[str, int]:
-    """Return which column of a heading line is what; the column for each of COLUMNS that it has."""
+    """Return the position of each column of COLUMNS that a heading line has."""
     headings = [_spellings(cell) for cell in cells]
     found: dict[str, int] = {}
     for column, known in COLUMNS.items():
@@ -128,7 +130,7 @@ def columns_in(cells: Sequence[str]) -> dict[str, int]:
 
 
 def further_addresses(cells: Sequence[str], used: Mapping[str, int]) -> list[int]:
-    """Return the columns that count the registers in another way than the one that is used."""
+    """Return the columns that number the registers in another way than the address column in use."""
     return [place for place, cell in enumerate(cells) if place not in used.values() and _is_address(_spellings(cell))]
 
 
@@ -137,7 +139,7 @@ def _is_address(spellings: Collection[str]) -> bool:
 
 
 def _spellings(heading: str) -> list[str]:
-    """Return a heading as it may stand in COLUMNS: whole, without the base of its numbers, and its parts."""
+    """Return the forms under which a heading may appear in COLUMNS: whole, without number base, and its parts."""
     whole = _bare(heading)
     base = [word for word in whole.split() if word in _BASES]
     without = " ".join(word for word in whole.split() if word not in _BASES)
@@ -147,7 +149,7 @@ def _spellings(heading: str) -> list[str]:
 
 
 def _bare(heading: str) -> str:
-    """Return a heading in small letters, without accents, signs and what stands in brackets behind it."""
+    """Return a heading in lower case, without accents, punctuation and a bracketed suffix."""
     text = unicodedata.normalize("NFKD", re.sub(r"(?<=\w)\s*[\[(](?!hex|dec|dez).*?[\])]", " ", heading.casefold()))
     kept = "".join(each for each in text if not unicodedata.combining(each) or each == "\u0306")
     return " ".join(re.sub(r"[^\w]+|_", " ", unicodedata.normalize("NFC", kept)).split())

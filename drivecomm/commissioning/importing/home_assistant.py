@@ -1,4 +1,4 @@
-"""The section `modbus:` of Home Assistant, as YAML.
+"""Section `modbus:` of Home Assistant, as YAML.
 
 Facts of the form: the page of the integration Modbus at home-assistant.io; addresses are those of telegrams.
 """
@@ -22,7 +22,7 @@ _OLD_TYPES = {
     ("uint", 2): "uint32",
     ("float", 2): "float32",
 }
-"""Types of editions before 2022, which gave the number of registers beside them."""
+"""Types of versions before 2022, which had a separate number of registers."""
 
 _KINDS = {"holding": "", "input": "i", "coil": "c", "discrete_input": "d"}
 _WRITERS = ("switches", "lights", "fans", "covers", "climates")
@@ -38,10 +38,10 @@ _LINE = ("baudrate", "bytesize", "parity", "stopbits")
 
 
 def home_assistant_section(content: Any) -> Foreign | None:
-    """Return what the section names, None if there is none. A list of hubs without the word above it is one, too."""
+    """Return the registers of the section, None if there is no section; a bare list of hubs is accepted as well."""
     hubs = content
     if isinstance(content, Mapping):
-        # A package stands below its name.
+        # A package nests its section below the package name.
         packages = (each["modbus"] for each in content.values() if isinstance(each, Mapping) and "modbus" in each)
         hubs = content.get("modbus", next(packages, None))
     if isinstance(hubs, Mapping):
@@ -126,7 +126,7 @@ def _held(entry: Mapping[str, Any], *, bit: bool, kind: str) -> Held | None:
     if kind in ("c", "d"):
         return Held("")
     if bit:
-        # The lowest bit of the register is the state.
+        # A binary sensor shows the lowest bit of the register.
         return Held("", "0")
     count, word = whole_in(entry.get("count", 1)), str(entry.get("data_type", "int16")).casefold()
     held = _TYPES.get(_OLD_TYPES.get((word, count or 1), word))

@@ -1,4 +1,4 @@
-"""A model of what was found in a foreign file: monitoring only, and every fact marked as imported."""
+"""Model made from a foreign file: monitoring only, and every fact marked as imported."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ _LATIN = str.maketrans(
     dict(zip("абвгдезийклмнопрстуфхцыэ", "abvgdezijklmnoprstufhcye", strict=True))
     | {"ё": "jo", "ж": "zh", "ч": "ch", "ш": "sh", "щ": "sch", "ъ": "", "ь": "", "ю": "ju", "я": "ja", "ß": "ss"}
 )
-"""Letters without a Latin base in them, as names of parameters have them."""
+"""Latin spellings of letters that do not contain a Latin base letter, for parameter names."""
 
 
 def imported_model(found: Foreign, *, name: str, file: str, drive: int | None = None) -> Model:
-    """Return the model, which has no orders: drives of it are read, and never commanded or written.
+    """Return a model without orders: its drives can be read, and never commanded or written.
 
-    A register is a common name if it alone is called exactly so and has its unit. What stands in the model otherwise
-    (another register with the same address) is added to what was not carried over. name: of the model. file: as the
-    sources call it. drive: the address of the drive whose registers are meant. Raises UsageError where a file names
-    several drives and none is given, or none of its registers is of that drive.
+    A register becomes a common name if it is the only one with exactly that title and its unit fits. A register whose
+    address is already in the model is recorded in found as not imported. name: name of the model. file: file name for
+    the sources. drive: address of the drive whose registers are imported. Raises UsageError if the file names several
+    drives and none is given, or if none of its registers belongs to that drive.
     """
     registers = _of_drive(found, drive)
     parameters: dict[str, ParameterInfo] = {}
@@ -110,7 +110,7 @@ def _is_common(word: str, register: ForeignRegister) -> bool:
 
 
 def _name(title: str) -> str:
-    """Return a title as the name of a parameter; empty where nothing of it has Latin letters."""
+    """Return a title as a parameter name; empty if nothing of it can be written in Latin letters."""
     text = unicodedata.normalize("NFKD", title.casefold().translate(_LATIN))
     word = re.sub(r"[^a-z0-9]+", "_", "".join(each for each in text if not unicodedata.combining(each))).strip("_")
     return word if re.match("[a-z]", word) else f"p{word}" if word else ""

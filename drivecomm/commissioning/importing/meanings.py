@@ -1,4 +1,4 @@
-"""What the words and numbers of foreign files mean: units, factors, types, texts of values."""
+"""Meanings of words and numbers in foreign files: units, factors, types, texts of values."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _UNITS = {
     "°c": "degC", "℃": "degC", "degc": "degC", "deg c": "degC", "grad c": "degC", "celsius": "degC", "c": "degC",
     "%": "%", "percent": "%", "prozent": "%", "процент": "%", "nm": "Nm", "n·m": "Nm", "n.m": "Nm", "нм": "Nm",
 }  # fmt: skip
-"""Units as people write them, in small letters, and as models of drives call them."""
+"""Common spellings of units in lower case, with the spelling of drive models."""
 
 _WITHOUT = frozenset(("", "-", "--", "—", "none", "n/a", "na", "bool", "bit", "0/1", "无", "нет"))
 _OTHER_UNIT = re.compile(r"[^\W\d_][^\d\s\"']{0,9}")
-"""A unit that drives seldom have, such as bar or m3/h without its digit: it is taken as it stands."""
+"""Pattern of units that are rare on drives, such as bar or m3/h without its digit; they are kept unchanged."""
 
 _STEP = re.compile(r"(\d+(?:[.,]\d+)?)\s*([^\d\s].*)?")
 _TITLE_UNIT = re.compile(r"(.*?)\s*(?:[\[(]\s*([^\])]*)\s*[\])]|[,;/]\s*([^\s,;/]+))\s*")
@@ -35,11 +35,11 @@ _FURTHER_VALUE = re.compile(r"\d\s*[:=→]")
 
 
 _MOST_DIGITS = 12
-"""Before and behind the point: more than any register, address or factor has."""
+"""Limit of digits before and after the decimal point: more than any register, address or factor has."""
 
 
 def number_in(text: object) -> Decimal | None:
-    """Return the number that a cell or a key gives, with a point or a comma; None if it is not one."""
+    """Return the number in a cell or key, with a decimal point or comma; None if it is not a number."""
     if isinstance(text, bool):
         return None
     try:
@@ -50,7 +50,7 @@ def number_in(text: object) -> Decimal | None:
 
 
 def whole_in(text: object) -> int | None:
-    """Return the whole number that a key gives, as 8451 or 0x2103; None if it is not one."""
+    """Return the whole number in a key, written as 8451 or 0x2103; None if it is not a whole number."""
     if isinstance(text, bool):
         return None
     if isinstance(text, int):
@@ -64,7 +64,7 @@ def whole_in(text: object) -> int | None:
 
 
 def ratio(multiplier: Decimal | int, divider: Decimal | int) -> Decimal | None:
-    """Return multiplier / divider if a decimal number says it exactly, else None."""
+    """Return multiplier / divider if it is exact as a decimal number, else None."""
     if not divider or not multiplier:
         return None
     exact = Fraction(multiplier) / Fraction(divider)
@@ -76,13 +76,13 @@ def ratio(multiplier: Decimal | int, divider: Decimal | int) -> Decimal | None:
 
 
 def plain(number: Decimal) -> Decimal:
-    """Return a number without zeros at its end and without an exponent."""
+    """Return a number without trailing zeros and without an exponent."""
     short = number.normalize()
     return short.quantize(Decimal(1)) if short == short.to_integral_value() else short
 
 
 def unit_in(text: str) -> tuple[str, Decimal] | None:
-    """Return a unit as models call it, and the step before it, as in `0.01 Hz`; None for what is not a unit."""
+    """Return a unit in the spelling of models, and the step before it, as in `0.01 Hz`; None if it is not a unit."""
     word = " ".join(text.split()).casefold().replace("º", "°")
     if word in _WITHOUT:
         return "", Decimal(1)
@@ -97,7 +97,7 @@ def unit_in(text: str) -> tuple[str, Decimal] | None:
 
 
 def title_and_unit(title: str) -> tuple[str, str, Decimal]:
-    """Return a title without the unit that stands behind it, the unit, and the step: `Current (0.1 A)`."""
+    """Split a title such as `Current (0.1 A)` into the title without its unit, the unit, and the step."""
     found = _TITLE_UNIT.fullmatch(title)
     if found is not None and found[1]:
         known = unit_in(found[2] or found[3] or "?")
@@ -107,7 +107,7 @@ def title_and_unit(title: str) -> tuple[str, str, Decimal]:
 
 
 class Held(NamedTuple):
-    """How a value stands in registers. type: empty for a part of a register. order: high, low or empty."""
+    """Storage of a value in registers. type: empty for a part of a register. order: high, low or empty."""
 
     type: str
     part: str = ""
@@ -139,9 +139,9 @@ _TYPES = {
 
 
 def held_as(text: str) -> Held | None:
-    """Return how a value stands in registers by the word for its type, None for a word with several meanings.
+    """Return the storage that a type word stands for, None for an unknown or ambiguous word.
 
-    `int` has 16 bits in IEC 61131-3 and another width elsewhere, `16 bit` has no sign: neither is guessed.
+    `int` has 16 bits in IEC 61131-3 and another width elsewhere, and `16 bit` states no sign, so both are ambiguous.
     """
     word = " ".join(re.sub(r"[^\w]+|_", " ", text.casefold()).split())
     return _TYPES.get(word) or _TYPES.get(word.replace(" ", ""))

@@ -1,4 +1,4 @@
-"""Which form a foreign file has, by what it says, and the reader of that form."""
+"""Detection of the form of a foreign file, by its contents, and reading by the matching reader."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ _KNOWN = (
 
 
 def read_foreign(path: Path, base: Base | None = None) -> Foreign:
-    """Return what a file of another program says of a drive.
+    """Return the drive data in a file of another program.
 
-    base: how a register list counts, found from its addresses unless given. Raises FileFormatError for a file that
-    cannot be read or has none of the known forms, and UsageError for a base where the form has its own.
+    base: numbering of a register list; None to derive it from the addresses. Raises FileFormatError for a file that
+    cannot be read or has no known form, and UsageError if a base is given for a form with a numbering of its own.
     """
     try:
         data = path.read_bytes()
@@ -59,7 +59,7 @@ def read_foreign(path: Path, base: Base | None = None) -> Foreign:
 
 
 def _other(text: str, path: Path) -> Foreign | None:
-    """Return what the file says if it has another form than a list."""
+    """Return the contents of the file if it has another form than a register list."""
     shown = str(path)
     if text.lstrip().startswith("{"):
         return wirenboard_template(text, shown)
@@ -82,7 +82,7 @@ def _yaml(text: str, path: Path) -> Any:
             f"{path} is YAML, for which PyYAML is needed, and it is not installed; install drivecomm[import]"
         ) from None
 
-    # A loader of its own, for tags such as !secret, which stand for the text behind them.
+    # A separate loader class, which reads a tag such as !secret as the text behind it.
     loader: Any = type("Loader", (yaml.SafeLoader,), {})
     loader.add_multi_constructor("!", lambda _, tag, node: f"!{tag} {getattr(node, 'value', '')}")
     try:

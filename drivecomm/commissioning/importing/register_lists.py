@@ -1,4 +1,4 @@
-"""Register lists as CSV: columns by their headings, delimiter and encoding as found, each row one register."""
+"""Register lists as CSV: columns by their headings, delimiter and encoding detected, one register per row."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
 _ENCODINGS = ("utf-8", "cp1252", "cp1251", "gb18030")
-"""In this order where the headings are the same in two of them."""
+"""Encodings to try; the earlier one wins if the headings are the same in two of them."""
 
 _MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
 _DELIMITERS = {";": "semicolon", "\t": "tab", ",": "comma", "|": "bar"}
 _HEADING_WITHIN = 30
-"""Rows in which the heading line is looked for: lists have a title and remarks above it."""
+"""Number of rows searched for the heading line; lists have a title and remarks above it."""
 
 _FUNCTIONS = {1: "c", 2: "d", 3: "", 4: "i", 5: "c", 6: "", 15: "c", 16: ""}
 _WRITES = frozenset((5, 6, 15, 16))
@@ -42,7 +42,7 @@ _KINDS = (
     (re.compile(r"discrete|input (?:status|contact|bit)|\b1x|\bdi\b|дискрет|离散"), "d"),
     (re.compile(r"input|eingang|\b3x|\bir\b|^i$|входн|输入"), "i"),
 )
-"""Words for the kinds of registers, looked for in this order."""
+"""Words for the kinds of registers; the first match wins."""
 
 _NUMBERS = re.compile(r"(?<![\dx])(0x[0-9a-f]{1,2}|[0-9]{1,2})(?=h?(?![\dx]))", re.IGNORECASE)
 _NO_READ = ("w", "wo", "write", "write only", "write-only", "schreiben", "nur schreiben", "запись", "ecriture", "只写")
@@ -54,7 +54,7 @@ _ORDERS = {
 
 
 class _Sheet(NamedTuple):
-    """A list that was opened: its rows from the heading on, each with the line that it ends in, and how it is read."""
+    """Register list as rows and layout: the rows from the heading on, each with the number of its last line."""
 
     rows: list[tuple[int, list[str]]]
     columns: dict[str, int]
@@ -63,9 +63,9 @@ class _Sheet(NamedTuple):
 
 
 def register_list(data: bytes, base: Base | None) -> Foreign | None:
-    """Return what a register list names, None if no heading line says which column is what.
+    """Return the registers of a list, None if no line has recognisable column headings.
 
-    base: how the registers are counted, if the user says it.
+    base: numbering of the registers, if the user states it.
     """
     sheet = _opened(data)
     if sheet is None:
@@ -104,7 +104,7 @@ def register_list(data: bytes, base: Base | None) -> Foreign | None:
 
 
 def _functions_as_type(columns: dict[str, int], rows: list[tuple[int, list[str]]]) -> None:
-    """Take a column `type` for that of the functions where it says holding or input of every register."""
+    """Treat a column `type` as the function column if it has holding, input or the like in every row."""
     types = {text for _, row in rows if (text := _cell(row, columns, "type"))}
     if "function" not in columns and types and all(_named_kind(each) is not None for each in types):
         columns["function"] = columns.pop("type")
@@ -142,7 +142,7 @@ def _row(found: Foreign, place: str, cells: Mapping[str, str], counted: Counted)
 
 
 def _kind(found: Foreign, place: str, function: str, counted: Counted) -> str | None:
-    """Return the kind of register that the function, or the number itself, says; None where they disagree."""
+    """Return the kind of register by its function or its number; None if the two disagree."""
     if not function.strip():
         if counted.kind is None:
             found.assume("registers without a function are holding registers, which function 03 reads")
@@ -158,7 +158,7 @@ def _kind(found: Foreign, place: str, function: str, counted: Counted) -> str | 
 
 
 def _function(text: str) -> tuple[str, bool] | None:
-    """Return the kind of register that a cell such as `FC03`, `3/16` or `Holding` means, and whether it only writes."""
+    """Return the kind of register meant by `FC03`, `3/16` or `Holding`, and whether the function only writes."""
     if (named := _named_kind(text)) is not None:
         return named, False
     numbers = [int(each, 16 if each[:2] in ("0x", "0X") else 10) for each in _NUMBERS.findall(text)]
@@ -172,7 +172,7 @@ def _named_kind(text: str) -> str | None:
 
 
 def _factor(found: Foreign, place: str, cells: Mapping[str, str], step: Decimal) -> Decimal | None:
-    """Return what a raw value is multiplied by; None, and a line in the list, where that is not certain."""
+    """Return the factor of a raw value; record the row as not imported and return None if the factor is uncertain."""
     if (offset := cells.get("offset", "")) and number_in(offset) != 0:
         found.leave(place, f"offset {offset}", "a model has no offset, and without it the value would be wrong")
         return None
@@ -224,7 +224,7 @@ def _factor_in(text: str, *, is_scale: bool) -> Decimal | None:
 
 
 def _held(found: Foreign, place: str, cells: Mapping[str, str], counted: Counted, kind: str) -> Held | None:
-    """Return how a value stands in its register; None, and a line in the list, where that is not certain."""
+    """Return the storage of a value; record the row as not imported and return None if the storage is uncertain."""
     bit = cells.get("bit", "").strip() or counted.bit
     if bit:
         if bit.isdecimal() and int(bit) <= 15 and kind in ("", "i"):
@@ -271,7 +271,7 @@ def _cell(row: list[str], columns: Mapping[str, int], name: str) -> str:
 
 
 def _opened(data: bytes) -> _Sheet | None:
-    """Return the list by the encoding and the delimiter with which most columns of its heading are known."""
+    """Return the list, read with the encoding and delimiter that give the most recognised columns."""
     best: _Sheet | None = None
     for encoding, text in _decoded(data):
         for delimiter in _DELIMITERS:

@@ -23,7 +23,7 @@ _VFD_SETTINGS = range(460, 480)
 
 
 def vfdmod_configuration(text: str, shown: str) -> Foreign | None:
-    """Return what an ini file of vfdmod names, None if it is another one. Raises FileFormatError."""
+    """Return the registers in an ini file of vfdmod, None for another ini file. Raises FileFormatError."""
     ini = configparser.ConfigParser(interpolation=None, strict=False, allow_no_value=True)
     try:
         ini.read_string(text)
@@ -49,7 +49,7 @@ def vfdmod_configuration(text: str, shown: str) -> Foreign | None:
 
 
 def _line(found: Foreign, group: Mapping[str, str | None]) -> int | None:
-    """Take over the line settings; return the address of the drive."""
+    """Import the line settings; return the address of the drive."""
     found.take_line("[RS485]", {option: group[key] for key, option in _LINE.items() if group.get(key)})
     found.port = group.get("serialdevice") or ""
     return whole_in(group.get("slaveaddress") or "")
@@ -99,10 +99,10 @@ def _reading(
 
 
 def grblhal_settings(text: str) -> Foreign | None:
-    """Return what the settings of a generic VFD in grblHAL name, None if the text does not have them.
+    """Return the registers in the grblHAL settings of a generic VFD, None if the text has no such settings.
 
-    The settings as `$$` prints them: 462 and 463 are the registers of the commands, 464 is the one with the speed, 470
-    and 471 its multiplier and divider.
+    The settings have the form that `$$` prints: 462 and 463 are the registers of the commands, 464 is the one with the
+    speed, 470 and 471 its multiplier and divider.
     """
     given = {int(key): value for key, value in _SETTING.findall(text) if int(key) in _VFD_SETTINGS}
     if not given:

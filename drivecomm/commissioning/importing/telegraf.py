@@ -1,4 +1,4 @@
-"""The sections `[[inputs.modbus]]` of Telegraf, as TOML: fields by register, by request or by metric.
+"""Sections `[[inputs.modbus]]` of Telegraf, as TOML: fields by register, by request or by metric.
 
 Facts of the form: README of plugins/inputs/modbus of Telegraf; addresses are those of telegrams.
 """
@@ -22,7 +22,7 @@ _FIXED = {
     ("UFIXED", 1): "u16", ("UFIXED", 2): "u32", ("FIXED", 1): "s16", ("FIXED", 2): "s32", ("FLOAT32", 1): "u16",
     ("FLOAT32", 2): "u32",
 }  # fmt: skip
-"""Types that count steps, in so many registers; FLOAT32 is an old word for UFIXED in fields by register."""
+"""Types of scaled integers, by their number of registers; FLOAT32 is an old word for UFIXED in fields by register."""
 
 _TABLES = {"holding_registers": "", "input_registers": "i", "coils": "c", "discrete_inputs": "d"}
 _KINDS = {"holding": "", "input": "i", "coil": "c", "discrete": "d"}
@@ -33,7 +33,7 @@ _SHOWN_ONLY = frozenset(("measurement", "omit", "output", "tags"))
 
 
 def telegraf_section(text: str, shown: str) -> Foreign | None:
-    """Return what the sections name, None if there are none. Raises FileFormatError."""
+    """Return the registers of the sections, None if there are no sections. Raises FileFormatError."""
     try:
         content = tomllib.loads(text, parse_float=Decimal)
     except tomllib.TOMLDecodeError as error:

@@ -23,7 +23,7 @@ _FORMATS = {
     "u8": Held("", "low"), "string": Held("string"),
 }  # fmt: skip
 _UNITS = {"voltage": "V", "temperature": "degC", "power": "W", "power_consumption": "kWh", "current": "A"}
-"""Units that the type of a channel stands for."""
+"""Units implied by the type of a channel."""
 
 _SHOWN_ONLY = frozenset(
     (
@@ -52,7 +52,7 @@ _SHOWN_ONLY = frozenset(
         *("id", "enum", "enum_titles", "units", "unsupported_value", "readonly", "write_address"),
     )
 )
-"""Keys by which that program shows, polls or writes, and those that are read here."""
+"""Keys that serve only display, polling or writing there, and keys that are read in other places of this module."""
 
 _CARRIED = frozenset(
     ("name", "reg_type", "address", "type", "format", "scale", "offset", "word_order", "string_data_size")
@@ -60,7 +60,7 @@ _CARRIED = frozenset(
 
 
 def wirenboard_template(text: str, shown: str) -> Foreign | None:
-    """Return what a template names, None if the text is JSON of another kind. Raises FileFormatError."""
+    """Return the registers in a template, None if the text is JSON of another kind. Raises FileFormatError."""
     try:
         content = json.loads(text, parse_float=Decimal)
     except ValueError as error:
@@ -98,7 +98,7 @@ def _entries(found: Foreign, device: Mapping[str, Any]) -> Iterator[tuple[str, M
 
 
 def _words(device: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the titles in English, by what stands for them."""
+    """Return the English titles, by the keys that the template uses for them."""
     translations = device.get("translations")
     words = translations.get("en") if isinstance(translations, Mapping) else None
     return words if isinstance(words, Mapping) else {}
@@ -109,8 +109,8 @@ def _channel(
 ) -> None:
     """Add the register of a channel or parameter.
 
-    words: titles in English, by what stands for them. strange: collects
-    the places of keys that are not understood, by key.
+    words: English titles, by the keys that the template uses for them. strange: collects the places of unknown keys, by
+    key.
     """
     if "address" not in entry or "reg_type" not in entry:
         found.leave(place, _named(entry), "has no register of its own")
@@ -156,7 +156,7 @@ def _channel(
 
 
 def _place(address: str, held: Held | None, kind: str) -> tuple[int | None, Held | None]:
-    """Return the register of `16129` or `50199:11:1` (first bit, width), and how its value stands in it."""
+    """Return the register of `16129` or `50199:11:1` (first bit, width), and the storage of its value."""
     start, *bits = address.split(":")
     number = whole_in(start)
     if kind in ("c", "d"):

@@ -1,4 +1,4 @@
-"""Parameter sets: back up a drive, compare, restore; docs/how-to/parameter-sets.md tells how."""
+"""Parameter sets: back up a drive, compare, restore; see docs/how-to/parameter-sets.md."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Comparing two parameter sets: of one drive at two times, of two drives, of two makers."""
+"""Comparison of two parameter sets: of one drive at two times, of two drives, or of two makers."""
 
 from __future__ import annotations
 
@@ -19,12 +19,16 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Model, Value
 
 DifferenceKind: TypeAlias = Literal["value", "missing", "not comparable"]
-"""value: both have it and it differs. missing: one has it. not comparable: both have it, and why it cannot be told."""
+"""Kind of difference between two sets.
+
+value: both sets have the parameter and the values differ. missing: only one set has it. not comparable: the values
+cannot be compared, for a stated reason.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Difference:
-    """One parameter that is not the same. address: or the common name, where two makers are compared."""
+    """One parameter that differs. address: the common name instead, if two makers are compared."""
 
     kind: DifferenceKind
     address: str
@@ -34,18 +38,18 @@ class Difference:
 
     @property
     def name(self) -> str:
-        """The parameter's name in the model."""
+        """Name of the parameter in the model."""
         known = self.left or self.right
         return known.name if known else ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """What is not the same in two parameter sets.
+    """Differences between two parameter sets.
 
-    by: what was compared with what. equal: how many parameters are the same. missing: what only one of them has; that
-    and remarks, what else is to be known as sentences, do not make the sets different. shares: how much of its drive
-    each set holds, None where no model is found by its name.
+    by: the key by which parameters were matched. equal: number of equal parameters. missing: parameters that only one
+    set has. remarks: further facts as sentences. Neither missing parameters nor remarks make the sets different.
+    shares: share of its drive that each set holds, None if no model is found by its name.
     """
 
     by: Literal["address", "common name"]
@@ -57,12 +61,12 @@ class Comparison:
 
     @property
     def same(self) -> bool:
-        """Whether everything that both have is the same, and could be compared."""
+        """Whether all parameters that both sets have are comparable and equal."""
         return not self.differences
 
 
 def compare(left: ParameterSet, right: ParameterSet, parts: Collection[Part] = SETTINGS) -> Comparison:
-    """Compare two parameter sets, by address within a protocol, otherwise by common names in the units of those.
+    """Compare two parameter sets: by address within a protocol, otherwise by common names in their units.
 
     Raises UsageError for sets that have nothing to compare.
     """
@@ -144,9 +148,9 @@ def _differences(
 
 
 def _comparable(one: Entry, other: Entry) -> tuple[Value, Value]:
-    """Return two values in one unit, or as the telegrams carried them where one model does not know the parameter.
+    """Return two values in one unit, or as the telegrams carried them if one model does not know the parameter.
 
-    Raises UsageError where that does not tell whether they are the same.
+    Raises UsageError if this does not show whether the values are equal.
     """
     if "unknown" not in (one.part, other.part):
         return in_unit(one.value, one.unit, other.unit), other.value

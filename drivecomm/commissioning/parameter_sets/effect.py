@@ -1,6 +1,7 @@
-"""What the values of a parameter set mean to its drive, and to another maker's: which count, what its watchdog does.
+"""Effect of the values of a parameter set on its drive and on another maker's: active values, and watchdog settings.
 
-A number alone does not say it: a time whose function is off does nothing. What depends on what is in the models.
+A number alone does not show its effect: a time whose function is off does nothing. The models state which parameter
+depends on which.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def model_of(known: ParameterSet) -> Model | None:
-    """Return the model that a set was read with, None where no model is found by its name."""
+    """Return the model with which a set was read, None if no model is found by its name."""
     try:
         return load_model(installed[known.protocol].package, known.protocol, known.model)
     except UsageError:
@@ -34,45 +35,45 @@ def model_of(known: ParameterSet) -> Model | None:
 
 
 class Held:
-    """Values by address that answer steps as a drive would that holds them; what is written changes them."""
+    """Stored values by address that can stand in for a drive when steps are carried out; writes change the values."""
 
     def __init__(self, name: str, values: Mapping[str, Value]) -> None:
         self._name = name
         self.values = dict(values)
 
     def read(self, parameter: str) -> Reading:
-        """Return a value. Raises UsageError for one that is not held."""
+        """Return a stored value. Raises UsageError for an address without a value."""
         if parameter not in self.values:
             raise UsageError(f"the parameter set of {self._name} does not hold {parameter}")
         return Reading(parameter=parameter, value=self.values[parameter], raw=str(self.values[parameter]))
 
     def write(self, parameter: str, value: Value, **_: Any) -> None:
-        """Take a value."""
+        """Store a value."""
         self.values[parameter] = value
 
     def watched(self, silence_s: float | None) -> None:
-        """Do nothing: nobody waits for commands."""
+        """Do nothing, because stored values need no watchdog feed."""
 
     @property
     def as_drive(self) -> Drive:
-        """This, for those who carry out steps with a drive."""
+        """This object, typed as a drive for functions that carry out steps."""
         return cast("Drive", self)
 
 
 def watchdog_told(known: ParameterSet, model: Model) -> Setting:
-    """Return what the watchdog of the set's drive was set to. Raises UsageError where the set does not tell it."""
+    """Return the watchdog setting of the set's drive. Raises UsageError if the set does not contain it."""
     held = Held(known.drive, {entry.address: _in_units_of(model, entry) for entry in known.entries.values()})
     return carry_out(held.as_drive, reading_watchdog(known.drive, model))
 
 
 def is_watchdog_time(address: str, model: Model) -> bool:
-    """Whether a parameter is the time of the drive's watchdog, which means nothing without what the watchdog does."""
+    """Return whether a parameter is the drive's watchdog time, which has no meaning without the watchdog's action."""
     info = parameter_at(address, model)
     return info is not None and model.watchdog is not None and info.address == model.watchdog.time
 
 
 def without_effect(entry: Entry, known: ParameterSet, model: Model) -> str:
-    """Return why a value counts for nothing on the set's drive, or that nobody knows; empty where it counts."""
+    """Return why a value has no effect, or an unknown effect, on the set's drive; empty if it has an effect."""
     info = parameter_at(entry.address, model)
     element = entry.address[len(entry.parameter) :]
     for address in info.only_with if info else ():
@@ -85,7 +86,7 @@ def without_effect(entry: Entry, known: ParameterSet, model: Model) -> str:
 
 
 def counts_with(model: Model, info: ParameterInfo | None, address: str, value: Value) -> bool:
-    """Whether a parameter counts while another one that it depends on has this value."""
+    """Return whether a parameter has an effect while another one, on which it depends, has this value."""
     other = parameter_at(address, model)
     if info is None or other is None or isinstance(value, str):
         return False
@@ -103,10 +104,10 @@ def _in_units_of(model: Model, entry: Entry) -> Value:
 def common_values(
     known: ParameterSet, parts: Collection[Part], model: Model | None
 ) -> tuple[dict[str, Entry], dict[str, str]]:
-    """Return one entry for each common name, with that for its address, and why others have none.
+    """Return one entry for each common name, with the common name as its address, and why others have no entry.
 
-    A parameter with several values, one for each data set, has one where all of them are the same. model: of the set,
-    which says what counts for nothing; such a value is left out. The time of a watchdog that is off is 0, never.
+    A parameter with one value for each data set gets an entry only if all its values are equal. model: model of the
+    set; values that have no effect by this model are left out. The time of a watchdog that is off is 0, never.
     """
     by_name: dict[str, list[Entry]] = {}
     for entry in known.of(parts):
@@ -137,7 +138,7 @@ def common_values(
 
 
 def _meant(entry: Entry, unit: str, known: ParameterSet, model: Model | None) -> Value:
-    """Return what a value means in the unit of its common name. Raises UsageError for one that counts for nothing."""
+    """Return a value in the unit of its common name. Raises UsageError for a value without effect."""
     if model is not None and is_watchdog_time(entry.address, model):
         return watchdog_told(known, model).time_s or Decimal(0)
     if model is not None and (reason := without_effect(entry, known, model)):
@@ -146,7 +147,7 @@ def _meant(entry: Entry, unit: str, known: ParameterSet, model: Model | None) ->
 
 
 def common_entries(to: Subject, known: ParameterSet, model: Model) -> tuple[list[Entry], list[tuple[Entry, str]]]:
-    """Return what of a set has a common name that the drive's model maps, and the rest with the reason of each."""
+    """Return the entries with a common name that the drive's model maps, and the other entries with a reason each."""
     there = known.of(WRITABLE)
     found, left_out = common_values(known, WRITABLE, model)
     reasons = left_out | {
@@ -159,15 +160,16 @@ def common_entries(to: Subject, known: ParameterSet, model: Model) -> tuple[list
 
 
 def is_about_watchdog(entry: Entry, to: Subject, model: Model) -> bool:
-    """Whether a common name is the time of a watchdog, on the drive or in the set, which model is of."""
+    """Return whether a common name is a watchdog time, on the drive or in the set. model: model of the set."""
     of_set = model.quantities.get(entry.common, "")
     return is_watchdog_time(to.model.quantities[entry.common], to.model) or is_watchdog_time(of_set, model)
 
 
 def carried_watchdog(to: Subject, known: ParameterSet, model: Model) -> Procedure[list[tuple[ParameterInfo, Value]]]:
-    """Return what the parameters of the drive's watchdog are to be, so that it does what that of the set did.
+    """Return watchdog parameters that give this drive the same behaviour as the drive of the saved set.
 
-    Reads the drive, writes nothing. Raises UsageError where the set does not tell it, or this drive cannot do it.
+    Reads the drive, writes nothing. Raises UsageError if the set does not contain the watchdog setting, or if this
+    drive does not support it.
     """
     wanted = watchdog_told(known, model)
     if wanted.policy is None:
@@ -184,7 +186,7 @@ def carried_watchdog(to: Subject, known: ParameterSet, model: Model) -> Procedur
 
 
 def reason_not_to_count(to: Subject, entry: Entry) -> Procedure[str]:
-    """Return why a common name counts for nothing on the drive as it is, empty where it counts."""
+    """Return why a common name has no effect on the drive in its present state, empty if it has an effect."""
     info = to.info(to.model.quantities[entry.common])
     for address in info.only_with if info else ():
         try:

@@ -1,4 +1,4 @@
-"""Backup of everything: what the model knows of a drive, and what else the drive answers, as it came."""
+"""Complete backup: the parameters that the model knows, and all other answers of the drive as raw values."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ if TYPE_CHECKING:
 
 
 def way_through(of: Subject, within: Collection[str] | None = None) -> Course:
-    """Return which addresses a backup of everything asks for: first what its model knows and may be read.
+    """Return the addresses that a complete backup requests: first the readable ones that the model knows.
 
-    within: of what the model does not know only these; all that a drive can hold unless given. Raises NotSupported
-    where the protocol's package does not tell what that is.
+    within: limits the addresses that the model does not know to these; None for all that a drive can hold. Raises
+    NotSupported if the protocol package does not list the possible addresses.
     """
     return course(of.plugin, of.model, known=_known(of), within=within)
 
 
 def reading_everything(of: Subject, way: Course, logbook: Remembers, progress: Progress) -> Procedure[ParameterSet]:
-    """Ask for all addresses of a way, with reads only, and return what the drive told.
+    """Request all addresses of a course, with reads only, and return the answers as a parameter set.
 
-    Raises FileFormatError when the logbook has answers of another drive, NoReplyError when the drive stays silent, and
-    LinkError when the line is lost; the logbook has what was answered until then.
+    Raises FileFormatError if the logbook has answers of another drive, NoReplyError if the drive stays silent, and
+    LinkError if the line is lost. The logbook keeps the answers received until then.
     """
     identity = yield from identity_told()
     logbook.begin(lasting(identity))
@@ -81,5 +81,5 @@ def _set_of(of: Subject, identity: Mapping[str, str], answers: list[Answer], fir
 
 
 def _has_elements(address: str, answers: list[Answer]) -> bool:
-    """Whether a parameter was told element by element, where it was not as a whole."""
+    """Return whether a parameter was read element by element because it could not be read as a whole."""
     return any(answer.told is not None and answer.address.startswith(f"{address}[") for answer in answers)

@@ -1,4 +1,4 @@
-"""Backup and restore for callers that block and callers that await."""
+"""Backup and restore for blocking callers and for asyncio callers."""
 
 from __future__ import annotations
 
@@ -29,8 +29,9 @@ if TYPE_CHECKING:
 def back_up(drive: Drive, parts: Collection[Part] = WRITABLE, *, progress: Progress = no_progress) -> ParameterSet:
     """Read the parameters of a drive: all data sets and array elements of those that its model knows.
 
-    parts: settings and communication unless told. progress: told the address, how many are done, and how many there
-    are. Raises UsageError for a drive without a model, ReplyError and LinkError when drive or line are away.
+    parts: parts of the set to read; by default settings and communication. progress: called with the address, the
+    number of parameters done, and their total. Raises UsageError for a drive without a model, ReplyError or LinkError
+    if the drive or the line does not respond.
     """
     return carry_out(drive, reading_out(subject(drive), parts, progress))
 
@@ -42,28 +43,28 @@ def back_up_everything(
     within: Collection[str] | None = None,
     progress: exploring.Progress = unseen,
 ) -> ParameterSet:
-    """Read all that a drive holds, address by address; what its model does not know is kept as it came.
+    """Read all that a drive holds, address by address; values that its model does not know are stored as raw values.
 
-    logbook: what remembers the answers, so that a later call goes on where this one is cut off. within: of what the
-    model does not know only these addresses. progress: told each answer, and how many there are. Raises NotSupported
-    where the protocol does not tell which addresses there can be, UsageError for a drive without a model,
-    FileFormatError for a logbook of another drive, ReplyError and LinkError when drive or line stay away.
+    logbook: record of the answers, from which a later call resumes after an interruption. within: limits the addresses
+    that the model does not know to these. progress: called with each step. Raises NotSupported if the protocol does not
+    list the possible addresses, UsageError for a drive without a model, FileFormatError for a logbook of another drive,
+    ReplyError or LinkError if the drive or the line stays silent.
     """
     of = subject(drive)
     return carry_out(drive, reading_everything(of, way_through(of, within), logbook or RemembersNothing(), progress))
 
 
 def factory_set(drive: Drive, parts: Collection[Part] = SETTINGS, *, progress: Progress = no_progress) -> ParameterSet:
-    """Read the factory values of a drive's parameters. Raises UsageError where such drives do not tell them."""
+    """Read the factory values of a drive's parameters. Raises UsageError if such drives do not report them."""
     return carry_out(drive, factory_values(subject(drive), parts, progress))
 
 
 def plan_restore(
     drive: Drive, known: ParameterSet, options: RestoreOptions | None = None, *, progress: Progress = no_progress
 ) -> Plan:
-    """Find out what a restore would write, and what not and why; writes nothing.
+    """Plan a restore: the parameters to write, and those to leave alone with the reason; writes nothing.
 
-    Raises UsageError for a set of another drive unless that is wished, ValueRefusedError when a value does not fit.
+    Raises UsageError for a set of another drive unless the options allow it, ValueRefusedError if a value does not fit.
     """
     return carry_out(drive, planning(subject(drive), known, options or RestoreOptions(), progress))
 
@@ -71,10 +72,10 @@ def plan_restore(
 def carry_out_plan(
     drive: Drive, plan: Plan, journal: Remembers | None = None, *, progress: Progress = no_progress
 ) -> Restored:
-    """Do what a plan says. journal: what remembers how far it came; see `new_journal` and `found_journal`.
+    """Carry out a restore plan. journal: record of the progress; see `new_journal` and `found_journal`.
 
-    Raises StateError when the motor runs, before anything is written; ReplyError and LinkError when drive or line are
-    away in the middle. What the drive refuses is in the result.
+    Raises StateError if the motor runs, before anything is written; ReplyError or LinkError if the drive or the line
+    fails in the middle. The result lists the values that the drive refused.
     """
     return carry_out(drive, restoring(plan, journal or Forgetful(), progress))
 
@@ -82,7 +83,7 @@ def carry_out_plan(
 async def back_up_async(
     drive: AsyncDrive, parts: Collection[Part] = WRITABLE, *, progress: Progress = no_progress
 ) -> ParameterSet:
-    """Read the parameters of a drive, as `back_up` does."""
+    """Read the parameters of a drive; see `back_up`."""
     return await carry_out_async(drive, reading_out(subject(drive), parts, progress))
 
 
@@ -93,7 +94,7 @@ async def back_up_everything_async(
     within: Collection[str] | None = None,
     progress: exploring.Progress = unseen,
 ) -> ParameterSet:
-    """Read all that a drive holds, as `back_up_everything` does."""
+    """Read all that a drive holds; see `back_up_everything`."""
     of = subject(drive)
     way = way_through(of, within)
     return await carry_out_async(drive, reading_everything(of, way, logbook or RemembersNothing(), progress))
@@ -102,19 +103,19 @@ async def back_up_everything_async(
 async def factory_set_async(
     drive: AsyncDrive, parts: Collection[Part] = SETTINGS, *, progress: Progress = no_progress
 ) -> ParameterSet:
-    """Read the factory values of a drive's parameters, as `factory_set` does."""
+    """Read the factory values of a drive's parameters; see `factory_set`."""
     return await carry_out_async(drive, factory_values(subject(drive), parts, progress))
 
 
 async def plan_restore_async(
     drive: AsyncDrive, known: ParameterSet, options: RestoreOptions | None = None, *, progress: Progress = no_progress
 ) -> Plan:
-    """Find out what a restore would write, as `plan_restore` does."""
+    """Plan a restore; see `plan_restore`."""
     return await carry_out_async(drive, planning(subject(drive), known, options or RestoreOptions(), progress))
 
 
 async def carry_out_plan_async(
     drive: AsyncDrive, plan: Plan, journal: Remembers | None = None, *, progress: Progress = no_progress
 ) -> Restored:
-    """Do what a plan says, as `carry_out_plan` does."""
+    """Carry out a restore plan; see `carry_out_plan`."""
     return await carry_out_async(drive, restoring(plan, journal or Forgetful(), progress))

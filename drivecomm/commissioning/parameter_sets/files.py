@@ -1,7 +1,6 @@
-"""Parameter sets as TOML files, for people and for version control: one line a parameter, always in one order.
+"""Parameter sets as TOML files, for people and for version control: one line per parameter, in a fixed order.
 
-`docs/how-to/parameter-sets.md` shows one. Numbers are exact: what stands behind the point counts as a decimal number,
-never as a binary one.
+`docs/how-to/parameter-sets.md` shows an example. Numbers are exact: fractions are decimal, never binary.
 """
 
 from __future__ import annotations
@@ -56,37 +55,40 @@ _APPROVED = {"by": TEXT, "why": TEXT, "time": _TIME}
 _EXPLORED = dict.fromkeys(("asked", "answered", "known"), WHOLE)
 _UNKNOWN = "# The model does not know these: as the telegram carried them, never restored."
 _MOST_DIGITS = 50
-"""No drive holds a number with more: floats of 32 bits go from 1E-45 to 3E38. Millions would keep a program busy."""
+"""Limit of digits and exponent; no drive has longer numbers.
+
+Floats of 32 bits range from 1E-45 to 3E38. Without a limit, a number with millions of digits would block the program.
+"""
 
 
 def text_of(known: ParameterSet) -> str:
-    """Return a parameter set as the text of its file; the same set gives the same text."""
+    """Return a parameter set as the text of its file; equal sets give equal texts."""
     return "\n".join([_HEAD, *_lines(known), ""])
 
 
 def entries_text(known: ParameterSet, part: Part = "settings") -> str:
-    """Return one part of the text without its comments: two sets with the same parameters have the same bytes."""
+    """Return one part of the text without its comments: equal parameters give equal bytes."""
     return "\n".join(_line(entry) for entry in _ordered(known, part))
 
 
 def write_set(path: Path, known: ParameterSet) -> None:
-    """Write a parameter set, in place of an older one of the same drive; a file is there whole or not at all.
+    """Write a parameter set atomically; it may replace an older set of the same drive.
 
-    Raises UsageError for a file that is anything else, or a place where none can be written.
+    Raises UsageError for any other existing file, and if the path is not writable.
     """
     must_be_free(path, known.drive)
     write_whole(path, text_of(known))
 
 
 def must_be_free(path: Path, drive: str) -> None:
-    """Raise UsageError if a file of anything else would be lost, FileFormatError if none can be written."""
+    """Raise UsageError if any other file would be lost, FileFormatError if the path is not writable."""
     must_be_writable(path)
     if not path.exists():
         return
     try:
         there = read_set(path)
     except FileFormatError as error:
-        raise UsageError(f"{path}: there is a file that is no parameter set; give another name") from error
+        raise UsageError(f"{path} exists and is not a parameter set; give another name") from error
     if there.drive != drive:
         raise UsageError(f"{path}: this is the parameter set of {there.drive}, not of {drive}; give another name")
     if there.approved is not None:
@@ -94,11 +96,8 @@ def must_be_free(path: Path, drive: str) -> None:
 
 
 def read_set(path: Path) -> ParameterSet:
-    """Read a parameter set. Raises FileFormatError with the file, the line, the key, and what is wrong there."""
+    """Read a parameter set. Raises FileFormatError with the file, the line, the key, and the fault."""
     return _set_in(read_toml(path, "a parameter set", parse_float=Decimal))
-
-
-# Writing
 
 
 def _lines(known: ParameterSet) -> Iterator[str]:
@@ -151,9 +150,6 @@ def _line(entry: Entry) -> str:
 def _comment(entry: Entry) -> str:
     meaning = " ".join("".join(sign if sign.isprintable() else " " for sign in entry.meaning).split())
     return f" # {meaning}" if meaning else ""
-
-
-# Reading
 
 
 def _set_in(top: Table) -> ParameterSet:

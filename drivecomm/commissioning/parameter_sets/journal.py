@@ -1,7 +1,7 @@
-"""What a restore has written so far, in a file beside the parameter set, so that one that was cut off can go on.
+"""Journal of a restore: the parameters written so far, in a file beside the set, to resume after an interruption.
 
-JSON Lines: what is restored to which drive, then a line for each parameter that was written and read back. A line that
-was cut in the middle, by a power failure say, counts as not written.
+The file is JSON Lines: a head with the set and the drive, then a line for each parameter that was written and read
+back. A line that was cut off, such as by a power failure, counts as not written.
 """
 
 from __future__ import annotations
@@ -22,32 +22,32 @@ if TYPE_CHECKING:
 
 
 class Remembers(Protocol):
-    """What a restore tells what it has done."""
+    """Interface of a record of the progress of a restore."""
 
     def wrote(self, address: str) -> None:
-        """Remember that a parameter was written and read back."""
+        """Record that a parameter was written and read back."""
         ...
 
     def over(self) -> None:
-        """Remember that the restore came to its end."""
+        """Record that the restore is complete."""
         ...
 
 
 class Forgetful:
-    """Remembers nothing: a restore that is cut off leaves no trace of how far it came."""
+    """Record that keeps nothing: an interrupted restore leaves no trace of its progress."""
 
     def wrote(self, address: str) -> None:
-        """Forget it."""
+        """Ignore the address."""
 
     def over(self) -> None:
-        """Forget it."""
+        """Do nothing."""
 
 
 class Journal:
-    """A restore's journal as a file. The file is made with the first write and removed when the restore is over.
+    """Journal of a restore in a file, which is created with the first write and removed when the restore is complete.
 
-    written: the parameters that were written, by an earlier restore that was cut off too. Whether they still hold is
-    read again: a journal says that a drive was left half done, and never what a drive holds.
+    written: the written parameters, including those of an earlier restore that was interrupted. Their values are read
+    again: a journal shows that a drive was left half done, and never which values a drive holds.
     """
 
     def __init__(self, path: Path, known: ParameterSet, drive: str, written: frozenset[str] = frozenset()) -> None:
@@ -56,7 +56,7 @@ class Journal:
         self._head = _head(known, drive)
 
     def wrote(self, address: str) -> None:
-        """Write a line, and have it on the disk before the next parameter is written."""
+        """Append a line and sync it to the disk before the next parameter is written. Raises UsageError on failure."""
         try:
             with self.path.open("a", encoding="utf-8") as file:
                 if not file.tell():
@@ -69,17 +69,17 @@ class Journal:
         self.written |= {address}
 
     def over(self) -> None:
-        """Remove the file."""
+        """Remove the journal file."""
         self.path.unlink(missing_ok=True)
 
 
 def journal_path(of: Path, drive: str) -> Path:
-    """Return where the journal of restoring this file to this drive is: beside it, `pump.toml.vabus-1.journal`."""
+    """Return the path of the journal for a set and a drive: beside the set, as `pump.toml.vabus-1.journal`."""
     return of.with_name(f"{of.name}.{drive.replace(':', '-')}.journal")
 
 
 def new_journal(path: Path, known: ParameterSet, drive: str) -> Journal:
-    """Return a journal for a restore that begins. Raises UsageError when an earlier one was cut off."""
+    """Return a journal for a new restore. Raises UsageError if an earlier restore was interrupted."""
     if path.exists():
         raise UsageError(
             f"{path}: an earlier restore to {drive} was cut off; go on with it (--resume), or remove this file to "
@@ -89,9 +89,9 @@ def new_journal(path: Path, known: ParameterSet, drive: str) -> Journal:
 
 
 def found_journal(path: Path, known: ParameterSet, drive: str) -> Journal:
-    """Return the journal of a restore that was cut off, an empty one where it was before its first write.
+    """Return the journal of an interrupted restore, an empty one if it was interrupted before its first write.
 
-    Raises FileFormatError for a file that is no journal of this restore.
+    Raises FileFormatError for a file that is not a journal of this restore.
     """
     if not path.exists():
         return Journal(path, known, drive)
@@ -101,10 +101,10 @@ def found_journal(path: Path, known: ParameterSet, drive: str) -> Journal:
         head, *rest = [json.loads(line) for line in whole.decode("utf-8").splitlines()] or [_head(known, drive)]
         written = frozenset(str(line["wrote"]) for line in rest)
         if whole != data:
-            # What is appended must not be glued to a line that was cut.
+            # New lines must not be appended to a line that was cut off.
             path.write_bytes(whole)
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise FileFormatError(f"{path}: this is no journal of a restore; remove it to begin again") from error
+        raise FileFormatError(f"{path}: this is not a journal of a restore; remove it to begin again") from error
     if head != _head(known, drive):
         raise FileFormatError(
             f"{path}: this journal is of another parameter set or drive, or the set was changed since; remove it to "

@@ -1,8 +1,8 @@
-"""Values whose scale depends on more than the model, on their way back to the drive that told them.
+"""Values whose scale depends on more than the model, when they are restored to the drive that reported them.
 
-How an inverter counts its currents depends on its rating, which somebody states with the drive. With another statement,
-or none, than at the backup a physical value would be refused, or would be another number and a motor protected at the
-wrong current. The same number says the same to the drive that told it, whatever it counts.
+The scale of an inverter's currents depends on its rating, which the user states with the drive. If that statement is
+missing, or was another one at the backup, a physical value would be refused, or would become another number and protect
+the motor at the wrong current. The raw number always means the same to the drive that reported it.
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ if TYPE_CHECKING:
 
 
 def number_told(entry: Entry) -> int | None:
-    """Return the number that a value was told as; None where it says no more, or where somebody changed the value.
+    """Return the raw number of a value; None if it adds nothing to the value, or if the value was edited by hand.
 
-    The scales in question are powers of ten: a value with other digits than its number was written by hand, and counts.
+    The possible scales are powers of ten: a value with other digits than its raw number was edited, and takes
+    precedence.
     """
     if not isinstance(entry.raw, int) or entry.raw <= 0 or isinstance(entry.value, str):
         return None
@@ -31,7 +32,7 @@ def number_told(entry: Entry) -> int | None:
 
 
 def same_scale(item: Planned, reading: Reading) -> bool:
-    """Whether the drive counts now as it did when the value of this item was told; not where nothing shows it."""
+    """Return whether the drive uses the same scale now as at the backup of this item; False if that is unknown."""
     if reading.unit != item.unit or item.told is None or isinstance(item.value, str):
         return False
     if isinstance(reading.raw, str) or isinstance(reading.value, str):
@@ -41,14 +42,14 @@ def same_scale(item: Planned, reading: Reading) -> bool:
 
 
 def as_told(item: Planned, options: Mapping[str, Any]) -> Planned:
-    """Return the item with the number that was told in place of the value; options: those of writing such a one."""
+    """Return the item with its raw number instead of its value. options: options for writing a raw number."""
     if item.told is None:
         return item
     return replace(item, value=item.told, unit="", options=dict(options), told=None)
 
 
 def _scale(value: Value, raw: int) -> int | None:
-    """Return the power of ten that one step counts; None for another scale, and for 0, which shows none."""
+    """Return the scale of a raw number as an exponent of ten; None for any other scale and for raw 0."""
     if not raw or isinstance(value, str):
         return None
     sign, digits, exponent = (Decimal(value) / raw).normalize().as_tuple()

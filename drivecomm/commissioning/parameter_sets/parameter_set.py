@@ -1,4 +1,4 @@
-"""Parameter sets: what the parameters of one drive were at one time, with what tells that drive from others."""
+"""Parameter sets: the parameters of one drive at one time, with the identity of that drive."""
 
 from __future__ import annotations
 
@@ -17,8 +17,11 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Value
 
 Part: TypeAlias = Literal["settings", "communication", "measured", "unknown"]
-"""settings: how the drive works. communication: how it is spoken to. measured: what it shows and nobody restores.
-unknown: what the drive holds and its model does not know, as the telegram carried it; nobody restores it either."""
+"""Part of a parameter set.
+
+settings: how the drive works. communication: its address and line settings. measured: displayed values, never restored.
+unknown: raw values of parameters that the model does not know, never restored either.
+"""
 
 PARTS: tuple[Part, ...] = ("settings", "communication", "measured", "unknown")
 """All parts of a parameter set."""
@@ -34,9 +37,10 @@ _DIGITS = re.compile(r"(\d+)")
 class Entry:
     """One value of one parameter.
 
-    address: in the protocol's form, with data set or index where the parameter has several values. name: of the model.
-    value: physical where the model knows the scale. raw: as the telegram carried it, None where that says no more.
-    common: the common name, where the model maps one to it. meaning: what the value stands for; for people only.
+    address: in the protocol's form, with data set or index if the parameter has several values. name: name in the
+    model. value: physical if the model knows the scale. raw: as the telegram carried it, None if it adds nothing to the
+    value. common: the common name, if the model maps one to the parameter. meaning: text for the value, for display
+    only.
     """
 
     address: str
@@ -50,12 +54,12 @@ class Entry:
 
     @property
     def carried(self) -> int | str:
-        """What the telegram carried."""
+        """Value as the telegram carried it."""
         return str(self.value) if self.raw is None else self.raw
 
     @property
     def parameter(self) -> str:
-        """The address without data set and index."""
+        """Address without data set and index."""
         return self.address.partition("[")[0]
 
     def __str__(self) -> str:
@@ -64,9 +68,10 @@ class Entry:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Explored:
-    """What a drive answered that was asked for every address it may hold.
+    """Counts of a drive's answers when every possible address was requested.
 
-    asked: how many addresses. answered: how many of them told a value. known: how many of those its model knows.
+    asked: number of addresses. answered: how many of them gave a value. known: how many of the answered ones the model
+    knows.
     """
 
     asked: int
@@ -76,7 +81,7 @@ class Explored:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Approval:
-    """by: who says that a drive shall be set so. why: in their words. time: when they said it, in UTC."""
+    """Approval of a parameter set. by: name of the person. why: the reason in their words. time: in UTC."""
 
     by: str
     time: datetime
@@ -85,11 +90,11 @@ class Approval:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterSet:
-    """The parameters of one drive. drive: as the command line names it, "vabus:1". model: by the name that it has.
+    """Parameters of one drive. drive: name on the command line, "vabus:1". model: name of its model.
 
-    identity: what the drive told of itself. entries: by address, in the order of addresses. not_read: why a parameter
-    is not among them, by address. time: when reading began, in UTC; None for a set that somebody made by hand.
-    explored: None where only what its model knows was asked for. approved: of the baseline of a drive only.
+    identity: identity that the drive reported. entries: by address, in the order of addresses. not_read: reasons why
+    parameters are missing, by address. time: start of the reading, in UTC; None for a set that was written by hand.
+    explored: None if only parameters that the model knows were read. approved: only in the baseline of a drive.
     """
 
     protocol: str
@@ -110,7 +115,7 @@ class ParameterSet:
 
 
 def in_order(addresses: Iterable[str]) -> list[str]:
-    """Return parameter addresses as people count them: 9 before 10, 3-02 before 3-10, [2] before [10]."""
+    """Sort parameter addresses in natural order: 9 before 10, 3-02 before 3-10, [2] before [10]."""
     return sorted(addresses, key=_place)
 
 
@@ -123,7 +128,7 @@ def _place(address: str) -> list[tuple[int, int, str]]:
 
 
 def same(left: Value, right: Value) -> bool:
-    """Return whether two values are the same: 10, 10.00 and a "10.00" that somebody wrote for a number are."""
+    """Return whether two values are equal; 10, 10.00 and a hand-written "10.00" are equal."""
     if isinstance(left, str) is isinstance(right, str):
         return left == right
     try:
@@ -133,11 +138,13 @@ def same(left: Value, right: Value) -> bool:
 
 
 def in_unit(value: Value, given: str, wanted: str) -> Value:
-    """Return a value in another unit, exactly. Raises UsageError where that is not known or it is no number."""
+    """Convert a value exactly to another unit. Raises UsageError if no conversion is known or it is not a number."""
     if given == wanted:
         return value
     try:
         number = Decimal(value)
     except InvalidOperation:
-        raise UsageError(f"{value!r} is no number and cannot be given in {wanted or 'another unit'}") from None
+        raise UsageError(
+            f"{value!r} is not a number, so it cannot be converted to {wanted or 'another unit'}"
+        ) from None
     return converted(number, given, wanted)

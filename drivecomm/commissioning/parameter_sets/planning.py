@@ -1,4 +1,4 @@
-"""What a restore would write, and what not and why; the dry run."""
+"""Planning of a restore: the parameters to write, and those to leave alone with the reason; the dry run."""
 
 from __future__ import annotations
 
@@ -37,17 +37,17 @@ _AS_MEANT = (_REFERENCE, _WATCHDOG, _NOT_TOLD)
 
 
 def planning(to: Subject, known: ParameterSet, options: RestoreOptions, progress: Progress) -> Procedure[Plan]:
-    """Find out what a restore would write; writes nothing.
+    """Plan a restore; writes nothing.
 
-    Raises UsageError for a set of another drive unless that is wished and for a drive that is read-only, and
-    ValueRefusedError when a value of a set of the same protocol does not fit.
+    Raises UsageError for a set of another drive unless the options allow it and for a read-only drive, and
+    ValueRefusedError if a value of a set of the same protocol does not fit.
     """
     store = _stored(to, options)
     remarks, own = yield from _looked_at(to, known, options)
     across = known.protocol != to.protocol
     model = _model_of(known) if across else to.model
     if across:
-        # For a drive of another maker, what has a common name that its model maps.
+        # Another maker's drive gets only parameters whose common names its model maps.
         entries, left = common_entries(to, known, model)
         skipped = [_skipped(entry, reason) for entry, reason in left]
     else:
@@ -99,12 +99,12 @@ def _stored(to: Subject, options: RestoreOptions) -> bool:
     if not options.volatile:
         return to.capabilities.stored_writes
     if not to.capabilities.volatile_writes:
-        raise NotSupported(f"{to.name} keeps every write over power-off, or nobody knows; restore without volatile")
+        raise NotSupported(f"{to.name} keeps every write over power-off, or this is unknown; restore without volatile")
     return False
 
 
 def _looked_at(to: Subject, known: ParameterSet, options: RestoreOptions) -> Procedure[tuple[list[str], bool]]:
-    """Return what is to be remarked, and whether the set is of this drive."""
+    """Compare the identities of the set and the drive; return remarks, and whether the set is of this drive."""
     identity = yield from identity_told()
     there = ParameterSet(protocol=to.protocol, drive=to.name, model=to.model.name, identity=identity, entries={})
     if reason := of_another_drive(known, there):
@@ -130,10 +130,10 @@ def _model_of(known: ParameterSet) -> Model:
 def _chosen(
     entries: list[Entry], skipped: list[Planned], options: RestoreOptions
 ) -> tuple[list[Entry], list[Planned], int]:
-    """Return what of the set was asked for, and how much was not."""
+    """Return the entries and skipped items that the options select, and the number of the others."""
     if not options.only:
         return entries, skipped, 0
-    # Under a common name, the name is that of the other maker, with its address.
+    # An entry under a common name has the address and the name of the other maker as its name.
     named = {
         entry.address: {entry.address, entry.parameter, entry.name, entry.common, *entry.name.split()}
         for entry in entries
@@ -150,7 +150,7 @@ def _chosen(
 def _items(
     to: Subject, entry: Entry, known: ParameterSet, model: Model, options: RestoreOptions, *, across: bool, own: bool
 ) -> Procedure[list[Planned]]:
-    """Return what becomes of an entry; of the time of another maker's watchdog, of all that a watchdog consists of."""
+    """Return the planned items of an entry; another maker's watchdog time becomes all parameters of a watchdog."""
     if not across:
         return [_item(to, entry, options, across=False, own=own)]
     if is_about_watchdog(entry, to, model):
@@ -182,7 +182,7 @@ def _item(to: Subject, entry: Entry, options: RestoreOptions, *, across: bool, o
     try:
         value = in_unit(entry.value, entry.unit, unit)
     except UsageError as error:
-        # The same number says the same to the drive that told it, whatever it counts.
+        # The raw number means the same to the drive that reported it, whatever its scale.
         if not own or entry.unit or not to.plugin.plain_writing:
             return _skipped(entry, f"unit: {error}", info)
         value, unit, plain = entry.value, "", dict(to.plugin.plain_writing)
@@ -234,7 +234,7 @@ def _skipped(entry: Entry, reason: str, info: ParameterInfo | None = None) -> Pl
 def _checked(
     wanted: list[Planned], plain: Mapping[str, Any], *, store: bool
 ) -> Procedure[tuple[list[Planned], list[Planned], dict[str, str]]]:
-    """Return what can be asked for, what cannot be sent by itself, and the values that do not fit, by address."""
+    """Return the items that can be written, those that cannot be sent by themselves, and unfit values by address."""
     fit, unfit, wrong = [], [], {}
     for item in wanted:
         try:
@@ -255,7 +255,7 @@ def _checked(
 
 
 def _number_that_fits(item: Planned, plain: Mapping[str, Any], *, store: bool) -> Procedure[Planned | None]:
-    """Return the item as the number that the drive told, None where there is none that it takes."""
+    """Return the item with the raw number that the drive reported, None if the drive does not accept that number."""
     if item.told is None:
         return None
     found = as_told(item, plain)
@@ -267,7 +267,7 @@ def _number_that_fits(item: Planned, plain: Mapping[str, Any], *, store: bool) -
 
 
 def _must_fit(items: list[Planned], wrong: dict[str, str]) -> None:
-    """Raise ValueRefusedError for values that do not fit, unless the drive holds them all the same."""
+    """Raise ValueRefusedError for values that do not fit, unless the drive already holds them."""
     told = [wrong[item.address] for item in items if item.action == "write" and item.address in wrong]
     if told:
         more = f" (and {len(told) - _SHOWN} more)" if len(told) > _SHOWN else ""
@@ -280,7 +280,7 @@ def _compared(item: Planned, plain: Mapping[str, Any], *, store: bool) -> Proced
     try:
         reading = yield read_parameter(item.address)
     except DriveError:
-        # Data sets that differ, say: what is to be there is known all the same.
+        # A drive may refuse to report data sets that differ; the value to write is known all the same.
         return item
     if item.told is not None and not same_scale(item, reading):
         item = (yield from _number_that_fits(item, plain, store=store)) or item

@@ -1,4 +1,4 @@
-"""Backup: reading the parameters of a drive into a parameter set; and what tells one drive from another."""
+"""Backup of a drive's parameters into a parameter set, and checks that two sets are of the same drive."""
 
 from __future__ import annotations
 
@@ -24,26 +24,26 @@ if TYPE_CHECKING:
 
 
 def no_progress(_address: str, _done: int, _total: int) -> None:
-    """Show nothing while parameters are read or written."""
+    """Ignore the progress; default callback."""
 
 
 IN_RAM = "it was written to RAM, so that what the drive stores is not known"
-"""Why a set has no value of a parameter that the same program wrote to RAM only."""
+"""Reason why a set has no value of a parameter that the same program wrote to RAM only."""
 
 
 def reading_out(of: Subject, parts: Collection[Part], progress: Progress) -> Procedure[ParameterSet]:
-    """Read all parameters of these parts. What the drive refuses to tell is listed with its reason.
+    """Read all parameters of these parts; the set lists those that the drive refuses, with the reason.
 
-    Raises ReplyError and LinkError when the drive or the line is away; a set is whole or there is none.
+    Raises ReplyError or LinkError if the drive or the line does not respond, so that a set is never partial.
     """
     identity = yield from identity_told()
     return (yield from _read(of, parts, {}, identity, progress))
 
 
 def factory_values(of: Subject, parts: Collection[Part], progress: Progress) -> Procedure[ParameterSet]:
-    """Read the factory values of all parameters of these parts, where drives of this protocol tell them.
+    """Read the factory values of all parameters of these parts, if drives of this protocol report them.
 
-    Raises UsageError where they do not.
+    Raises UsageError if they do not.
     """
     options = of.plugin.factory_reading
     if not options:
@@ -71,7 +71,7 @@ def _read(
         if info.address in in_ram and part != "measured":
             not_read[address] = IN_RAM
             continue
-        # A factory value is told for a parameter as a whole.
+        # A drive reports the factory value of a parameter as a whole, not of its elements.
         asked = info.address if options else address
         try:
             reading = yield from _reading(asked, options)
@@ -96,7 +96,7 @@ def _read(
 
 
 def _reading(address: str, options: Mapping[str, Any]) -> Procedure[Reading]:
-    """Read, and once more where nothing believable came though the drive is there."""
+    """Read a parameter; retry once after an invalid reply or silence if the drive answers other requests."""
     try:
         return (yield read_parameter(address, options))  # type: ignore[no-any-return]
     except UnexpectedReplyError:
@@ -107,13 +107,13 @@ def _reading(address: str, options: Mapping[str, Any]) -> Procedure[Reading]:
 
 
 def _must_be_there(error: ReplyError) -> Procedure[None]:
-    """Raise the error unless the drive answers something else: then it is about the parameter."""
+    """Raise the error unless the drive answers another request: then the error concerns only the parameter."""
     if not (yield from is_there()):
         raise error from None
 
 
 def entry_of(address: str, info: ParameterInfo, reading: Reading, part: Part, common: str) -> Entry:
-    """Return a value that a drive told, as a set has it."""
+    """Return a reading as an entry of a parameter set."""
     says_no_more = str(reading.raw) == str(reading.value)
     return Entry(
         address=address,
@@ -128,7 +128,7 @@ def entry_of(address: str, info: ParameterInfo, reading: Reading, part: Part, co
 
 
 def firmware_told(of: Subject, identity: Mapping[str, str]) -> Procedure[str]:
-    """Return the version of the software, by its common name or else by what the drive calls it."""
+    """Return the software version, by its common name or else by the field of the drive's identity."""
     if "software_version" in of.model.quantities:
         try:
             reading: Reading = yield read_parameter("software_version")
@@ -145,7 +145,7 @@ def _is_firmware(key: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """A drive's name, its model and what it can. Its options of the protocol are those of the model."""
+    """Name, model and capabilities of a drive for parameter sets. options: protocol options of the model."""
 
     name: str
     plugin: Protocol
@@ -155,30 +155,30 @@ class Subject:
 
     @property
     def protocol(self) -> str:
-        """The name of its protocol."""
+        """Name of the drive's protocol."""
         return self.plugin.name
 
     def values_known(self) -> Iterator[tuple[str, ParameterInfo, Part]]:
-        """Yield the values that the model knows and that are no commands: address, parameter, part of a set."""
+        """Yield the values that the model knows, without commands: address, parameter, part of a set."""
         return values_known(self.model, self.plugin, self.options)
 
     @property
     def references(self) -> frozenset[str]:
-        """The parameters that a bus commands by as references."""
+        """Addresses of the parameters that a bus uses as references."""
         return self.plugin.references(self.options, self.model)
 
     def info(self, address: str) -> ParameterInfo | None:
-        """Return what the model knows of the parameter that an address names."""
+        """Return the model's description of the parameter at an address, None if the model does not know it."""
         return self.model.parameters.get(address) or self.model.parameters.get(address.partition("[")[0])
 
     def common_names(self) -> Mapping[str, str]:
-        """Return the common name by the address, for all addresses that the model maps."""
+        """Return the common name of each address that the model maps."""
         known = quantities()
         return {address: name for name, address in self.model.quantities.items() if name in known}
 
 
 def subject(drive: Drive | AsyncDrive) -> Subject:
-    """Return a drive as parameter sets see it. Raises UsageError for one without a model."""
+    """Return a drive as a subject of parameter sets. Raises UsageError for a drive without a model."""
     if drive.model is None:
         raise UsageError(f"{drive.name}: which parameters it has is said by its model; name one, such as with --model")
     protocol = drive.name.partition(":")[0]
@@ -188,7 +188,7 @@ def subject(drive: Drive | AsyncDrive) -> Subject:
 
 
 def values_known(model: Model, plugin: Protocol, options: Any) -> Iterator[tuple[str, ParameterInfo, Part]]:
-    """Yield the values that a model knows and that are no commands: address, parameter, part of a set."""
+    """Yield the values that a model knows, without commands: address, parameter, part of a set."""
     references = plugin.references(options, model)
     for info in model.parameters.values():
         if (part := part_of(info, references)) is not None:
@@ -197,9 +197,9 @@ def values_known(model: Model, plugin: Protocol, options: Any) -> Iterator[tuple
 
 
 def part_of(info: ParameterInfo, references: Collection[str] = ()) -> Part | None:
-    """Return the part of a parameter set that a parameter belongs to; None for what is a command.
+    """Return the part of a parameter set to which a parameter belongs; None for a command.
 
-    references: addresses of the parameters that a bus commands by.
+    references: addresses of the parameters that a bus uses as references.
     """
     if "w" not in info.access:
         return "measured"
@@ -207,14 +207,14 @@ def part_of(info: ParameterInfo, references: Collection[str] = ()) -> Part | Non
         return None
     if info.kind == "communication":
         return "communication"
-    # What is gone without power is a reference or a command of the bus, and no setting.
+    # A value that is lost without power is a reference or a command of the bus, not a setting.
     return "measured" if info.storage == "volatile" or info.address in references else "settings"
 
 
 def of_another_drive(known: ParameterSet, there: ParameterSet) -> str:
-    """Return how one sees that a parameter set is not of the drive that is there; empty when nothing says so.
+    """Return evidence that a parameter set is not of the drive on the line; empty if there is none.
 
-    there: the drive as it is now; its entries do not matter.
+    there: the drive as it is now; its entries are ignored.
     """
     if known.protocol != there.protocol:
         return f"it is of a {known.protocol} drive, and {there.drive} is none"
@@ -226,7 +226,7 @@ def of_another_drive(known: ParameterSet, there: ParameterSet) -> str:
 
 
 def changes_told(before: ParameterSet, after: ParameterSet) -> list[str]:
-    """Return what two sets of one drive say of it differently, as sentences."""
+    """Return the differences between the identities and firmware in two sets of one drive, as sentences."""
     told = list(_differences(before.identity, after.identity, "there"))
     if before.firmware != after.firmware and before.protocol == after.protocol:
         told.append(f"firmware is {before.firmware or 'not known'} here and {after.firmware or 'not known'} there")

@@ -1,7 +1,7 @@
-"""What a restore would do, and in which order: what others depend on goes first.
+"""Plan of a restore, in an order that writes parameters before those that depend on them.
 
-Hardly any manual says which parameter bounds which, so the order follows from what models know of any parameter; what a
-drive refuses all the same, or changes again on account of a later write, is written once more when all others are.
+Hardly any manual states which parameter limits which, so the order follows from general properties in the models.
+Values that the drive refuses all the same, or changes because of a later write, are written again after all others.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 
 class Stage(IntEnum):
-    """When a parameter is written.
+    """Position of a parameter in the order of a restore.
 
-    MAKE_UP: options and motor data, on which other parameters' limits, scales and meanings depend. LIMITS: what bounds
-    other values. VALUES: all that is left. WATCHDOG: what acts on a master that falls silent. LOCKS: what may keep
-    others from being written. COMMUNICATION: what can cut the line.
+    MAKE_UP: options and motor data, on which the limits, scales and meanings of other parameters depend. LIMITS: limits
+    of other values. VALUES: all other parameters. WATCHDOG: the reaction to a silent master. LOCKS: parameters that may
+    block writes to others. COMMUNICATION: parameters that can cut the line.
     """
 
     MAKE_UP = 0
@@ -41,7 +41,7 @@ _NO_LIMIT = frozenset({"warning"})
 
 
 def stage_of(info: ParameterInfo, common: str, watchdog: Watchdog | None = None) -> Stage:
-    """Return when a parameter is written. common: its common name, empty without one. watchdog: of its model."""
+    """Return the stage of a parameter. common: its common name, empty without one. watchdog: of its model."""
     if watchdog is not None and info.address in (watchdog.time, watchdog.action):
         return Stage.WATCHDOG
     words = frozenset(info.name.split("_"))
@@ -53,23 +53,27 @@ def stage_of(info: ParameterInfo, common: str, watchdog: Watchdog | None = None)
         return Stage.LIMITS if words & _LIMIT_WORDS else Stage.MAKE_UP
     if common in _LIMITS or (words & _LIMIT_WORDS and not words & _NO_LIMIT):
         return Stage.LIMITS
-    # What may not change while the motor runs, and what is chosen from a list, is what a drive is made up of.
+    # Parameters that are locked while the motor runs, or chosen from a list, usually configure the drive.
     if info.access == "rw*" or info.values or not info.unit:
         return Stage.MAKE_UP
     return Stage.VALUES
 
 
 Action: TypeAlias = Literal["write", "equal", "skip"]
-"""write: its value is another one. equal: it has the value already. skip: it is left alone, and why."""
+"""Action of a restore on one parameter.
+
+write: the drive has another value. equal: the drive already has the value. skip: the parameter is left alone, for a
+stated reason.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RestoreOptions:
-    """What somebody who restores has said.
+    """User's options for a restore.
 
     only: addresses, names or common names of the parameters to restore; empty for all. communication: also write
-    addresses, baud rates and the like, which can cut the line. another_drive: the set may be of another drive, of
-    another model or another maker. volatile: keep nothing over power-off, where the drive makes the difference.
+    addresses, baud rates and the like, which can cut the line. another_drive: allow a set of another drive, another
+    model or another maker. volatile: keep nothing over power-off, on drives that support volatile writes.
     """
 
     only: frozenset[str] = frozenset()
@@ -80,12 +84,12 @@ class RestoreOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Planned:
-    """What becomes of one entry of a parameter set.
+    """Planned action for one entry of a parameter set.
 
-    address: on the drive, or a common name. value, unit: what it is to be, in the drive's unit. current: what it is
-    now, None where the drive does not tell. options: of reading and writing it, where the value is the plain number
-    because nobody knows its scale. told: the number that the value was told as, where it goes back to its own drive and
-    the scale may have been stated otherwise since. missed: left alone although it should have been restored.
+    address: on the drive, or a common name. value, unit: the value to write, in the drive's unit. current: the present
+    value, None if the drive does not report it. options: options for reading and writing, if the value is the raw
+    number because its scale is unknown. told: the raw number from the backup, if the value returns to its own drive and
+    the scale may have been stated differently since. missed: left alone although it should have been restored.
     """
 
     action: Action
@@ -101,13 +105,13 @@ class Planned:
     told: int | None = None
 
     def held_by(self, reading: Reading) -> Value:
-        """Return the value of a reading as this one's value is meant."""
+        """Return the value of a reading in the form of this item: raw or physical."""
         return reading.raw if self.options else reading.value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """What a restore would do, in its order. store: whether writes are kept over power-off, as far as is known."""
+    """Items of a restore, in their order. store: whether writes are kept over power-off, as far as is known."""
 
     drive: str
     store: bool
@@ -115,14 +119,14 @@ class Plan:
     remarks: tuple[str, ...] = ()
 
     def to(self, action: Action) -> list[Planned]:
-        """Return the entries of which this becomes."""
+        """Return the items with this action."""
         return [item for item in self.items if item.action == action]
 
     @property
     def missed(self) -> list[Planned]:
-        """What is left alone although it should have been restored.
+        """Items that are left alone although they should have been restored.
 
-        Of a set of the same model that is every setting, of what was named in the options all of it; communication
-        settings that were not asked for and what has no meaning for another model are left alone as they should be.
+        For a set of the same model, that is every setting; for parameters named in the options, all of them.
+        Communication settings that were not requested, and values without meaning for another model, do not count.
         """
         return [item for item in self.items if item.missed]

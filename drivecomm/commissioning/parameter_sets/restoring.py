@@ -1,4 +1,4 @@
-"""Restore: giving a drive the parameters of a set, in order, each read back, until all of them hold."""
+"""Restore: write the parameters of a set to a drive in order, read each back, and repeat until all hold."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ if TYPE_CHECKING:
     from drivecomm.protocol import DriveStatus, Reading
 
 _ROUNDS = 5
-"""How often a parameter is written at most: a limit that waits for another one, three deep, is through in four."""
+"""Limit of writes to one parameter; a chain of three limits that wait for each other needs four rounds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Restored:
-    """What came of a restore.
+    """Result of a restore.
 
-    written: the parameters that were written, in order, each read back. refused: why others do not hold what they
-    should, by address. unconfirmed: written, and nothing is known of it: the drive was spoken to otherwise from then
-    on. left: not written for that reason.
+    written: the written parameters, in order, each read back. refused: why others do not hold the planned value, by
+    address. unconfirmed: written, with unknown result, because the drive then used other communication settings. left:
+    not written for that reason.
     """
 
     plan: Plan
@@ -40,16 +40,16 @@ class Restored:
 
     @property
     def complete(self) -> bool:
-        """Whether the drive now has all that it was to have; see `Plan.missed` for what never was to be written."""
+        """Whether the drive now has all planned values, and the plan missed none; see `Plan.missed`."""
         return not (self.refused or self.unconfirmed or self.left or self.plan.missed)
 
 
 def restoring(plan: Plan, journal: Remembers, progress: Progress) -> Procedure[Restored]:
-    """Carry out a plan.
+    """Carry out a restore plan.
 
-    After all are written, all are read once more: what a later write has changed, or what was refused while another
-    parameter stood in its way, is written again as long as that helps. Raises StateError when the motor runs, before
-    anything is written; ReplyError and LinkError when the drive or the line is away in the middle.
+    After all parameters are written, all are read once more. A value that a later write changed, or that was refused
+    because of another parameter, is written again as long as that may help. Raises StateError if the motor runs, before
+    anything is written; ReplyError or LinkError if the drive or the line fails in the middle.
     """
     yield from must_stand(plan.drive)
     work = _Work(plan, journal)
@@ -82,7 +82,7 @@ def must_stand(drive: str) -> Procedure[None]:
 
 
 class _Work:
-    """A restore under way. refused: why a parameter does not hold what it should, as far as is known by now."""
+    """Restore in progress. refused: why parameters do not hold the planned value, as far as is known."""
 
     def __init__(self, plan: Plan, journal: Remembers) -> None:
         chosen = [item for item in plan.items if item.action != "skip"]
@@ -96,13 +96,13 @@ class _Work:
         self._tried_at: dict[str, int] = {}
 
     def write(self, items: list[Planned], progress: Progress) -> Procedure[None]:
-        """Write these and read each back."""
+        """Write these items and read each back."""
         for place, item in enumerate(items):
             progress(item.address, place, len(items))
             yield from self._write(item)
 
     def differing(self, progress: Progress) -> Procedure[list[Planned]]:
-        """Return what does not hold its value now."""
+        """Return the items whose value the drive does not hold now."""
         found = []
         for place, item in enumerate(self.items):
             progress(item.address, place, len(self.items))
@@ -115,11 +115,11 @@ class _Work:
         return found
 
     def may_help(self, item: Planned) -> bool:
-        """Whether something else was written since this was tried, so that trying again may come to another end."""
+        """Return whether another parameter was written since the last attempt, so that a retry may succeed."""
         return self._tried_at.get(item.address, -1) < self._writes
 
     def write_communication(self) -> Procedure[tuple[list[str], list[str]]]:
-        """Write how the drive is spoken to; return what is not known to be written, and what then was left."""
+        """Write the communication settings; return those with unknown result, and those left out after that."""
         items = [item for item in self._communication if item.action == "write"]
         for place, item in enumerate(items):
             try:
@@ -149,7 +149,7 @@ class _Work:
         self._journal.wrote(item.address)
 
     def _send(self, item: Planned) -> Procedure[None]:
-        """Write; whether a write arrived that nobody confirmed is seen by reading, and if not it is sent once more."""
+        """Write a value; after a missing reply, read the value and write it again if the drive does not hold it."""
         try:
             yield write_parameter(item.address, item.value, store=self._store, options=item.options)
         except ReplyError:
@@ -158,7 +158,7 @@ class _Work:
                 yield write_parameter(item.address, item.value, store=self._store, options=item.options)
 
     def _held(self, item: Planned) -> Procedure[str]:
-        """Return why the drive does not hold the value that it should, empty when it does."""
+        """Return why the drive does not hold the planned value, empty if it does."""
         try:
             reading: Reading = yield read_parameter(item.address)
         except DriveError as error:

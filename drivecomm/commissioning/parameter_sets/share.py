@@ -1,4 +1,4 @@
-"""How much of a drive a parameter set holds, as far as the drive's model knows it."""
+"""Share of a drive's values that a parameter set holds, as far as the drive's model knows them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Share:
-    """held: how many values of a model's parameters a set holds. of: how many there are, without commands."""
+    """Share of a model's values that a set holds. held: their number. of: number of all values, without commands."""
 
     model: str
     held: int
@@ -26,12 +26,12 @@ class Share:
 
 
 def percent(part: int, of: int) -> str:
-    """Return a share for people: 100 % is all, and nothing less is shown as that."""
+    """Return a share as text, rounded down so that only a complete share shows as 100 %."""
     return f"{part * 100 // of if of else 100} %"
 
 
 def share_of(known: ParameterSet, model: Model) -> Share:
-    """Return how much a set holds of what a model knows; model: that which the set was read with."""
+    """Return the share of a model's values that a set holds. model: the model with which the set was read."""
     plugin = installed[known.protocol]
     _, options = resolve_options(plugin, model, {})
     values = values_known(model, plugin, options)

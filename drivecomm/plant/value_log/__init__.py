@@ -1,4 +1,4 @@
-"""Values that were read, kept in files: CSV, which everything reads, and Parquet, which is small and quick."""
+"""Logs of values in files: CSV, which every program reads, and Parquet, which is small and fast."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Logs as CSV: a row is on disk as soon as it is written, so that a cut loses one at most."""
+"""Value logs as CSV: each row is written to the file immediately, so that an abrupt end loses at most one row."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 
 _HEAD = (",".join(COLUMNS) + "\n").encode()
 _LONGEST_ROW = 1 << 16
-"""No row is longer; where none ends within so much of a file's end, it is no log."""
+"""Limit of the length of a row in bytes; a file without a row end within this distance from its end is not a log."""
 
 
 class CsvLog:
-    """A CSV file that rows are added to; goes on with what a file of this form holds. Raises FileFormatError."""
+    """CSV file to which rows are appended; an existing file of this form is continued. Raises FileFormatError."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -38,7 +38,7 @@ class CsvLog:
             raise FileFormatError(f"{path}: cannot be written as a log: {error.strerror or error}") from error
 
     def write(self, row: LogRow) -> None:
-        """Add a row; the operating system has all of it before this returns. Raises OSError, with nothing of it."""
+        """Append a row and pass it to the operating system. On OSError, the file has no part of the row."""
         line = io.StringIO()
         csv.DictWriter(line, COLUMNS, lineterminator="\n").writerow(row.texts())
         self._file.add(line.getvalue().encode())
@@ -55,7 +55,7 @@ class CsvLog:
 
 
 def _whole_rows(path: Path) -> int:
-    """Return how much of a file is whole rows, 0 where there is none. Raises FileFormatError for another file."""
+    """Return the length of the complete rows of a file in bytes. Raises FileFormatError for another kind of file."""
     if not path.exists() or not path.stat().st_size:
         return 0
     with path.open("rb") as file:
@@ -63,18 +63,18 @@ def _whole_rows(path: Path) -> int:
         if head != _HEAD:
             if _HEAD.startswith(head):
                 return 0
-            raise FileFormatError(f"{path}: is there already and is no log of values; give another name")
+            raise FileFormatError(f"{path} exists already and is not a value log; give another name")
         size = file.seek(0, 2)
         file.seek(max(0, size - _LONGEST_ROW))
         return size - len(file.read().rpartition(b"\n")[2])
 
 
 def read_csv(path: Path) -> Iterator[LogRow]:
-    """Yield the rows of a file; one that was cut at the end is left out. Raises FileFormatError with the line."""
+    """Yield the rows of a file; a cut-off last row is left out. Raises FileFormatError with the line."""
     with path.open(encoding="utf-8", newline="") as file:
         lines = csv.DictReader(_whole_lines(file))
         if lines.fieldnames is None or set(COLUMNS) - set(lines.fieldnames):
-            raise FileFormatError(f"{path}: is no log of values; its first line must be {','.join(COLUMNS)}")
+            raise FileFormatError(f"{path} is not a value log; its first line must be {','.join(COLUMNS)}")
         try:
             for line in lines:
                 yield _row(line, path, lines.line_num)
@@ -83,7 +83,7 @@ def read_csv(path: Path) -> Iterator[LogRow]:
 
 
 def _whole_lines(file: Iterator[str]) -> Iterator[str]:
-    # A line without its end is what was being written when the power went.
+    # A line without an end was being written when the power failed.
     return (line for line in file if line.endswith("\n"))
 
 
@@ -91,4 +91,4 @@ def _row(content: dict[str, str], path: Path, line: int) -> LogRow:
     try:
         return row_from(content)
     except (ValueError, TypeError, KeyError) as error:
-        raise FileFormatError(f"{path}, line {line}: is no row of a log: {error}") from error
+        raise FileFormatError(f"{path}, line {line}: not a row of a value log: {error}") from error

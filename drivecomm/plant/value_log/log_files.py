@@ -1,4 +1,4 @@
-"""Writing logs and reading them back, in the form that the file's name says."""
+"""Writing and reading of value logs, in the format given by the file name."""
 
 from __future__ import annotations
 
@@ -21,16 +21,17 @@ if TYPE_CHECKING:
     from drivecomm.line import PollResult
 
 _LOGGER = logging.getLogger("drivecomm.value_log")
-# What a log tells apart.
+# Time resolution of a log.
 _TICK = timedelta(milliseconds=1)
 _SAME_MOMENT = timedelta(seconds=1)
 
 
 class ValueLog:
-    """A log that poll results are written to; a context manager that closes it. Use `open_log` to get one.
+    """Log of poll results; a context manager that closes it. Use `open_log` to get one.
 
-    A full disk does not end it: rows then go missing, and it goes on when there is room again; tell hears of both.
-    Time, drive and name of a row are its own in a log: what came to the same millisecond has the next one.
+    A full disk does not end the log: rows are missing until there is room again, and `tell` is called at both times.
+    Time, drive and name of a row are unique in a log: a second row within the same millisecond gets the next
+    millisecond.
     """
 
     def __init__(self, path: Path, rows: CsvLog | ParquetLog, tell: Callable[[str], None] | None = None) -> None:
@@ -42,16 +43,16 @@ class ValueLog:
 
     @property
     def missing(self) -> int:
-        """How many rows could not be written, for want of room."""
+        """Number of rows that could not be written for lack of disk space."""
         return self._gaps.missing
 
     @property
     def summary(self) -> str:
-        """That rows are missing, as a sentence; empty where none is."""
+        """Sentence on the missing rows; empty if no row is missing."""
         return self._gaps.summary
 
     def write(self, result: PollResult) -> None:
-        """Write what came of asking once, also that nothing came."""
+        """Write the result of one poll, including a failed one."""
         row = self._at_a_time_of_its_own(row_of(result))
         self.written += self._gaps.write(lambda: self._rows.write(row), result.time_s)
 
@@ -64,11 +65,11 @@ class ValueLog:
         return replace(row, time=time)
 
     def close(self) -> None:
-        """Finish the file. Raises FileFormatError where that cannot be."""
+        """Complete and close the file. Raises FileFormatError if that fails."""
         self._rows.close()
 
     def abandon(self) -> None:
-        """Close it without finishing it; a file that was made for it and got no row is not left behind."""
+        """Close the log without completing it; remove its file if it was made for this log and got no row."""
         self._rows.abandon()
 
     def __enter__(self) -> Self:
@@ -82,11 +83,11 @@ class ValueLog:
 
 
 def open_log(path: Path, *, tell: Callable[[str], None] | None = None) -> ValueLog:
-    """Open a log: .csv, to which more is added if it is there, or .parquet, which must not be there.
+    """Open a log: .csv, which is appended to if it exists, or .parquet, which must not exist.
 
-    tell: hears in a sentence when rows cannot be written for want of room, and when they are again; the logger
-    drivecomm.value_log if absent. Raises UsageError for another ending and where pyarrow is missing, FileFormatError
-    for a file that cannot be.
+    tell: called with a sentence when rows cannot be written for lack of disk space, and when they can be written again;
+    by default the logger drivecomm.value_log. Raises UsageError for another ending and if pyarrow is missing,
+    FileFormatError for a file that cannot be written.
     """
     if path.suffix == ".csv":
         return ValueLog(path, CsvLog(path), tell)
@@ -98,10 +99,10 @@ def open_log(path: Path, *, tell: Callable[[str], None] | None = None) -> ValueL
 def read_rows(path: Path) -> Iterator[LogRow]:
     """Yield the rows of a log in the order in which they were written.
 
-    Of a Parquet log that was never finished, those of its journal. Raises FileFormatError, UsageError.
+    For a Parquet log that was never completed, yields the rows of its journal. Raises FileFormatError, UsageError.
     """
     if path.suffix == ".parquet":
-        # What a kill leaves is the journal alone.
+        # A killed process leaves only the journal.
         killed = not path.exists() and journal_of(path).exists()
         rows = read_csv(journal_of(path)) if killed else read_parquet(path)
     elif path.suffix == ".csv":

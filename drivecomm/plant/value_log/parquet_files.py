@@ -1,7 +1,7 @@
-"""Logs as Parquet. Such a file cannot be read before its end is written, so rows go into a CSV journal beside it first.
+"""Value logs as Parquet. Such a file is readable only when complete, so rows first go to a CSV journal beside it.
 
-The journal FILE.parquet.csv becomes FILE.parquet when the log is closed. What a kill or a power cut leaves is the
-journal, which is read like any CSV log; the next log of the same name goes on with it.
+The journal FILE.parquet.csv becomes FILE.parquet when the log is closed. A kill or a power cut leaves the journal,
+which is readable like any CSV log; the next log of the same name continues it.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ ROWS_A_GROUP = 50_000
 
 
 class ParquetLog:
-    """A Parquet file that is written when it is closed. Raises FileFormatError where it is there already."""
+    """Parquet file that is written when it is closed. Raises FileFormatError if the file already exists."""
 
     def __init__(self, path: Path) -> None:
         _pyarrow()
         if path.exists():
-            raise FileFormatError(f"{path}: is there already, and a Parquet file takes no more rows; give another name")
+            raise FileFormatError(f"{path} exists already, and a Parquet file takes no more rows; give another name")
         self._path = path
         self._journal = CsvLog(journal_of(path))
 
     def write(self, row: LogRow) -> None:
-        """Add a row; it is in the journal before this returns."""
+        """Append a row to the journal."""
         self._journal.write(row)
 
     def close(self) -> None:
-        """Make the Parquet file of the journal, and remove that when it is whole."""
+        """Convert the journal to the Parquet file, and remove the journal when the file is complete."""
         self._journal.close()
         journal, unfinished = journal_of(self._path), self._path.with_name(self._path.name + ".unfinished")
         try:
@@ -51,17 +51,17 @@ class ParquetLog:
         journal.unlink()
 
     def abandon(self) -> None:
-        """Leave the journal as it is, or remove it if it was made for this log and got no row."""
+        """Keep the journal as it is, or remove it if it was made for this log and got no row."""
         self._journal.abandon()
 
 
 def journal_of(path: Path) -> Path:
-    """Return where the rows of a Parquet file are until it is closed."""
+    """Return the path of the journal that holds the rows of a Parquet file until it is closed."""
     return path.with_name(path.name + ".csv")
 
 
 def read_parquet(path: Path) -> Iterator[LogRow]:
-    """Yield the rows of a file, group by group. Raises FileFormatError for what is no log."""
+    """Yield the rows of a file, group by group. Raises FileFormatError for a file that is not a log."""
     arrow, parquet = _pyarrow()
     try:
         file = parquet.ParquetFile(path)
@@ -70,9 +70,9 @@ def read_parquet(path: Path) -> Iterator[LogRow]:
         raise FileFormatError(f"{path}: cannot be read as Parquet: {' '.join(str(reason).split())}") from error
     with file:
         if set(COLUMNS) - set(file.schema_arrow.names):
-            raise FileFormatError(f"{path}: is no log of values; it must have the columns {', '.join(COLUMNS)}")
+            raise FileFormatError(f"{path} is not a value log; it must have the columns {', '.join(COLUMNS)}")
         for batch in file.iter_batches(batch_size=ROWS_A_GROUP, columns=list(COLUMNS)):
-            # Whole columns at once, and times as numbers, are several times as quick as row by row.
+            # Reading whole columns, with times as numbers, is several times faster than row by row.
             stamps = batch.column("time").cast(arrow.timestamp("ms", tz="UTC")).cast(arrow.int64()).to_pylist()
             others = [batch.column(name).to_pylist() for name in COLUMNS[1:]]
             for stamp, *texts in zip(stamps, *others, strict=True):
@@ -101,9 +101,9 @@ def _convert(journal: Path, target: Path) -> None:
 
 
 def _pyarrow() -> tuple[Any, Any]:
-    """Return pyarrow and its Parquet part; both are optional, and slow to load."""
+    """Return pyarrow and its Parquet module; both are optional, and slow to load."""
     try:
-        import pyarrow as arrow  # noqa: ICN001 - the name it has here
+        import pyarrow as arrow  # noqa: ICN001 - the name used in this module
         from pyarrow import parquet
     except ImportError:
         raise UsageError("Parquet needs pyarrow, which is not installed; install drivecomm[log], or use .csv") from None

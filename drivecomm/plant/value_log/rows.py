@@ -1,4 +1,4 @@
-"""One line of a log of values. No I/O, no clock."""
+"""One row of a value log. No I/O, no clock."""
 
 from __future__ import annotations
 
@@ -17,17 +17,20 @@ if TYPE_CHECKING:
 QUALITIES: tuple[ResultQuality, ...] = get_args(ResultQuality)
 
 COLUMNS = ("time", "drive", "name", "address", "value", "unit", "text", "raw", "quality", "note")
-"""time: when the value was taken, or when it was found out that there is none now, UTC. drive: as the plant calls it.
-name: what was asked for, a common name or an address. address: of the parameter. value: exact, as text. text: what it
-stands for, such as a fault. raw: as it came. note: what is not certain, or why there is no value."""
+"""Columns of a log.
+
+time: when the value was read, or when the read failed, UTC. drive: name in the plant. name: the requested name, a
+common name or an address. address: address of the parameter. value: exact, as text. text: meaning of the value, such as
+a fault. raw: the raw value. note: doubts about the value, or why there is no value.
+"""
 
 BEGINNING = datetime(1970, 1, 1, tzinfo=UTC)
-"""Where times in seconds begin."""
+"""Origin of times in seconds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogRow:
-    """A value of a drive at a time; the fields are COLUMNS."""
+    """Value of a drive at a time; the fields are COLUMNS."""
 
     time: datetime
     drive: str
@@ -42,7 +45,7 @@ class LogRow:
 
     @property
     def number(self) -> float | None:
-        """The value as a number; None where it is a text, or there is none."""
+        """Value as a number; None if it is a text, or if there is no value."""
         try:
             number = Decimal(self.value)
         except InvalidOperation:
@@ -51,12 +54,12 @@ class LogRow:
 
     @property
     def is_fresh(self) -> bool:
-        """Whether the drive gave this value when it was asked."""
+        """Whether the drive gave this value in reply to this request."""
         return self.quality in FRESH
 
     def texts(self) -> dict[str, str]:
         """Return the row as texts by column, each on one line, the time in ISO 8601."""
-        # A row that is cut must not look like a whole one.
+        # A line break within a text would make a row that is cut off look complete.
         content = {name: " ".join(str(getattr(self, name)).splitlines()) for name in COLUMNS}
         content["time"] = self.time.isoformat(timespec="milliseconds").replace("+00:00", "Z")
         return content
@@ -65,7 +68,7 @@ class LogRow:
 def row_of(result: PollResult) -> LogRow:
     """Return the row of a poll result."""
     reading = result.reading
-    # The times of a virtual line begin at 0; datetime.fromtimestamp takes no small negative ones everywhere.
+    # Times of a virtual line begin at 0, and datetime.fromtimestamp rejects small negative times on some systems.
     time = BEGINNING + timedelta(seconds=result.time_s)
     if reading is None:
         return LogRow(time=time, drive=result.drive, name=result.parameter, quality=result.quality, note=result.cause)
@@ -84,7 +87,7 @@ def row_of(result: PollResult) -> LogRow:
 
 
 def row_from(content: Mapping[str, str]) -> LogRow:
-    """Return the row that these texts make. Raises ValueError for a time or a quality that is none."""
+    """Return the row made of these texts. Raises ValueError for an invalid time or quality."""
     time = datetime.fromisoformat(content["time"])
     quality = next((each for each in QUALITIES if each == content["quality"]), None)
     if quality is None or time.tzinfo is None:

@@ -1,4 +1,4 @@
-"""Plots of logs of values: PNG, SVG, and pages that need nothing from elsewhere."""
+"""Plots of value logs: PNG, SVG, and self-contained HTML pages."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""What a plot shows, made of the rows of a log. No I/O, nothing of a plotting library."""
+"""Contents of a plot, made from the rows of a log. No I/O, independent of a plotting library."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ SILENT = "no answer"
 FAULT = "fault"
 
 MOST_POINTS = 4000
-"""More points of one curve than this cannot be told apart in a picture."""
+"""Limit of points in a curve; more points cannot be distinguished in a picture."""
 
 
 class Stretch(NamedTuple):
-    """A time in which a drive was in one state: running, ready, fault, no answer. text: the fault's."""
+    """Time span in which a drive was in one state: running, ready, fault, no answer. text: fault text."""
 
     drive: str
     state: str
@@ -35,7 +35,7 @@ class Stretch(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Curve:
-    """The course of one quantity of one drive. values: not-a-number where the drive gave none."""
+    """Curve of one quantity of one drive. values: NaN where the drive gave no value."""
 
     drive: str
     name: str
@@ -45,22 +45,22 @@ class Curve:
 
     @property
     def title(self) -> str:
-        """The curve in a legend."""
+        """Name of the curve in the legend."""
         return f"{self.drive} {self.name.replace('_', ' ')}"
 
     @property
     def numbers(self) -> list[float]:
-        """The values without the gaps."""
+        """Values without the gaps."""
         return [value for value in self.values if not isnan(value)]
 
     @property
     def gaps(self) -> int:
-        """How often the values stop, to go on later or not."""
+        """Number of gaps in the values, including a gap at the end."""
         ends = zip([nan, *self.values], self.values, strict=False)
         return sum(isnan(value) and not isnan(before) for before, value in ends)
 
     def thinned(self, most: int = MOST_POINTS) -> Curve:
-        """Return the curve with fewer points: none that stands out is missing, and no gap begins or ends elsewhere."""
+        """Return the curve with fewer points, but with all extremes and with unchanged ends of gaps."""
         if len(self.values) <= most:
             return self
         size = -(-len(self.values) * Outline.POINTS // most)
@@ -83,14 +83,14 @@ class Curve:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """Everything that a plot shows. panels: the curves by their unit, in the order in which they came."""
+    """Contents of a plot. panels: curves by their unit, in the order of their first rows."""
 
     panels: dict[str, list[Curve]]
     states: list[Stretch]
 
     @property
     def faults(self) -> list[Stretch]:
-        """The times in which a drive had a fault."""
+        """Time spans in which a drive had a fault."""
         return [each for each in self.states if each.state == FAULT]
 
     @property
@@ -100,15 +100,15 @@ class Picture:
 
     @property
     def drives(self) -> list[str]:
-        """The drives with a state, in the order in which they came."""
+        """Drives with a state, in the order of their first rows."""
         return list(dict.fromkeys(each.drive for each in self.states))
 
 
 def picture_of(rows: Iterable[LogRow], *, drives: Collection[str] = (), names: Collection[str] = ()) -> Picture:
-    """Return what a plot of these rows shows.
+    """Return the contents of a plot of these rows.
 
-    drives, names: only these, all where none are given; a drive's states are shown with its values whatever names.
-    Raises UsageError where nothing is left, and for a drive or a name that the rows do not have.
+    drives, names: limit the plot to these; empty for all. The states of a drive are shown independent of names. Raises
+    UsageError if nothing is left to show, and for a drive or a name that the rows do not have.
     """
     curves: dict[tuple[str, str, str], Curve] = {}
     units: dict[tuple[str, str], str] = {}
@@ -138,7 +138,7 @@ def _take_value(curves: dict[tuple[str, str, str], Curve], units: dict[tuple[str
     source = (row.drive, row.name)
     number = row.number if row.is_fresh else None
     if number is None:
-        # What did not answer has no unit; it is a gap in the curve that there was before.
+        # A failed read has no unit, so it becomes a gap in the latest curve of its value.
         if source not in units:
             return
         number, unit = nan, units[source]
@@ -155,7 +155,7 @@ def _take_state(states: list[Stretch], row: LogRow) -> None:
     text = row.text if row.is_fresh else row.note
     if states:
         latest = states[-1]
-        # The time of a stale row is that of the row before it.
+        # A stale row repeats the time of the row before it.
         states[-1] = latest._replace(end=max(latest.end, row.time))
         if (latest.state, latest.text) == (state, text) or latest.state == state == SILENT:
             return

@@ -1,4 +1,4 @@
-"""Drawing a plot with matplotlib, loaded here and nowhere else, and a page with it and its figures as tables."""
+"""Drawing of a plot with matplotlib, which only this module loads, and an HTML page with the plot and its figures."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _WIDTH, _PANEL_HEIGHT, _STATE_HEIGHT, _MARGIN = 10.0, 2.4, 0.36, 0.9
 _MOST_IN_A_LEGEND = 12
 _SHORTEST_WITH_TEXT = 0.08
 
-# What can be told apart in print, and by those who see few colours: by hatching as well.
+# Hatching keeps the states distinct in print and for readers who see few colours.
 _STATES = {
     "running": ("#2f7d4f", ""),
     "ready": ("#cfd8dc", ""),
@@ -32,7 +32,7 @@ _STATES = {
 }
 _OTHER = ("#90a4ae", "")
 
-# A drive has one colour everywhere; its quantities in one panel differ by their dashes.
+# A drive has the same colour in all panels; its quantities in one panel differ by their dashes.
 _DASHES = ("-", "--", ":", "-.")
 
 
@@ -47,7 +47,10 @@ def draw_svg(picture: Picture, title: str) -> str:
 
 
 def save(picture: Picture, title: str, path: Path) -> None:
-    """Write the plot in the form that the name says. Raises UsageError for another ending, FileFormatError."""
+    """Write the plot in the format of the file ending.
+
+    Raises UsageError for another ending, FileFormatError if the file cannot be written.
+    """
     if path.suffix == ".png":
         content = draw_png(picture, title)
     elif path.suffix == ".svg":
@@ -97,7 +100,7 @@ def _draw_values(panel: Any, picture: Picture, unit: str) -> None:
         panel.plot(
             thin.times, thin.values, label=curve.title, linewidth=1.3,
             color=f"C{drives.index(curve.drive)}", linestyle=_DASHES[before % len(_DASHES)],
-            # A point between two gaps is no line, and is to be seen all the same.
+            # A point between two gaps draws no line, so it needs a marker.
             marker=".", markersize=2.2,
         )  # fmt: skip
     for fault in picture.faults:
@@ -166,7 +169,7 @@ _NUMBER = ' class="number"'
 
 
 def page_of(picture: Picture, title: str, svg: str) -> str:
-    """Return the page. svg: the plot, as a document of its own."""
+    """Return the HTML page. svg: the plot, as a complete SVG document."""
     drawing = svg[svg.index("<svg") :]
     parts = [f"<h1>{escape(title)}</h1>", drawing, *_curves(picture), *_faults(picture)]
     return (

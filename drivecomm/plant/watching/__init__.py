@@ -1,4 +1,4 @@
-"""Watching a plant: what its drives do now and did lately, apart from any screen."""
+"""Watching a plant: present and recent values of its drives, independent of any screen."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""What is watched: lines, the drives on them, and what came of asking them."""
+"""Watched lines, the drives on them, and the results of their requests."""
 
 from __future__ import annotations
 
@@ -33,27 +33,27 @@ if TYPE_CHECKING:
 _KEPT_TELEGRAMS = 400
 
 _NOT_ASKED = OvertakenError, LineBusyError
-"""What says nothing of a drive: a stop went first, or others had the line."""
+"""Errors that reveal nothing about a drive: a stop took precedence, or other callers had the line."""
 
 _log = logging.getLogger("drivecomm.plant")
 
 
 def is_silence(error: DriveCommError | None) -> bool:
-    """Whether an error says that a drive, or its line, does not answer; not so if the drive was not asked at all.
+    """Return whether an error shows that a drive, or its line, does not answer; False if no request was sent.
 
-    A stop may have gone first, or others may have had the line.
+    A request is not sent if a stop takes precedence, or if other callers have the line.
     """
     return not has_answered(error) and not isinstance(error, _NOT_ASKED)
 
 
 def has_answered(error: DriveCommError | None) -> bool:
-    """Whether a drive has answered, be it with a refusal, when a request ended so."""
+    """Return whether a drive has answered, even with a refusal, if its request ended with this error."""
     return not isinstance(error, ReplyError | LinkError)
 
 
 @dataclass(slots=True, eq=False)
 class SeenDrive:
-    """A drive and what is known of it; a poll plan asks its status under one name, its parameters under theirs."""
+    """Watched drive and its known state. A poll plan reads its status as STATUS and its parameters by their names."""
 
     line: OpenLine
     drive: AsyncDrive
@@ -66,18 +66,18 @@ class SeenDrive:
 
     @property
     def name(self) -> str:
-        """The drive as its bus names it."""
+        """Name of the drive on its bus."""
         return self.drive.name
 
     @property
     def bus(self) -> Any:
-        """The bus that it is asked on."""
+        """Bus of the drive."""
         return self.drive.bus
 
     def view_after(self, result: PollResult, cause: str) -> DriveView:
-        """Return how the drive is after a result of its poll plan. cause: why it failed, empty if it did not.
+        """Return the view of the drive after a poll result. cause: reason of a failure, empty on success.
 
-        Unchanged if the drive was not asked at all, because a stop went first or others had the line.
+        The view is unchanged if no request was sent, because a stop took precedence or other callers had the line.
         """
         view, error = self.view, result.error
         if isinstance(error, _NOT_ASKED):
@@ -90,25 +90,28 @@ class SeenDrive:
         return view if view.reachability == "answers" else replace(view, reachability="answers", error="")
 
     def check_read(self, parameter: str, **options: Any) -> None:
-        """Raise UsageError for what cannot be read."""
+        """Raise UsageError for a parameter that cannot be read."""
         if parameter != STATUS:
             self.drive.check_read(parameter, **options)
 
     async def polled(self, parameter: str, **options: Any) -> Reading:
-        """Read a parameter as a poll loop does, or the status with its fault; what a package does wrong is an error."""
+        """Read a parameter as a poll loop does, or the status with its fault.
+
+        A bug of a protocol package raises DriveCommError.
+        """
         with self._mistakes_told():
             return await self._asked(parameter, **options)
 
     def blocks(self, parameters: Sequence[str]) -> list[list[int]]:
-        """Return which of these parameters one telegram each reads, by their places in the list."""
+        """Return groups of parameters that one telegram reads, as positions in the list."""
         try:
             return self.drive.blocks(parameters)
-        except Exception:  # noqa: BLE001 - one package's mistake must not keep the other drives from being asked
+        except Exception:  # noqa: BLE001 - a bug of one package must not block the polls of other drives
             _log.exception("%s is asked for one parameter after the other, by a mistake in its package", self.name)
             return [[place] for place in range(len(parameters))]
 
     async def polled_many(self, parameters: Sequence[str]) -> list[Reading]:
-        """Read what `blocks` has put together, as a poll loop does; what a package does wrong is an error."""
+        """Read a group from `blocks` as a poll loop does; bugs of a package raise DriveCommError."""
         with self._mistakes_told():
             return await self.drive.polled_many(parameters)
 
@@ -136,10 +139,10 @@ class SeenDrive:
         )
 
     async def _fault_of(self, status: DriveStatus) -> str:
-        """Return what the drive tripped with; where its status does not say it, a parameter may."""
+        """Return the fault of a tripped drive; read the fault parameter if the status does not contain it."""
         code, text, model = status.fault_code, status.fault_text, self.drive.model
         if code is None and not text and model is not None and "fault_code" in model.quantities:
-            # A fault without a number is one all the same.
+            # Without a fault number, the drive still has a fault.
             with suppress(UsageError, DriveError):
                 reading = await self.drive.polled("fault_code")
                 text = reading.text
@@ -153,7 +156,7 @@ class SeenDrive:
 
 @dataclass(slots=True, eq=False)
 class OpenLine:
-    """A line and its bus. began_s: its clock when watching began. now_s: its clock when it was last open."""
+    """Watched line and its bus. began_s: its clock when watching began. now_s: its clock when it was last open."""
 
     watched: WatchedLine
     bus: AwaitedLine
@@ -163,7 +166,7 @@ class OpenLine:
 
     @property
     def elapsed_s(self) -> float:
-        """How long its drives have been watched."""
+        """Seconds for which its drives have been watched."""
         if self.is_open:
             self.now_s = self.bus.now()
         return self.now_s - self.began_s
@@ -171,7 +174,7 @@ class OpenLine:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WatchedLine:
-    """A line. port, options: what `open_bus` takes, such as baudrate, attempts or echo."""
+    """Description of a line to watch. port, options: arguments of `open_bus`, such as baudrate, attempts or echo."""
 
     name: str
     port: str | Callable[[], Port]
@@ -184,7 +187,7 @@ class WatchedLine:
 
 
 def lines_of(plant: Plant, options: Mapping[str, Any] | None = None) -> list[WatchedLine]:
-    """Return the lines of a plant that have drives. options: for all lines; they go before what the plant says.
+    """Return the lines of a plant that have drives. options: for all lines; they override the plant's settings.
 
     Raises UsageError for a line without a port.
     """

@@ -1,4 +1,4 @@
-"""What a watcher knows at one moment, as values that do not change. No I/O, no clock."""
+"""Snapshot of a watcher, as immutable values. No I/O, no clock."""
 
 from __future__ import annotations
 
@@ -14,13 +14,15 @@ if TYPE_CHECKING:
     from drivecomm.protocol import DriveConfig, DriveStatus, Reading
 
 Reachability: TypeAlias = Literal["asking", "answers", "silent"]
-"""What came of the last request. asking: none has been completed yet. answers: the drive replied, perhaps with a
-refusal. silent: it, or its line, did not."""
+"""Result of the last request. asking: no request has been completed yet.
+
+answers: the drive replied, perhaps with a refusal. silent: the drive, or its line, did not answer.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WatchedValue:
-    """The latest of one quantity. reading: the last good one, None when there is none young enough. cause: why not."""
+    """Latest value of one quantity. reading: last good one, None if there is no recent one. cause: why not."""
 
     name: str
     reading: Reading | None
@@ -30,13 +32,13 @@ class WatchedValue:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveView:
-    """A drive as it was last seen.
+    """State of a drive as last seen.
 
-    status: as the drive sent it last, None before the first and since it fell silent. fault: what it has tripped with,
-    empty without a fault. late: its line had no time to ask for its status, which may have changed since. last_status,
-    last_fault: as known last, kept while the drive is silent. error: why the last request failed, empty when it did
-    not. age_s: seconds since its last answer, None before the first. counters: by the names in
-    `drivecomm.link.statistics.COUNTERS`. reply_s: mean reply time, 0 without any.
+    status: the last status, None before the first one and since the drive fell silent. fault: present fault, empty
+    without one. late: the line had no time to read the status, which may have changed since. last_status, last_fault:
+    last known ones, kept while the drive is silent. error: why the last request failed, empty on success. age_s:
+    seconds since the last answer, None before the first one. counters: by the names in
+    `drivecomm.link.statistics.COUNTERS`. reply_s: mean reply time, 0 without replies.
     """
 
     drive: DriveConfig
@@ -55,11 +57,11 @@ class DriveView:
 
     @property
     def name(self) -> str:
-        """What the plant calls it."""
+        """Name of the drive in the plant."""
         return self.drive.name
 
     def with_status(self, status: DriveStatus | None, fault: str) -> DriveView:
-        """Return the view after this status has come."""
+        """Return the view after a new status."""
         return replace(self, status=status, fault=fault, late=False, last_status=status, last_fault=fault)
 
     def silent(self, error: str) -> DriveView:
@@ -71,8 +73,8 @@ class DriveView:
 class Board:
     """All drives at one moment.
 
-    elapsed_s: since watching began. events: what changed, the latest first. began_s: when watching began, in
-    seconds since 1970; None on virtual lines, which have no time of day.
+    elapsed_s: seconds since watching began. events: changes, the latest first. began_s: when watching began, in seconds
+    since 1970; None on virtual lines, which have no time of day.
     """
 
     drives: tuple[DriveView, ...]
@@ -82,12 +84,12 @@ class Board:
 
     @property
     def faults(self) -> int:
-        """How many drives have a fault."""
+        """Number of drives with a fault."""
         return sum(bool(view.fault) for view in self.drives)
 
     @property
     def silent(self) -> int:
-        """How many drives do not answer."""
+        """Number of drives that do not answer."""
         return sum(view.reachability == "silent" for view in self.drives)
 
     def view(self, name: str) -> DriveView:
@@ -103,7 +105,7 @@ Kind: TypeAlias = Literal["fault", "silent", "warning", "change", "command"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveEvent:
-    """Something that a person wants to know later. time_s: since watching began."""
+    """Event that a person may want to review. time_s: seconds since watching began."""
 
     time_s: float
     drive: str
@@ -112,7 +114,7 @@ class DriveEvent:
 
 
 def changes(before: DriveView, after: DriveView, time_s: float) -> list[DriveEvent]:
-    """Return what happened to a drive between two views of it, also across a time in which it was silent."""
+    """Return the events between two views of a drive, even if it was silent in between."""
     found: list[tuple[Kind, str]] = []
     if after.reachability == "silent" != before.reachability:
         found.append(("silent", after.error or "does not answer"))
@@ -146,42 +148,42 @@ def state_words(status: DriveStatus) -> str:
 
 
 ROOM = 1200
-"""How many samples a trend keeps: twenty minutes at one a second."""
+"""Number of samples that a trend holds: twenty minutes at one per second."""
 
 
 class Sample(NamedTuple):
-    """A value at a time; None where the drive was asked and gave none."""
+    """Value at a time; None if the read failed."""
 
     time_s: float
     value: float | None
 
 
 class Trend:
-    """A ring of samples. keeps_s: how long a value stands for what follows; after that there is a gap."""
+    """Ring buffer of samples. keeps_s: seconds after which a sample expires and a gap begins."""
 
     def __init__(self, *, keeps_s: float, room: int = ROOM) -> None:
         self._keeps_s = keeps_s
         self._samples: deque[Sample] = deque(maxlen=room)
 
     def add(self, time_s: float, value: float | None) -> None:
-        """Take the next sample; times do not go back."""
+        """Add the next sample; times must not decrease."""
         self._samples.append(Sample(time_s, value))
 
     @property
     def samples(self) -> Sequence[Sample]:
-        """All samples that are kept, the oldest first."""
+        """All stored samples, the oldest first."""
         return tuple(self._samples)
 
     def cells(self, number: int, *, until_s: float, each_s: float) -> list[float | None]:
-        """Return what held at the end of each of so many stretches of time, the last of which ends at until_s.
+        """Return the value at the end of each of N equal time spans, the last of which ends at until_s.
 
-        None before the first sample, after a failed one, and when the last sample is older than a value keeps.
+        None before the first sample, after a failed one, and if the last sample has expired.
         """
         times = [sample.time_s for sample in self._samples]
         return [self._at(times, until_s - each_s * back) for back in reversed(range(number))]
 
     def _at(self, times: list[float], time_s: float) -> float | None:
-        # What is due at the end of a stretch may be a hair late.
+        # A sample that is due at the end of a span may be marginally late.
         place = bisect_right(times, time_s + 1e-9)
         if not place or time_s - times[place - 1] > self._keeps_s:
             return None

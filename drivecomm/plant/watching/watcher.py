@@ -1,4 +1,4 @@
-"""Watching the drives of several lines at once: asks in turn, remembers what came, and tells who wants to know.
+"""Watcher of the drives on several lines: polls them, stores the latest results, and reports each result.
 
 async with Watcher(lines_of(plant)) as watcher:
     await watcher.run(duration_s=60)
@@ -43,7 +43,7 @@ USUAL_NAMES = (
     "torque_percent",
     "heat_sink_temperature",
 )
-"""What is watched of a drive unless told otherwise, as far as its model has it."""
+"""Common names that are watched by default, as far as the model of a drive maps them."""
 
 _KEPT_EVENTS = 200
 _KEPT_PERIODS = 3
@@ -51,12 +51,13 @@ _TREND_PERIODS = 60
 
 
 class Watcher:
-    """Watches drives, as an asynchronous context manager that holds their lines open; commands nothing by itself.
+    """Watches drives, as an asynchronous context manager that holds their lines open; sends no commands by itself.
 
-    names: the common names to read of each drive whose model has them. period_s: how often. told: hears every result,
-    the status as one of the name "status". A drive or a line that fails is shown as silent, and holds up no other.
-    Entering raises the first LinkError when not one of the lines can be opened; the others are tried again and again.
-    holding: entered with each port that is opened here and its bus, for as long as it is open.
+    names: common names to read from each drive whose model maps them. period_s: seconds between reads. told: called
+    with every result, the status as a result with the name "status". A drive or a line that fails is shown as silent,
+    and delays no other. Entering raises the first LinkError if none of the lines can be opened; otherwise lines that
+    failed are retried. holding: context manager that is entered with each port opened here and its bus, and left when
+    the port closes.
     """
 
     def __init__(
@@ -70,13 +71,13 @@ class Watcher:
     ) -> None:
         for name in names:
             if name not in quantities():
-                raise UsageError(f"{name!r} is no common name; drivecomm models names lists them")
+                raise UsageError(f"unknown common name {name!r}; drivecomm models names lists them")
         if not 0 < period_s < float("inf"):
             raise UsageError(f"a period of {period_s:g} s cannot be; write seconds above 0")
         self.names = tuple(names)
         self.period_s = period_s
         self.told = told
-        """Hears every result; may be set while watching."""
+        """Called with every result; may be changed while watching."""
         self._holding = holding
         self._held = ExitStack()
         self._began_s: float | None = None
@@ -88,7 +89,7 @@ class Watcher:
 
     @property
     def nobody_has(self) -> list[str]:
-        """The names that are read of no drive, because no model of these drives says which parameter they are."""
+        """Names that are read from no drive, because no model of these drives maps them."""
         known = {name for seen in self._seen.values() if seen.drive.model for name in seen.drive.model.quantities}
         return [name for name in self.names if name not in known]
 
@@ -114,7 +115,7 @@ class Watcher:
         await self._close()
 
     async def run(self, *, duration_s: float | None = None) -> None:
-        """Watch until cancelled, or so long on each line's clock."""
+        """Watch until cancelled, or for duration_s seconds on each line's clock."""
         tasks = [asyncio.create_task(self._watch(line, duration_s)) for line in self._lines]
         try:
             await asyncio.gather(*tasks)
@@ -124,7 +125,7 @@ class Watcher:
             await asyncio.gather(*tasks, return_exceptions=True)
 
     def board(self) -> Board:
-        """Return what is known at the moment."""
+        """Return a snapshot of all drives and events."""
         return Board(
             drives=tuple(self._view(seen) for seen in self._seen.values()),
             events=tuple(sorted(self._events, key=lambda one: one.time_s, reverse=True)),
@@ -134,11 +135,11 @@ class Watcher:
 
     @property
     def trend_s(self) -> float:
-        """How long a time `cells` covers: sixty periods, a minute at least."""
+        """Seconds that `cells` covers: sixty periods, a minute at least."""
         return _TREND_PERIODS * max(1.0, self.period_s)
 
     def cells(self, drive: str, name: str, number: int) -> list[float | None]:
-        """Return the course of a quantity up to now in so many cells; None where the drive gave no value."""
+        """Return the course of a quantity up to now in a number of cells; None where the drive gave no value."""
         seen = self._seen[drive]
         trend = seen.trends.get(name)
         if trend is None:
@@ -146,15 +147,15 @@ class Watcher:
         return trend.cells(number, until_s=seen.line.elapsed_s, each_s=self.trend_s / number)
 
     def telegrams(self, drive: str) -> Sequence[TraceEvent]:
-        """Return the latest telegrams with a drive, the oldest first."""
+        """Return the latest telegrams of a drive, the oldest first."""
         return tuple(self._seen[drive].telegrams)
 
     def drive(self, name: str) -> AsyncDrive:
-        """Return a drive, to read of it or to command it between the watcher's questions."""
+        """Return a drive, to read or command it between the watcher's requests."""
         return self._seen[name].drive
 
     def note(self, drive: str, text: str) -> None:
-        """Add what somebody did to what happened."""
+        """Add a user's command to the events."""
         time_s = self._seen[drive].line.elapsed_s
         self._events.append(DriveEvent(time_s=time_s, drive=drive, kind="command", text=text))
 
@@ -169,7 +170,7 @@ class Watcher:
             raise first
 
     async def _opened(self, line: OpenLine, late_s: float = 0.0) -> LinkError | None:
-        """Open a line, so much later than watching began; a failure is shown with its drives."""
+        """Open a line and show a failure with its drives. late_s: seconds since watching began."""
         try:
             await line.bus.__aenter__()
         except LinkError as error:
@@ -186,7 +187,7 @@ class Watcher:
         return None
 
     async def _close(self) -> None:
-        # It may wait for what the loop still has to do.
+        # Closing may wait for work of the event loop, so it must not block it.
         await asyncio.to_thread(self._held.close)
         for line in self._lines:
             if line.is_open:
@@ -195,7 +196,7 @@ class Watcher:
             await line.bus.close()
 
     async def _watch(self, line: OpenLine, duration_s: float | None) -> None:
-        # What a line that is not open has to do with time is that of the event loop.
+        # A line that is not open has no clock, so its times are those of the event loop.
         loop = asyncio.get_running_loop()
         began_s, left_s = loop.time(), duration_s
         while not line.is_open:
