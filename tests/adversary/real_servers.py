@@ -1,9 +1,9 @@
-"""Random scripts over servers that are processes, with real signals, limits and sockets; judged as the others are.
+"""Random scripts over server processes, with real signals, limits and sockets; judged as the simulated ones.
 
     python tests/adversary/real_servers.py --seed 1 --scripts 60 --at-once 4
     python tests/adversary/real_servers.py --seed 1 --script 7
 
-Simulator and servers are forked from this process, which has loaded all that they need.
+Simulator and servers are forked from this process, which has loaded all modules that they need.
 """
 
 import argparse
