@@ -25,14 +25,14 @@ _TIME_AFTER_TIME = 3
 
 @case("doubled", "read", "run", title="every reply arrives twice")
 def doubled(trial: Trial) -> str:
-    """The master shows the drive's value or an error, and takes no copy for the reply to the next request."""
+    """The master shows the drive's value or an error, and does not mistake a copy for the next reply."""
     why = "every reply arrived twice, and a copy is taken for the reply to the next request"
     return _twice(lambda: _alternating(trial, lambda data: [(0.0, data), (0.0, data)], why))
 
 
 @case("late", "read", "run", title="the first reply arrives late, at several moments around the next request")
 def late(trial: Trial) -> str:
-    """The master shows the drive's value or an error, and takes no late reply for that to a later request."""
+    """The master shows the drive's value or an error, and does not accept a late reply for a later request."""
     needs_values(trial)
     again_s = _asks_again_after(trial)
     if again_s is None:

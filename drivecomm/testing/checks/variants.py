@@ -69,7 +69,7 @@ def _spoilt(message: Message) -> Iterator[dict[str, Any]]:
 
 @check("contract")
 def works_with_each_option(plugin: Protocol) -> None:
-    """With each value of each option that is a choice, a drive can be read, started, stopped and asked its status."""
+    """With each value of each option that is a choice, a drive can be read, started and stopped, and has a status."""
     wrong = []
     model = known_model(plugin, plugin.default_model)
     for name, value in _choices(plugin):
