@@ -31,7 +31,7 @@ class CannedPort:
         """Return the same time as `now`."""
         return self._now
 
-    def configure(self, settings: LineSettings) -> str:  # noqa: ARG002 - any will do
+    def configure(self, settings: LineSettings) -> str:  # noqa: ARG002 - accepts any settings
         """Accept any settings."""
         return ""
 
@@ -40,7 +40,7 @@ class CannedPort:
         if data.endswith(self._request):
             self._ready = self._reply
 
-    def read(self, until: float, at_least: int) -> bytes:  # noqa: ARG002 - all of a reply or nothing
+    def read(self, until: float, at_least: int) -> bytes:  # noqa: ARG002 - delivers a whole reply or nothing
         """Return the reply, or advance the time."""
         data, self._ready = self._ready, b""
         if not data:

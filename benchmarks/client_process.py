@@ -207,7 +207,7 @@ def main() -> None:
             answer: dict[str, Any] = {"missing": str(error)}
         except (drivecomm.DriveCommError, LostReplyError) as error:
             answer = {"failed": f"{type(error).__name__}: {error}"}
-        except Exception as error:  # noqa: BLE001 - told to the one who gave the job
+        except Exception as error:  # noqa: BLE001 - reported to the sender of the job
             answer = {"broken": f"{type(error).__name__}: {error}"}
         else:
             lines = [{"exchanges": number, "seconds": seconds} for number, seconds in counts]

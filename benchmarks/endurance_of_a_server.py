@@ -115,7 +115,7 @@ class Endurance:
         await asyncio.wait({serving, ready}, return_when=asyncio.FIRST_COMPLETED)
         if serving.done():
             await serving
-        core = ready.result()._core  # noqa: SLF001 - stands for fifty lines
+        core = ready.result()._core  # noqa: SLF001 - replaces the polling of fifty lines
         threads = [Thread(target=self.guarded, args=(each,), daemon=True) for each in (self.read, self.command)]
         for thread in threads:
             thread.start()
@@ -163,7 +163,7 @@ class Endurance:
                 if place % 50 == 0:
                     await asyncio.sleep(0.003)
             # Some values come from elsewhere: the server itself marks values of unpolled lines as bad now and then.
-            while journal.waiting > _WAITING:  # noqa: ASYNC110 - of a thread
+            while journal.waiting > _WAITING:  # noqa: ASYNC110 - the count belongs to a thread
                 await asyncio.sleep(0.02)
 
     def tell(self, core: Any, until_s: float) -> None:

@@ -57,7 +57,7 @@ def known_flaws(target: Target) -> dict[tuple[str, str], Flaw]:
     for data in target.found():
         try:
             target.check(data)
-        except Exception as error:  # noqa: BLE001 - whatever it is, it is what we look for
+        except Exception as error:  # noqa: BLE001 - any exception is a finding
             kind = kind_of(error)
             said = f"{kind[0]}: {str(error)[:200]}"
             known.setdefault(kind, Flaw(error=said, place=kind[1], kept=keep(target, data)))

@@ -73,7 +73,7 @@ def case(
 
 def catalogue(known: KnownDrive, order: Order) -> list[Case]:
     """Return the cases for the tasks of a master, basic cases first."""
-    import drivecomm.judge.cases  # noqa: F401 - registers them
+    import drivecomm.judge.cases  # noqa: F401 - registers the cases
 
     return [
         made

@@ -73,7 +73,7 @@ class ManualMaster:
     def stop(self) -> None:
         """Do nothing: a person operates the master, so no process can be ended."""
 
-    def stand(self, drive: JudgedDrive, listen: str, *, echo: bool) -> Stand:  # noqa: ARG002 - it is at one place
+    def stand(self, drive: JudgedDrive, listen: str, *, echo: bool) -> Stand:  # noqa: ARG002 - its address is fixed
         """Return a line with this drive at the address of the master."""
         return Stand(drive, self._listener, echo=echo)
 
@@ -83,7 +83,7 @@ class ManualMaster:
         task: Task,
         *,
         value: str,
-        goes_on: bool | None,  # noqa: ARG002 - who is asked knows when it is done
+        goes_on: bool | None,  # noqa: ARG002 - the person decides when the task is done
         until: Callable[[], bool] | None,  # noqa: ARG002
         limit_s: float,  # noqa: ARG002
     ) -> Run:

@@ -33,7 +33,7 @@ class Meddler:
         self.on_request: Callable[[bytes], Sequence[tuple[float, bytes]]] = lambda data: [(0.0, data)]
         self.on_reply: Callable[[bytes], Sequence[tuple[float, bytes]]] = lambda data: [(0.0, data)]
 
-    def request(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:  # noqa: ARG002 - as the line calls it
+    def request(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:  # noqa: ARG002 - signature required by the line
         """Return the delays and bytes that arrive of a request."""
         return self.on_request(data)
 

@@ -350,5 +350,5 @@ class ServingThread:
     def _serve(self) -> None:
         try:
             self.server.run(self._stop)
-        except BaseException as error:  # noqa: BLE001 - told to the test, whose thread is another one
+        except BaseException as error:  # noqa: BLE001 - raised in the test's thread
             self._error = error

@@ -78,7 +78,7 @@ class WatchedServer:
     def _run(self) -> None:
         try:
             asyncio.run(self._serving.run(lambda _: self._ready.set()))
-        except BaseException as error:  # noqa: BLE001 - told to the test, whose thread is another one
+        except BaseException as error:  # noqa: BLE001 - raised in the test's thread
             self._error = error
         finally:
             self._ready.set()

@@ -225,7 +225,7 @@ def _work(seed, numbers, folder, results, *, keep, verbose):
         one = Script(seed, number)
         try:
             one.run()
-        except Exception as error:  # noqa: BLE001 - told as a failure of the script
+        except Exception as error:  # noqa: BLE001 - reported as a failure of the script
             one.failures.append(f"the campaign itself: {traceback.format_exc()} {error}")
         did = one.did + Counter(name for each in one.commands for _, name in each.signalled)
         did += Counter(scripts=1, commands=len(one.commands), failed=bool(one.failures))

@@ -53,7 +53,7 @@ def fork(*what, keep=()):
                 what[0]()
             else:
                 _become(what, ("null", "null", "null"), spawned=False)
-        except BaseException:  # noqa: BLE001 - nothing of the parent's is carried out by this process
+        except BaseException:  # noqa: BLE001 - this process must not return to the parent's code
             traceback.print_exc()
         finally:
             os._exit(1)
@@ -110,7 +110,7 @@ class CommandLine:
                 resource.setrlimit(resource.RLIMIT_FSIZE, (self.largest, self.largest))
             out = self.stdout if self.stdout in {"gone", "full", "closed"} else where[0]
             _become(self.words, ("null", out, where[1]), spawned=self.spawned)
-        except BaseException:  # noqa: BLE001 - nothing of the parent's is carried out by this process
+        except BaseException:  # noqa: BLE001 - this process must not return to the parent's code
             traceback.print_exc()
         finally:
             os._exit(99)

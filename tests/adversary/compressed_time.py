@@ -129,7 +129,7 @@ def _carry_out(future, call, values, options):
         return
     try:
         result = call(*values, **options)
-    except Exception as error:  # noqa: BLE001 - for whoever awaits it
+    except Exception as error:  # noqa: BLE001 - raised where the future is awaited
         future.set_exception(error)
     else:
         future.set_result(result)

@@ -25,7 +25,7 @@ def result_of(call, limit_s):
             with os.fdopen(write, "w") as result:
                 result.write(text)
             os._exit(0)
-        except BaseException:  # noqa: BLE001 - nothing of the parent's is carried out by this process
+        except BaseException:  # noqa: BLE001 - this process must not return to the parent's code
             traceback.print_exc()
         finally:
             os._exit(1)

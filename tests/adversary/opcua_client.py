@@ -28,7 +28,7 @@ class OpcuaUser:
             order.outcome = answer[0] if answer else "refused"
             order.answered = time.monotonic()
             await asyncio.sleep(there_s)
-        except (Exception, asyncio.CancelledError):  # noqa: BLE001 - it may have been done
+        except (Exception, asyncio.CancelledError):  # noqa: BLE001 - the order may have been carried out
             order.outcome = order.outcome or "open"
         finally:
             if not hold:

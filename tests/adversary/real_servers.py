@@ -33,7 +33,7 @@ def _work(seed, numbers, folder, results):
         try:
             one = RealScript(seed, number)
             failures = one.run()
-        except Exception as error:  # noqa: BLE001 - told as a failure of the script
+        except Exception as error:  # noqa: BLE001 - reported as a failure of the script
             failures = [f"the campaign itself: {type(error).__name__}: {error}"]
         story = [f"  {at:8.2f} {text}" for at, text in (one.story if one else ())]
         text = "\n".join([f"real script {number} of seed {seed}:", *story, *(f"  FAILED {each}" for each in failures)])

@@ -91,7 +91,7 @@ class InLoopDoor:
         while True:
             try:
                 await self.door.run(self._plant, self.opened.set)
-            except (Exception, SystemExit) as error:  # noqa: BLE001 - as the server has it
+            except (Exception, SystemExit) as error:  # noqa: BLE001 - as in the server
                 self.failed = str(error)
                 self._told(f"door {self.door.name} failed: {error}")
             self.opened.clear()

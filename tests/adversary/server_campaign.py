@@ -83,7 +83,7 @@ def _play(kinds, steps, chance, mistake):
     with in_this_loop() as folder:
         try:
             return compressed_time.run(clocks, _played(folder, clocks, kinds, steps))
-        except Exception:  # noqa: BLE001 - told as a failure of the script
+        except Exception:  # noqa: BLE001 - reported as a failure of the script
             return [f"the campaign itself: {traceback.format_exc()}"], ""
 
 

@@ -27,5 +27,5 @@ def mosquitto(folder, *lines):
 async def until(condition, seconds=10.0):
     """Wait until a condition holds. Raises TimeoutError."""
     async with asyncio.timeout(seconds):
-        while not condition():  # noqa: ASYNC110 - it may be about anything
+        while not condition():  # noqa: ASYNC110 - the condition has no event
             await asyncio.sleep(0.01)

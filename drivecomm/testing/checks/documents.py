@@ -77,7 +77,7 @@ def has_vectors_for_everything(plugin: Protocol) -> None:
 def _reads(parse: Callable[[bytes], object], data: bytes) -> bool:
     try:
         parse(data)
-    except Exception:  # noqa: BLE001 - whatever it says, it is not this form
+    except Exception:  # noqa: BLE001 - any exception means another form
         return False
     return True
 

@@ -49,6 +49,6 @@ def takes_commands(plugin: Protocol, model: str) -> bool:
         next(plugin.operations(plugin.addresses[0], options, known).start())
     except NotSupported:
         return False
-    except Exception:  # noqa: BLE001 - whatever a package does that is not finished
+    except Exception:  # noqa: BLE001 - an unfinished package may raise anything
         return True
     return True

@@ -308,7 +308,7 @@ def _changing(plugin: Protocol, model: Model, kind: type[Decimal | str]) -> list
         if "w" not in info.access or not isinstance(info.start, kind):
             continue
         with bench(plugin, model) as on:
-            changing = _watching(on, lambda: on.virtual.peek(info.address, on.line.time))  # noqa: B023 - used at once
+            changing = _watching(on, lambda: on.virtual.peek(info.address, on.line.time))  # noqa: B023 - called within this iteration
             place = on.place
             for value in _others(info):
                 with suppress(DriveCommError):

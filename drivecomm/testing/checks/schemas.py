@@ -75,7 +75,7 @@ def _refusal(parse: Callable[[bytes], Any], data: bytes) -> tuple[str, ...]:
         parse(data)
     except TelegramError as error:
         return error.category, error.field, str(error)
-    except Exception as error:  # noqa: BLE001 - a form is asked here for what its codec would never give it
+    except Exception as error:  # noqa: BLE001 - a form gets bytes here that its codec would never pass on
         return (type(error).__name__,)
     return ()
 
@@ -87,5 +87,5 @@ def _outcome(function: Callable[[Any], Any], given: Any) -> Any:
     except DriveCommError as error:
         expect(isinstance(error, TelegramError), f"refused by {type(error).__name__}, not by a TelegramError")
         return None
-    except Exception:  # noqa: BLE001 - the compiled one may refuse with anything
+    except Exception:  # noqa: BLE001 - compiled code may refuse with any exception
         return None

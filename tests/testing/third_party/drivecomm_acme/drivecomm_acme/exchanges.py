@@ -122,7 +122,7 @@ class AcmeOperations:
 
         return conversation()
 
-    def identify(self, only: Collection[str] = ()) -> Exchange[Mapping[str, str]]:  # noqa: ARG002 - there is one
+    def identify(self, only: Collection[str] = ()) -> Exchange[Mapping[str, str]]:  # noqa: ARG002 - there is only one entry
         """Read the software version."""
         self._must_be_one_drive("identify")
 
