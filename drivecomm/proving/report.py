@@ -102,7 +102,7 @@ def read_proof(path: Path) -> Proof:
     top = read_toml(path, "a proof")
     given = top.take(_TOP, "format", "protocol", "model", "drivecomm", "date")
     if given.pop("format") != FORMAT:
-        raise top.error(f"is no proof of this format; it begins with format = {FORMAT}", "format")
+        raise top.error(f"is not a proof of this format; it begins with format = {FORMAT}", "format")
     given.pop("counts", None)
     given.pop("fact", None)
     return Proof(**given, findings=tuple(_findings(top)))

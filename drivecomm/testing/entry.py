@@ -65,7 +65,7 @@ class Entry:
         try:
             data = bytes.fromhex(digits)
         except ValueError as error:
-            raise self.error(f"{key} is no hexadecimal: {error}", key) from None
+            raise self.error(f"{key} is not hexadecimal: {error}", key) from None
         if not data:
             raise self.error(f"{key} is empty", key)
         return data

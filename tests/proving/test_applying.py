@@ -244,7 +244,7 @@ def test_proof_file_survives_a_write_and_read(file, tmp_path):
     ("old", "new", "text"),
     [
         ('verdict = "agrees"', 'verdict = "maybe"', "verdict cannot be 'maybe'"),
-        ("format = 1", "format = 2", "is no proof of this format"),
+        ("format = 1", "format = 2", "is not a proof of this format"),
         ('kind = "parameter"', 'knd = "parameter"', "unknown key 'knd'"),
         ('shows = ["scale"]', 'shows = ["all"]', "shows has one or more of"),
     ],

@@ -157,7 +157,7 @@ def calls(text):
         (steps('["04"]'), "exchange one: write steps as tables"),
         (steps("[{}]"), "exchange one, steps 1: has exactly one of send, reply, silence, garbage, pause_s"),
         (steps('[{ send = "04", reply = "04" }]'), "exchange one, steps 1: has exactly one of"),
-        (steps('[{ send = "0" }]'), "exchange one, steps 1: send is no hexadecimal"),
+        (steps('[{ send = "0" }]'), "exchange one, steps 1: send is not hexadecimal"),
         (steps('[{ send = "04", after_s = 1 }]'), "exchange one, steps 1: unknown key 'after_s'; the keys are send"),
         (steps('[{ send = "04" }, { reply = "" }]'), "exchange one, steps 2: reply is empty"),
         (

@@ -107,8 +107,8 @@ def test_every_packaged_file_is_loaded():
             "line 9: vector one: valid cannot be 1; write true or false",
         ),
         (HEAD + VECTOR.replace("valid = true", ""), "vector one: the key 'valid' is missing"),
-        (HEAD + VECTOR.replace("04 41", "4 41"), "vector one: hex is no hexadecimal"),
-        (HEAD + VECTOR.replace("04 41", "0x04"), "vector one: hex is no hexadecimal"),
+        (HEAD + VECTOR.replace("04 41", "4 41"), "vector one: hex is not hexadecimal"),
+        (HEAD + VECTOR.replace("04 41", "0x04"), "vector one: hex is not hexadecimal"),
         (HEAD + VECTOR.replace("04 41 30 30 34 38 31 05", ""), "vector one: hex is empty"),
         (HEAD + VECTOR.partition("[vector.fields]")[0], "vector one: the key 'fields' is missing"),
         (
@@ -138,7 +138,7 @@ def test_every_packaged_file_is_loaded():
             "stream s: frames cannot be '41 06'; write a list, such as",
         ),
         (HEAD + STREAM.replace('["41 06", "41 06"]', "[1]"), "stream s: frames is not a list of texts"),
-        (HEAD + STREAM.replace('["41 06", "41 06"]', '["4"]'), "stream s: frames is no hexadecimal"),
+        (HEAD + STREAM.replace('["41 06", "41 06"]', '["4"]'), "stream s: frames is not hexadecimal"),
         (HEAD + STREAM.replace('["41 06", "41 06"]', '[""]'), "stream s: frames is empty"),
         (
             HEAD + STREAM + "valid = true",

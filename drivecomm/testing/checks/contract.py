@@ -87,7 +87,7 @@ def has_addresses(plugin: Protocol) -> None:
 def has_frozen_options(plugin: Protocol) -> None:
     """The options are a frozen, keyword-only dataclass with defaults, and share no name with a line fact."""
     kind = plugin.options
-    expect(dataclasses.is_dataclass(kind), "options is no dataclass")
+    expect(dataclasses.is_dataclass(kind), "options is not a dataclass")
     expect(kind.__dataclass_params__.frozen, "the dataclass of options is not frozen")
     for field in dataclasses.fields(kind):
         expect(field.kw_only, f"the option {field.name} can be given by its place")
@@ -197,7 +197,7 @@ def refuses_what_cannot_be(plugin: Protocol) -> None:
             "an unknown option of write": lambda: drive.write(known, 1, no_such_option=1),
             "a verb that is not there": lambda: drive.call("no such verb"),
             "a reference of a million percent": lambda: drive.set_reference(percent=1_000_000),
-            "a reference that is no number": lambda: drive.set_reference(percent="fast"),
+            "a reference that is not a number": lambda: drive.set_reference(percent="fast"),
             "a reference without a unit": drive.set_reference,
         }
         for what, call in calls.items():

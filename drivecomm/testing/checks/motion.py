@@ -195,7 +195,7 @@ def does_not_repeat_an_old_command(plugin: Protocol, model: Model) -> None:
         expect(not on.virtual.motor.running, "stopped by another object for the same drive, it still runs")
         on.set_some_reference()
         on.settle()
-        expect(not on.virtual.motor.running, "a reference starts a drive that somebody else has stopped")
+        expect(not on.virtual.motor.running, "a reference starts a drive that another program has stopped")
 
 
 def _commanded(on: Bench) -> tuple[object, ...]:

@@ -155,9 +155,9 @@ def a_deaf_drive_is_reported(plugin: Protocol, model: Model) -> None:
                 if name == "reset" and isinstance(error, NotSupported):
                     # A model may have no reset.
                     continue
-                raise CheckFailure(f"nobody answers, and {name} raises {type(error).__name__}: {error}") from error
+                raise CheckFailure(f"no reply comes, and {name} raises {type(error).__name__}: {error}") from error
             else:
-                raise CheckFailure(f"nobody answers, and {name} is taken for done")
+                raise CheckFailure(f"no reply comes, and {name} is taken for done")
 
 
 def _set_needed_reference(on: Bench, plugin: Protocol, model: Model) -> None:
