@@ -1,9 +1,9 @@
-"""Run tests as `python -m pytest` does, then run each one that failed again, alone, when all others are done.
+"""pytest runner that repeats each failed test alone after all others are done.
 
     python .ci/once_more_alone.py ARGUMENT ...
 
-A test that passes the second time is listed under "flaky" and does not fail the run. Where many tests fail, it is not
-chance, and none of them runs again.
+A test that passes the second time is listed under "flaky" and does not fail the run. If many tests fail, that is no
+coincidence, and none of them is repeated.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ if TYPE_CHECKING:
 
 MOST = 30
 PATIENCE_S = 900.0
-"""Longer than the time limit of any test."""
+"""Limit for a repeated test in seconds; longer than the time limit of any test."""
 
 
 class OnceMoreAlone:
-    """The pytest plugin. Only the process that runs the workers has it."""
+    """pytest plug-in of the process that controls the workers."""
 
     def __init__(self) -> None:
         self.flaky: dict[str, list[pytest.TestReport]] = {}
 
     @pytest.hookimpl(trylast=True)
     def pytest_sessionfinish(self, session: pytest.Session, exitstatus: int) -> None:
-        """Run again what has failed, when the workers are gone."""
+        """Repeat the failed tests after the workers have ended."""
         if exitstatus != pytest.ExitCode.TESTS_FAILED:
             return
         reporter: TerminalReporter = session.config.pluginmanager.getplugin("terminalreporter")
@@ -53,7 +53,7 @@ class OnceMoreAlone:
             session.exitstatus = pytest.ExitCode.OK
 
     def pytest_terminal_summary(self, terminalreporter: TerminalReporter) -> None:
-        """List the flaky tests, each with how it failed the first time."""
+        """List the flaky tests, each with the reason of its first failure."""
         if not self.flaky:
             return
         terminalreporter.section("flaky")
@@ -66,7 +66,7 @@ class OnceMoreAlone:
 
 
 def passes_alone(test: str, folder: os.PathLike[str]) -> bool:
-    """Return whether a test passes in a process of its own, none of whose children outlives it."""
+    """Return whether a test passes in a separate process; child processes of the test are ended as well."""
     process = subprocess.Popen(  # noqa: S603 - our own tests
         [sys.executable, "-m", "pytest", test],
         cwd=folder,
@@ -85,6 +85,6 @@ def passes_alone(test: str, folder: os.PathLike[str]) -> bool:
 
 
 if __name__ == "__main__":
-    # As `python -m pytest` has it.
+    # Same import path as for `python -m pytest`.
     sys.path[0] = str(Path.cwd())
     sys.exit(pytest.main(sys.argv[1:], plugins=[OnceMoreAlone()]))

@@ -1,10 +1,10 @@
-"""What all doors cost together: 500 drives, four values of each a second, somebody at each door.
+"""Cost of all doors together: 500 drives, four values of each a second, and a client at each door.
 
     python benchmarks/all_doors.py --seconds 30
 
-`drivecomm serve` polls the drives that `drivecomm simulate` serves on the same machine; an MQTT and a Sparkplug
-subscriber, an OPC UA client that subscribes every value, a Modbus TCP master that reads every drive once a second, and
-a stream of the HTTP API take what they give. Without doors the same plant is served once before.
+`drivecomm serve` polls the drives that `drivecomm simulate` serves on the same machine. The clients are an MQTT and a
+Sparkplug subscriber, an OPC UA client that subscribes to every value, a Modbus TCP master that reads every drive once a
+second, and a reader of the HTTP API's stream. The same plant is first served once without doors.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ _SUBSCRIBED_WITHIN_S = 120
 
 
 def _turning(place: str) -> None:
-    """Have the motors of a line speed up so slowly that each value is another one at every poll."""
+    """Start the motors of a line with a ramp so slow that every poll reads a new value."""
     with drivecomm.open_bus(place, baudrate=BAUDRATE) as bus:
         for address in range(1, DRIVES + 1):
             drive = bus.drive("danfoss-fc", address=address, model="fc302")
@@ -81,7 +81,7 @@ def _served(path: Path, folder: Path) -> tuple[subprocess.Popen[str], dict[str, 
 
 
 def _share(server: subprocess.Popen[str], told: dict[str, Any], seconds: float) -> tuple[float, float, float]:
-    """Return the share of a core, the MiB and the reads a second of a server."""
+    """Return a server's share of a core, its memory in MiB, and its reads per second."""
     began, before, first = time.monotonic(), usage(server.pid), _lines(told["socket"])
     time.sleep(seconds)
     took, after, last = time.monotonic() - began, usage(server.pid), _lines(told["socket"])
@@ -89,7 +89,7 @@ def _share(server: subprocess.Popen[str], told: dict[str, Any], seconds: float) 
 
 
 class _Ages:
-    """How old values are when somebody has them, in seconds."""
+    """Ages of values on arrival at a client, in seconds."""
 
     def __init__(self) -> None:
         self.guard, self.seconds = threading.Lock(), list[float]()
@@ -178,13 +178,13 @@ def _stream(place: str, stop: threading.Event) -> None:
 
 
 def main() -> None:
-    """Measure and print."""
+    """Run the measurement and print its results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--messages", choices=("quantities", "drives"), default="drives")
     parser.add_argument("--turning", action="store_true", help="motors speed up meanwhile, so that every value changes")
     given = parser.parse_args()
-    # What its client finds odd in our server is told elsewhere.
+    # Warnings of the OPC UA client about our server are checked elsewhere.
     logging.getLogger("asyncua").setLevel(logging.ERROR)
     with TemporaryDirectory(prefix="dc") as name, ExitStack() as stack:
         folder = Path(name)

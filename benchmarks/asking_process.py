@@ -1,8 +1,8 @@
-"""The cheapest master of many lines over TCP: requests and replies as bytes, one after the other, and no protocol.
+"""Cheapest possible master of many lines over TCP: sends raw requests in turn and compares raw replies.
 
-Takes one line of JSON: seconds, and places with host, port and what is spoken: request and reply in hexadecimal. Prints
-a line when everything has been asked twice on each line, for drives take longer over what they hear for the first time,
-and one with what came of it.
+It takes one line of JSON: seconds, and places with host, port, and pairs of request and reply in hexadecimal. It prints
+a line after everything has been requested twice on each line, because drives take longer for their first requests, and
+a line with the results at the end.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _MOST_WARM_UP_S = 60.0
 
 @dataclass(slots=True)
 class _Line:
-    """One line: what is asked on it in turn, what has come of it, and since when it is waited for."""
+    """State of one line: its exchanges in turn, the results, and the start of the present wait."""
 
     port: socket.socket
     spoken: Iterator[tuple[bytes, bytes]]
@@ -60,7 +60,7 @@ class _Line:
 
 
 def main() -> None:
-    """Ask for some time."""
+    """Send requests for the given time, and print the results."""
     told = json.loads(sys.stdin.readline())
     with contextlib.ExitStack() as opened, selectors.DefaultSelector() as selector:
         lines = []
@@ -93,7 +93,7 @@ def main() -> None:
 
 
 def _serve(selector: selectors.BaseSelector, lines: list[_Line], seconds: float, is_enough: Callable[[], bool]) -> None:
-    """Ask and hear until the time is over, or until it is enough, which is looked at now and then."""
+    """Send requests and receive replies for this many seconds, or until `is_enough`, which is polled now and then."""
     now = time.perf_counter()
     until, looked = now + seconds, now
     while now < until:

@@ -1,4 +1,4 @@
-"""The least that Python can do on many lines at once: a selector, and for each line write, read, compare."""
+"""Minimum work of a Python master on many lines: one selector, and for each line write, read and compare."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class _Line:
 
 
 def read_bare_lines(job: Job) -> tuple[Counts, float]:
-    """Have the conversation of the job again and again on all its lines, without any pause."""
+    """Repeat the exchange of the job on all its lines without pauses."""
     request, reply = (bytes.fromhex(job["spoken"][name]) for name in ("request", "reply"))
     with contextlib.ExitStack() as opened, selectors.DefaultSelector() as selector:
         lines = []

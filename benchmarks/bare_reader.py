@@ -1,4 +1,7 @@
-"""The least that a Python master can do: write, poll, read, compare. What it loses is Python's and the machine's."""
+"""Minimum work of a Python master on one line: write, poll, read and compare.
+
+Any loss against the ideal rate is due to Python and the machine.
+"""
 
 from __future__ import annotations
 
@@ -13,17 +16,17 @@ from counting import in_turn
 if TYPE_CHECKING:
     from counting import Counts, Job
 
-# A sleep ends late; the rest of a pause is spent looking at the clock, as the C client does.
+# A sleep ends late, so the last part of a pause is a busy wait, as in the C client.
 _SPIN_S = 150e-6
 LOST_MS = 1000
 
 
 class LostReplyError(Exception):
-    """A reply did not come, or was not the right one."""
+    """A reply is missing or wrong."""
 
 
 def read_bare(job: Job) -> tuple[Counts, float]:
-    """Have the conversation of the job again and again on its one line."""
+    """Repeat the exchange of the job on its one line."""
     (path,) = job["paths"]
     request, reply, closing = (bytes.fromhex(job["spoken"][name]) for name in ("request", "reply", "closing"))
     pause_s = job["spoken"]["pause_s"]
@@ -54,7 +57,7 @@ def read_bare(job: Job) -> tuple[Counts, float]:
 
 
 def open_whole(path: str, length: int) -> int:
-    """Open a port that is readable when so many bytes are there."""
+    """Open a port that becomes readable when this many bytes have arrived."""
     port = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     attributes = termios.tcgetattr(port)
     attributes[6][termios.VMIN], attributes[6][termios.VTIME] = length, 0

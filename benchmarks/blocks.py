@@ -1,4 +1,4 @@
-"""What it brings to read registers in blocks, in virtual time: no emulator, no noise."""
+"""Gain of reading registers in blocks, in virtual time: no emulator, no noise."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def _model(most: int) -> Model:
 
 
 def _round_s(model: Model, options: dict[str, str]) -> float:
-    """Return the time of a round. options: with some, each item is read for itself."""
+    """Return the duration of one round in seconds. options: if not empty, each item is read separately."""
     line = VirtualLine([virtual_drive("modbus", 1, model=model)])
     with drivecomm.open_bus(line.port) as bus:
         drive = bus.drive("modbus", 1, model=model)

@@ -1,4 +1,4 @@
-"""A port that costs nothing: its reply is there as soon as the request is, and waiting is only arithmetic."""
+"""Port without cost: the reply is there as soon as the request is sent, and waiting only adds to the time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 class CannedPort:
-    """The line of one conversation, without a line."""
+    """Port that replays one exchange without a line."""
 
     paced = False
     real_time = False
@@ -24,40 +24,40 @@ class CannedPort:
         self._now = 0.0
 
     def now(self) -> float:
-        """Return the time, which passes only by waiting."""
+        """Return the time, which passes only during waits."""
         return self._now
 
     def wall_time(self) -> float:
-        """Return the same time."""
+        """Return the same time as `now`."""
         return self._now
 
-    def configure(self, settings: LineSettings) -> str:  # noqa: ARG002 - any will do
-        """Accept the settings."""
+    def configure(self, settings: LineSettings) -> str:  # noqa: ARG002 - accepts any settings
+        """Accept any settings."""
         return ""
 
     def write(self, data: bytes) -> None:
-        """Have the reply ready when the request was written, alone or behind a closing telegram."""
+        """Make the reply available after the request, even if a closing telegram precedes it."""
         if data.endswith(self._request):
             self._ready = self._reply
 
-    def read(self, until: float, at_least: int) -> bytes:  # noqa: ARG002 - all of a reply or nothing
-        """Return the reply, or let the time pass."""
+    def read(self, until: float, at_least: int) -> bytes:  # noqa: ARG002 - delivers a whole reply or nothing
+        """Return the reply, or advance the time."""
         data, self._ready = self._ready, b""
         if not data:
             self.wait(until)
         return data
 
     def take(self) -> bytes:
-        """Return what is there now."""
+        """Return the bytes available now."""
         data, self._ready = self._ready, b""
         return data
 
     def wait(self, until: float) -> None:
-        """Let the time pass."""
+        """Advance the time."""
         self._now = max(self._now, until)
 
     def hold_back(self, at_least: int) -> None:
-        """Nothing to hold back: replies are whole."""
+        """Do nothing: replies are always complete."""
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Do nothing: there is nothing to release."""

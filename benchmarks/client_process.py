@@ -1,4 +1,4 @@
-"""A Python master in a process of its own: takes jobs as lines of JSON and answers each with what it achieved."""
+"""Python master in a separate process: takes jobs as lines of JSON, and answers each with its results."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from counting import Counts, Job
 
 _NAMELESS = ("vlt3500",)
-"""Protocols whose replies do not say what they answer."""
+"""Protocols whose replies do not identify their request."""
 
 
 def blocking(job: Job) -> tuple[Counts, float]:
-    """Read with the blocking face, on one line."""
+    """Read with the blocking API on one line."""
     (path,) = job["paths"]
     with drivecomm.open_bus(path, baudrate=job["baudrate"], **job["options"]) as bus:
         drive = bus.drive(job["protocol"], 1)
@@ -39,12 +39,12 @@ def blocking(job: Job) -> tuple[Counts, float]:
 
 
 def _listened_out_s(job: Job) -> float:
-    """Return how long replies are listened out on a terminal that was just opened; what is measured comes later."""
+    """Return how long a newly opened terminal is listened to for old replies, so that measuring starts later."""
     return CAREFUL_S if job["protocol"] in _NAMELESS else 0.0
 
 
 def tuned(job: Job) -> tuple[Counts, float]:
-    """Tune the drive of a line, and read with the blocking face then."""
+    """Tune the drive of a line, then read with the blocking API."""
     (path,) = job["paths"]
     with drivecomm.open_bus(path, baudrate=job["baudrate"], **job["options"]) as bus:
         found = tune(bus.drive(job["protocol"], 1))
@@ -56,7 +56,7 @@ def tuned(job: Job) -> tuple[Counts, float]:
 
 
 def threads(job: Job) -> tuple[Counts, float]:
-    """Read with the blocking face, with a thread for each line."""
+    """Read with the blocking API, one thread per line."""
     buses = [drivecomm.open_bus(path, baudrate=job["baudrate"], **job["options"]) for path in job["paths"]]
     parameter = job["parameter"]
 
@@ -72,7 +72,7 @@ def threads(job: Job) -> tuple[Counts, float]:
 
 
 def tasks(job: Job) -> tuple[Counts, float]:
-    """Read with the asyncio face, with a task for each line."""
+    """Read with the asyncio API, one task per line."""
     return asyncio.run(_tasks(job))
 
 
@@ -120,7 +120,7 @@ def poll_plan(job: Job) -> tuple[Counts, float]:
 
 
 def scan(job: Job) -> tuple[Counts, float]:
-    """Scan every line at once; a count is the number of drives found, its seconds are those of the whole scan."""
+    """Scan all lines concurrently; a count is the number of drives found, its seconds are those of the whole scan."""
     buses = [drivecomm.open_bus(path, baudrate=job["baudrate"], **job["options"]) for path in job["paths"]]
     counts: Counts = [(0, 0.0)] * len(buses)
 
@@ -152,13 +152,13 @@ def peer(job: Job) -> tuple[Counts, float]:
     try:
         result: tuple[Counts, float] = clients.WAYS[job["way"]](job)
     except Exception as error:
-        # Each library has errors of its own for a reply that did not come.
+        # Each library raises its own errors for a missing reply.
         raise drivecomm.NoReplyError(f"{type(error).__name__}: {error}") from error
     return result
 
 
 class MissingError(Exception):
-    """Something that a job needs is not there."""
+    """A requirement of a job is missing."""
 
 
 WAYS = {
@@ -174,7 +174,7 @@ WAYS = {
 
 
 def compute(stop: threading.Event) -> None:
-    """Be the neighbour that never waits."""
+    """Compute without waiting until the event is set, as a busy neighbour thread."""
     number = 0
     while not stop.is_set():
         for number in range(1000):
@@ -199,7 +199,7 @@ def do(job: Job) -> tuple[Counts, float]:
 
 
 def main() -> None:
-    """Do jobs until there are no more."""
+    """Do jobs until standard input ends."""
     for line in sys.stdin:
         try:
             counts, processor_s = do(json.loads(line))
@@ -207,7 +207,7 @@ def main() -> None:
             answer: dict[str, Any] = {"missing": str(error)}
         except (drivecomm.DriveCommError, LostReplyError) as error:
             answer = {"failed": f"{type(error).__name__}: {error}"}
-        except Exception as error:  # noqa: BLE001 - told to the one who gave the job
+        except Exception as error:  # noqa: BLE001 - reported to the sender of the job
             answer = {"broken": f"{type(error).__name__}: {error}"}
         else:
             lines = [{"exchanges": number, "seconds": seconds} for number, seconds in counts]

@@ -1,4 +1,4 @@
-"""Masters at work on a line: the framework, its peers, the bare C client; each in a process of its own."""
+"""Masters on a line: the framework, comparable libraries, and the bare C client; each in a separate process."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    """What a Python master is to do.
+    """Task of a Python master.
 
     way: bare Python, bare selectors, blocking, threads, asyncio, poll plan, scan, or a peer. paths: its lines. seconds:
-    how long it reads one parameter again and again on all of them. neighbour: a thread beside it that does nothing but
-    compute. switch_interval_s: how often threads take turns, None for Python's own. spoken: what bare Python says and
-    hears, as it knows no protocol.
+    how long it repeats the read of one parameter on all of them. neighbour: run a second thread that only computes.
+    switch_interval_s: thread switch interval, None for Python's own. spoken: telegrams for bare Python, which knows no
+    protocol.
     """
 
     way: str
@@ -45,24 +45,24 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class Ran:
-    """What a master achieved: exchanges and seconds on each line, and its processor time."""
+    """Results of a master: exchanges and seconds on each line, and its processor time."""
 
     lines: tuple[tuple[int, float], ...]
     processor_s: float
 
     @property
     def exchanges(self) -> int:
-        """On all lines."""
+        """Number of exchanges on all lines."""
         return sum(count for count, _ in self.lines)
 
     @property
     def rates(self) -> list[float]:
-        """Exchanges a second of each line."""
+        """Exchanges per second on each line."""
         return [count / seconds if count else 0.0 for count, seconds in self.lines]
 
     @property
     def processor_us(self) -> float:
-        """Processor time of one exchange."""
+        """Processor time of one exchange in microseconds."""
         return self.processor_s / self.exchanges * 1e6
 
 
@@ -71,7 +71,7 @@ class MasterBrokenError(Exception):
 
 
 class PythonMaster:
-    """A Python process that does one job after the other, a context manager."""
+    """Python process that does jobs in turn; a context manager."""
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[str] | None = None
@@ -90,13 +90,13 @@ class PythonMaster:
             self._process.communicate(timeout=10)
 
     def others_s(self) -> float:
-        """Return the processor time that has nothing to do with the measurements so far."""
+        """Return the processor time in seconds that other programs have used so far."""
         return others_s(self._process.pid if self._process is not None else os.getpid())
 
     def work(self, job: Job) -> Ran:
-        """Do a job. Raises CannotMeasureError when what it needs is not installed or not there yet.
+        """Do a job. Raises CannotMeasureError if a requirement is not installed or not yet available.
 
-        Raises MeasurementError when a reply did not come, MasterBrokenError when the program is at fault.
+        Raises MeasurementError if a reply is missing, and MasterBrokenError if the program has a fault.
         """
         process = self._process
         if process is None or process.stdin is None or process.stdout is None:
@@ -116,7 +116,7 @@ class PythonMaster:
 
 
 def reading(way: str, conversation: Conversation, paths: Sequence[str], seconds: float, **more: Any) -> Job:
-    """Return the job of reading on lines where this is said."""
+    """Return the job of repeating this exchange on these lines."""
     return Job(
         way=way,
         paths=paths,
@@ -138,7 +138,7 @@ def reading(way: str, conversation: Conversation, paths: Sequence[str], seconds:
 def run_reference(
     program: Path, conversation: Conversation, paths: Sequence[str], seconds: float, wake: str = "byte"
 ) -> Ran:
-    """Let the C client have the same conversation. wake: its poll wakes for each "byte" or for the whole "reply"."""
+    """Repeat the same exchange with the C client. wake: its poll wakes for each "byte" or for the whole "reply"."""
     told = "".join(
         f"line {path} {conversation.pause_s} {wake}\n"
         f"ask {conversation.request.hex()} {conversation.reply.hex()} {conversation.closing.hex() or '-'}\n"

@@ -1,4 +1,4 @@
-"""The two measuring programs in C, compiled where they are needed."""
+"""Compilation of the two C programs for measuring."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ _SOURCES = Path(__file__).with_name("emulator")
 
 
 _MODULES = ("aiomqtt", "asyncua", "minimalmodbus", "paho", "pymodbus", "starlette", "uvicorn")
-"""What the measurements import, beside drivecomm; `make bench` installs it."""
+"""Modules that the measurements import besides drivecomm; `make bench` installs them."""
 
 
 class CannotMeasureError(Exception):
-    """What a figure needs is not here; the text says what, and what to do."""
+    """A requirement of a measurement is missing; the text names it and the remedy."""
 
 
 @dataclass(frozen=True, slots=True)

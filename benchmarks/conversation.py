@@ -1,4 +1,4 @@
-"""The telegrams of one read, learnt from the framework itself, and how quickly physics lets it repeat."""
+"""Telegrams of one read, recorded from the framework itself, and the shortest cycle that physics allows."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 READS = {"vabus": "481", "danfoss-fc": "16-13", "vlt3500": "215", "fuji": "M09"}
-"""One parameter of each protocol to read."""
+"""A parameter to read for each protocol."""
 
 DELAY_S = 0.002
-"""What an emulated drive takes to answer."""
+"""Reply delay of an emulated drive in seconds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conversation:
-    """What is said for one read. closing: sent after the reply, never answered; empty where there is none.
+    """Telegrams of one read. closing: sent after the reply and never answered; empty if there is none.
 
-    pause_s: what the drive must be given after a reply before the master speaks again. options: line facts that the
-    drive is opened with, besides the baud rate.
+    pause_s: pause that the drive requires between a reply and the next request. options: line facts that the drive is
+    opened with, in addition to the baud rate.
     """
 
     protocol: str
@@ -40,24 +40,24 @@ class Conversation:
 
     @property
     def character_s(self) -> float:
-        """Seconds of one character."""
+        """Duration of one character in seconds."""
         return self.bits / self.baudrate
 
     @property
     def rest_s(self) -> float:
-        """From the end of a reply to the next request when nothing is lost: the pause and the closing telegram."""
+        """Shortest time from the end of a reply to the next request: the pause and the closing telegram."""
         return self.pause_s + len(self.closing) * self.character_s
 
     def cycle_s(self, delay_s: float = DELAY_S) -> float:
-        """The least time from one read to the next."""
+        """Shortest time from one read to the next."""
         return (len(self.request) + len(self.reply)) * self.character_s + delay_s + self.rest_s
 
     def without_pause(self) -> Conversation:
-        """Return the same, spoken by a master that gives no pause."""
+        """Return the same conversation for a master that keeps no pause."""
         return replace(self, pause_s=0.0)
 
     def line(self, *, spread_s: float = 0.0, whole: bool = False) -> EmulatedLine:
-        """Return the emulated line with a drive that answers this."""
+        """Return an emulated line with a drive that answers this conversation."""
         answers = {self.request: self.reply}
         if self.closing:
             answers[self.closing] = b""
@@ -66,7 +66,7 @@ class Conversation:
 
 
 def learn(protocol: str, baudrate: int, **options: Any) -> Conversation:
-    """Read twice from a virtual drive and note down what was said."""
+    """Read twice from a virtual drive, and return the recorded telegrams."""
     parameter = READS[protocol]
     events: list[drivecomm.TraceEvent] = []
     line = VirtualLine([virtual_drive(protocol, 1, baudrate=baudrate)])

@@ -1,4 +1,4 @@
-"""Which processor core runs what: the emulator spins on one, what is measured runs on another."""
+"""Assignment of processor cores: the emulator spins on one, and the measured program runs on another."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from pathlib import Path
 import drivecomm
 
 _PROCESSES = Path("/proc")
-# In a process's stat file, from its state on; the process that all kernel threads descend from.
+# Index of the parent in a process's stat file, counted from its state; the ancestor of all kernel threads.
 _PARENT, _KERNEL = 1, "2"
 
 
 def on_emulator_core() -> list[str]:
-    """Return the beginning of a command that runs on the emulator's core."""
+    """Return the start of a command line that runs a program on the emulator's core."""
     return _on(-1)
 
 
 def on_client_core() -> list[str]:
-    """Return the beginning of a command that runs on the core of what is measured."""
+    """Return the start of a command line that runs a program on the core of the measured program."""
     return _on(0)
 
 
 def machine() -> str:
-    """Return what a reader must know of this machine, in one line."""
+    """Return a one-line description of this machine."""
     cores = sorted(os.sched_getaffinity(0))
     load = os.getloadavg()[0]
     return (
@@ -37,14 +37,16 @@ def machine() -> str:
 
 
 def others_s(child: int) -> float:
-    """Return the processor time used so far by all but this process, its children that ended, this child, and Linux.
+    """Return the processor time in seconds that other programs have used so far.
 
-    The kernel's own threads carry the characters of pseudo-terminals.
+    Other means: not this process, its ended children, or this child.
+
+    The kernel's own threads are not counted, because they carry the characters of pseudo-terminals.
     """
     user, nice, system, _, _, *interrupts = (int(field) for field in _fields("stat", 1, 9))
     ticks = user + nice + system + sum(interrupts) - _used(_fields(f"{child}/stat"))
     for process in _PROCESSES.glob("[0-9]*/stat"):
-        # Some end while they are counted.
+        # Some processes end during the count.
         with contextlib.suppress(OSError):
             fields = _fields(str(process))
             ticks -= _used(fields) if fields[_PARENT] == _KERNEL else 0
@@ -52,7 +54,7 @@ def others_s(child: int) -> float:
 
 
 def _fields(name: str, first: int = 0, last: int | None = None) -> list[str]:
-    """Return fields of a file's first line, behind the name of the process, which may have spaces."""
+    """Return fields of a file's first line after the name of the process, which may contain spaces."""
     with (_PROCESSES / name).open(encoding="utf-8", errors="replace") as file:
         return file.readline().rpartition(")")[2].split()[first:last]
 

@@ -1,4 +1,4 @@
-"""Counting what a master reads, in one thread, in many, or in tasks."""
+"""Counting of a master's reads, in one thread, in many, or in tasks."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ Counts: TypeAlias = "list[tuple[int, float]]"
 Job: TypeAlias = "dict[str, Any]"
 
 WARM_UP = 2
-"""Reads that are not counted."""
+"""Number of first reads that are not counted."""
 
 
 def count(read: Callable[[], object], seconds: float) -> tuple[int, float]:
-    """Read again and again; return how often and in what time, from the end of a read to the end of the last."""
+    """Repeat a read for this time; return the number of reads, and the seconds until the end of the last one."""
     began = ended = time.perf_counter()
     number = 0
     while ended - began < seconds:
@@ -31,7 +31,7 @@ def count(read: Callable[[], object], seconds: float) -> tuple[int, float]:
 
 
 async def count_awaited(read: Callable[[], Awaitable[object]], seconds: float) -> tuple[int, float]:
-    """Do the same with an awaitable."""
+    """Repeat an awaited read for this time; return the number of reads and the seconds, as `count` does."""
     began = ended = time.perf_counter()
     number = 0
     while ended - began < seconds:
@@ -42,7 +42,7 @@ async def count_awaited(read: Callable[[], Awaitable[object]], seconds: float) -
 
 
 def in_threads(makers: Sequence[Callable[[], Callable[[], object]]], seconds: float) -> tuple[Counts, float]:
-    """Let one thread read on each line; return the counts and the processor time from a common start."""
+    """Read with one thread per line; return the counts and the processor time from a common start."""
     start = threading.Barrier(len(makers) + 1)
     counts: Counts = [(0, 0.0)] * len(makers)
     failures: list[Exception] = []
@@ -66,14 +66,14 @@ def in_threads(makers: Sequence[Callable[[], Callable[[], object]]], seconds: fl
     began = time.process_time()
     for thread in threads:
         thread.join()
-    # Those that only waited in vain for the others to start come second.
+    # Real errors first: a broken barrier only means that another thread failed.
     for failure in sorted(failures, key=lambda error: isinstance(error, threading.BrokenBarrierError)):
         raise failure
     return counts, time.process_time() - began
 
 
 def in_turn(read: Callable[[], object], seconds: float) -> tuple[Counts, float]:
-    """Read on one line, in this thread."""
+    """Read on one line in this thread; return the counts and the processor time."""
     for _ in range(WARM_UP):
         read()
     began = time.process_time()

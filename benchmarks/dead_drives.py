@@ -1,4 +1,4 @@
-"""What dead drives cost the live ones, in virtual time: no emulator, no noise."""
+"""Cost of dead drives for the live ones, in virtual time: no emulator, no noise."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _LIVE = (1, 11, 21)
 _ADDRESSES = range(1, 32)
 _FIRST_MINUTE_S = 60.0
 _PROMISE = 0.95
-# What the documentation says, to the nearest second: slow telegrams leave no time to ask so many sooner.
+# The documented times, to the nearest second: with slow telegrams, dead drives cannot be probed any sooner.
 _BACK_WITHIN_S = {"vabus": 10.0, "danfoss-fc": 10.0, "vlt3500": 28.5, "fuji": 22.5}
 _PATIENCE_S = 300.0
 
@@ -63,7 +63,7 @@ def measure(equipment: Equipment) -> list[Section]:
 
 
 class _Sleeper:
-    """A virtual drive that answers nothing until it is awake."""
+    """A virtual drive that does not answer until it is awake."""
 
     def __init__(self, drive: drivecomm.protocol.VirtualDrive) -> None:
         self.awake = False
@@ -75,12 +75,12 @@ class _Sleeper:
     def hear(
         self, find: drivecomm.framing.Framed | drivecomm.framing.Damaged, now: float
     ) -> drivecomm.protocol.VirtualReply | None:
-        """Hear as the drive does, when awake."""
+        """Return the drive's reply if it is awake, otherwise None."""
         return self._drive.hear(find, now) if self.awake else None
 
 
 def _rate(protocol: str, dead: Sequence[int], window: float) -> tuple[float, float]:
-    """Return the reads of live drives a second, and the seconds until a dead one that comes back is read."""
+    """Return the reads of live drives per second, and the seconds until a revived drive is read."""
     sleeper = _Sleeper(virtual_drive(protocol, dead[-1])) if dead else None
     line = VirtualLine([*(virtual_drive(protocol, one) for one in _LIVE), *([sleeper] if sleeper else [])])
     with drivecomm.open_bus(line.port) as bus:
@@ -102,7 +102,7 @@ def _rate(protocol: str, dead: Sequence[int], window: float) -> tuple[float, flo
 
 
 def _in_turn(protocol: str, drives: Mapping[int, drivecomm.Drive]) -> Iterator[int | None]:
-    """Read one drive after the other for ever; yield the address of each that answers, None for one that does not."""
+    """Read the drives in turn forever; yield the address of each drive that answers, None for one that does not."""
     while True:
         for address, drive in drives.items():
             try:

@@ -1,4 +1,4 @@
-"""Bus efficiency, gap and processor time: how much of what the wire allows one line gets, and at what cost."""
+"""Bus efficiency, gap and processor time: the share of the wire's capacity that one line achieves, and its cost."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
 _WAYS = ("C", "bare Python", "blocking", "asyncio")
 _OURS = ("blocking", "asyncio")
-# Promise and floor with the pauses that the protocols ask for.
+# Promise and floor with the pauses that the protocols require.
 _GOALS = {
     "blocking": {9600: (0.994, 0.985), 19200: (0.992, 0.985), 38400: (0.990, 0.985), 115200: (0.985, 0.975)},
     "asyncio": {9600: (0.988, 0.982), 19200: (0.990, 0.982), 38400: (0.980, 0.975), 115200: (0.980, 0.965)},
 }
-# Without: what the best of the libraries with the same task reach. Floors are shares of the C client in the same run.
+# Without pauses: the rate of the best comparable library. Floors are shares of the C client in the same run.
 _PROMISED = {
     "blocking": {9600: 0.994, 19200: 0.990, 38400: 0.990, 115200: 0.980},
     "asyncio": {9600: 0.988, 19200: 0.987, 38400: 0.980, 115200: 0.970},
@@ -35,9 +35,9 @@ _FLOOR_OF_C = {"blocking": (0.985, 0.97), "asyncio": (0.98, 0.96)}
 _GAP_US = {"blocking": 25.0, "asyncio": 50.0}
 _MOST_TIMES_C = 3.0
 _FLOOR_TIMES_C = {"blocking": 3.0, "asyncio": 4.0}
-# Where even the C client loses more than this part of what the floor leaves to lose, its core was busy otherwise.
+# If the C client loses more than this part of the allowed loss, its core was busy with other work.
 _MOST_LOST_BY_C = 0.75
-# Their pause is only a default of ours, so it is measured without it too.
+# The pause of these protocols is only a default of drivecomm, so they are measured without it as well.
 _OWN_PAUSE = ("vlt3500", "fuji")
 
 
@@ -137,7 +137,7 @@ def _one(equipment: Equipment, conversation: Conversation, efficiency: Section, 
 def _figures(
     way: str, conversation: Conversation, middle: dict[tuple[str, str], float]
 ) -> tuple[Figure, Figure, Figure | None, Figure | None]:
-    """Return the figures of the share, of that of the C client, of the gap, and of the processor time."""
+    """Return the figures of the share, of the share of the C client, of the gap, and of the processor time."""
     baudrate = conversation.baudrate
     name = f"{conversation.protocol}, {conversation.pause_s * 1000:.2g} ms, {baudrate}"
     floor = _FLOOR_OF_C[way][baudrate == 115200]

@@ -1,17 +1,17 @@
-"""Does a server grow in six hours? A plant of 500 drives on 50 lines that gives four values of each a second.
+"""Growth of a server in six hours: a plant of 500 drives on 50 lines with four values of each a second.
 
     python benchmarks/endurance_of_a_server.py [--hours 6] [--polled] [--lines 50] [--drives 10] [--trace]
 
-The server is whole: core, local and HTTP door, history, audit, alarms, and clients that come, go, never read, command
-drives and lose their leases. Its lines are virtual, and their time is not that of the world:
+The server is complete: core, local and HTTP door, history, audit and alarms. Its clients come and go, never read,
+command drives, and lose their leases. Its lines are virtual, with a time of their own:
 
     fed       43 million values are put into the table of current values as fast as the history writes them; no line
-              is asked. Each value changes; some are bad, and drives fall silent and trip.
-    polled    (--polled) the lines are polled on virtual drives that pass time as quickly as they can; this is some
-              four thousand reads a second, so that fewer drives are asked: give --lines 4.
+              is polled. Each value changes; some are bad, and drives fall silent and trip.
+    polled    (--polled) the lines are polled on virtual drives whose time passes as quickly as possible. That makes
+              some four thousand reads a second, so use fewer drives: --lines 4.
 
 Prints a line of JSON at each of 24 points: resident memory, objects, values, bytes of the history's files. --trace
-says at the end what has been allocated since the first quarter (tracemalloc).
+prints the allocations since the first quarter at the end (tracemalloc).
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 POLLED = ("16-13", "16-14", "16-12")
-"""And the status: four values a second."""
+"""Parameters polled; with the status, four values a second."""
 POINTS = 24
 _WAITING = 20_000
 _STAY, _DEAF = 10, 2
@@ -70,7 +70,7 @@ hysteresis = 1
 
 
 def plant_text(lines: int, drives: int) -> str:
-    """Return the plant file."""
+    """Return the text of the plant file."""
     parts = [_HEAD]
     parameters = ", ".join(f'"{each}"' for each in POLLED)
     for line in range(lines):
@@ -85,7 +85,7 @@ def plant_text(lines: int, drives: int) -> str:
 
 
 class Endurance:
-    """One run. asked: what the command line says."""
+    """One run. asked: the options of the command line."""
 
     def __init__(self, folder: Path, asked: argparse.Namespace) -> None:
         self.file = folder / "plant.toml"
@@ -102,11 +102,11 @@ class Endurance:
         self.done = {"streams": 0, "orders": 0, "refused": 0, "kept": 0, "reloads": 0, "scraped": 0, "histories": 0}
 
     def port_of(self, line: Any) -> Callable[[], Any]:
-        """Return what opens a line."""
+        """Return a function that opens the port of a line."""
         return self.virtual.line(line.name).port if self.asked.polled else _no_port
 
     async def run(self) -> None:
-        """Serve until the time is over."""
+        """Serve for the given time."""
         if self.asked.polled:
             for line in self.virtual.lines.values():
                 line.pass_time(self.began_s)
@@ -115,7 +115,7 @@ class Endurance:
         await asyncio.wait({serving, ready}, return_when=asyncio.FIRST_COMPLETED)
         if serving.done():
             await serving
-        core = ready.result()._core  # noqa: SLF001 - stands for fifty lines
+        core = ready.result()._core  # noqa: SLF001 - replaces the polling of fifty lines
         threads = [Thread(target=self.guarded, args=(each,), daemon=True) for each in (self.read, self.command)]
         for thread in threads:
             thread.start()
@@ -137,7 +137,7 @@ class Endurance:
         await serving
 
     async def polled(self, until_s: float) -> None:
-        """Wait until the slowest line's time has come so far; trip and switch off a drive now and then."""
+        """Wait until the time of the slowest line reaches `until_s`; trip and switch off a drive now and then."""
         lines = self.virtual.lines.values()
         while min(line.time for line in lines) < until_s:
             await asyncio.sleep(0.05)
@@ -150,7 +150,7 @@ class Endurance:
                 self.virtual.power_on(name)
 
     async def fed(self, core: Any, until_s: float) -> None:
-        """Put in what the plant gives, second by second, as fast as it is written."""
+        """Put the plant's values into the table, second by second, as fast as the history writes them."""
         table, journal = core.table, core.journal
         while self.at_s < until_s:
             self.at_s += 1.0
@@ -162,12 +162,12 @@ class Endurance:
                     table.happened("silent", f"does not answer since {at_s:.0f}", drive=name)
                 if place % 50 == 0:
                     await asyncio.sleep(0.003)
-            # Of what it writes, some was not put in here: lines that are not asked have bad values now and then.
-            while journal.waiting > _WAITING:  # noqa: ASYNC110 - of a thread
+            # Some values come from elsewhere: the server itself marks values of unpolled lines as bad now and then.
+            while journal.waiting > _WAITING:  # noqa: ASYNC110 - the count belongs to a thread
                 await asyncio.sleep(0.02)
 
     def tell(self, core: Any, until_s: float) -> None:
-        """Print how it stands."""
+        """Print the present state of the server as JSON."""
         gc.collect()
         folder = self.file.parent
         size = {path.name: path.stat().st_size for path in folder.glob("history.sqlite*")}
@@ -184,7 +184,7 @@ class Endurance:
         print(json.dumps(told), flush=True)
 
     def tell_growth(self, before: tracemalloc.Snapshot) -> None:
-        """Print what was allocated since, and is still there."""
+        """Print the allocations since this snapshot that are still alive."""
         gc.collect()
         ours = tracemalloc.Filter(inclusive=False, filename_pattern=tracemalloc.__file__)
         after = tracemalloc.take_snapshot().filter_traces([ours])
@@ -192,7 +192,7 @@ class Endurance:
             print(each, file=sys.stderr)
 
     def guarded(self, work: Callable[[LocalServer, int], None]) -> None:
-        """Do something again and again until the end."""
+        """Repeat a client's work until the end of the run."""
         found = server_of_plant(self.file)
         if found is None:
             raise SystemExit("the server is not there")
@@ -208,7 +208,10 @@ class Endurance:
         server.close()
 
     def read(self, server: LocalServer, turn: int) -> None:
-        """Be clients that look: streams that come and go, ten that stay, of which two never read; a scraper; a past."""
+        """Do the work of reading clients: short-lived streams, ten permanent streams, a scraper, and a history request.
+
+        Two of the permanent streams are never read.
+        """
         port = int(self.serving.doors[0].rpartition(":")[2])
         while len(self.stay) < _STAY:
             self.stay.append(_stream(port))
@@ -232,11 +235,11 @@ class Endurance:
             self.done["histories"] += 1
 
     def command(self, server: LocalServer, turn: int) -> None:
-        """Be clients that command: leases that are given back or forgotten; reloads."""
+        """Do the work of commanding clients: leases that are released or left to expire, and reloads."""
         name = self.names[turn % len(self.names)]
         key = server.order(f"/api/v1/drives/{name}/lease", {"seconds": 0.5})["key"]
         verb = ("reset", "keep", "start", "stop")[turn % 4]
-        # An answer is remembered by its id for ten minutes of the world's time, which are many of the plant's.
+        # The server stores results by id for ten minutes of real time, so only few orders have an id.
         content = {
             "id": f"{turn}" if turn % 20 == 0 else "",
             "lease": key,
@@ -274,7 +277,7 @@ def _stream(port: int) -> socket.socket:
 
 
 def _drained(connected: socket.socket) -> bool:
-    """Read all there is; return whether more may come."""
+    """Read all available data; return whether the connection is still open."""
     connected.setblocking(False)
     try:
         while connected.recv(1 << 20):

@@ -1,4 +1,4 @@
-"""The plant file of many equal lines with equal drives, for `drivecomm simulate` and `drivecomm serve`."""
+"""Plant file of many equal lines with equal drives, for `drivecomm simulate` and `drivecomm serve`."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ if TYPE_CHECKING:
 def equal_lines(
     head: str, ports: Sequence[str] | int, *, drives: int, poll: str, line: str = "baudrate = 57600"
 ) -> str:
-    """Return it. Line 0 has the drives d0-1, d0-2 and so on, at the addresses 1, 2 and so on.
+    """Return the text of the plant file.
 
-    head: what stands before the lines. ports: what each line opens, or of how many lines drives are played at a port of
-    their own. poll, line: what else is said of each drive's polling, such as its parameters, and of each line.
+    Line 0 has the drives d0-1, d0-2 and so on, at the addresses 1, 2 and so on. head: text before the lines. ports: the
+    port of each line, or a number of lines whose drives are simulated at separate ports. poll: settings of each drive's
+    polling, such as its parameters. line: settings of each line.
     """
     places = [f'port = "{port}"' for port in ports] if not isinstance(ports, int) else [_PLAYED] * ports
     parts = [f"format = 1\n{head}"]

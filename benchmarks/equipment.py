@@ -1,4 +1,4 @@
-"""What every measurement needs."""
+"""Common equipment of all measurements."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Equipment:
-    """How much to measure, the emulated lines, the C programs, and a Python process to be the master."""
+    """Extent of the run, the emulated lines, the C programs, and a Python process as the master."""
 
     extent: Extent
     instrument: Instrument

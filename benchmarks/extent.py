@@ -1,4 +1,4 @@
-"""How much a run measures."""
+"""Extent of a benchmark run."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Extent:
-    """Repetitions of every figure, seconds of each measured stretch, and which cases.
+    """Number of repetitions, seconds of each measurement, and the cases to measure.
 
-    tries: how often a run is made at most until it is undisturbed. spare_s: seconds that may be spent on repeating what
-    was disturbed. slow_peers: whether libraries that fill a core are measured, too. Every figure is the median of the
-    repetitions, and what is compared is measured in turns.
+    tries: maximum number of attempts until a run is undisturbed. spare_s: seconds available for repeating disturbed
+    runs. slow_peers: whether to measure libraries that use a whole core. Every figure is the median of the repetitions,
+    and compared programs are measured in turns.
     """
 
     repetitions: int

@@ -2,8 +2,8 @@
 
     python benchmarks/fleet_of_gateways.py --gateways 20 --drives 500
 
-The MQTT doors, the broker (mosquitto) and the fleet are the real ones; the plants behind the doors are played, because
-the lines of 10,000 drives are more than one machine polls. Each drive's status and two values change once a period.
+The MQTT doors, the broker (mosquitto) and the fleet are real. The plants behind the doors are played, because one
+machine cannot poll the lines of 10,000 drives. Each drive's status and two values change once per period.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _UNITS = {"output_frequency": "Hz", "output_current": "A"}
 
 
 class PlayedPlant:
-    """A plant as a door sees it, whose drives only say that they run."""
+    """A plant as a door sees it, whose drives only report that they run."""
 
     users = history = None
     session = "played"
@@ -67,15 +67,15 @@ class PlayedPlant:
         return {each.name for each in self.plant.drives}
 
     def alarms(self) -> Sequence[Any]:
-        """Return none."""
+        """Return no alarms."""
         return []
 
     def standing_stops(self) -> Mapping[str, Any]:
-        """Return none."""
+        """Return no standing stops."""
         return {}
 
     def drifts(self) -> Mapping[str, Any]:
-        """Return none."""
+        """Return no drifts."""
         return {}
 
     def values(self) -> Sequence[CurrentValue]:
@@ -83,24 +83,24 @@ class PlayedPlant:
         return list(self._values.values())
 
     def events(self) -> Sequence[Any]:
-        """Return none: nothing happens here."""
+        """Return no events."""
         return []
 
     def changes(self, _every_s: float = 0.0) -> _Changes:
-        """Return what changes from now on."""
+        """Return the changes from now on."""
         self._changes.append(_Changes())
         return self._changes[-1]
 
     def may(self, _caller: Any, _drive: str) -> Sequence[str]:
-        """Allow nothing."""
+        """Grant no permissions."""
         return []
 
     def tell(self, text: str, **_: Any) -> None:
-        """Say what a door has to say."""
+        """Print a message of a door."""
         sys.stderr.write(f"{self.name}: {text}\n")
 
     async def play(self, period_s: float) -> None:
-        """Change the values of each drive once a period."""
+        """Change the values of each drive once per period."""
         while True:
             for drive in self._drives:
                 now = time.time()
@@ -118,7 +118,7 @@ class PlayedPlant:
 
 
 class _Changes:
-    """Batches of values, as they change."""
+    """Batches of changed values."""
 
     lost = 0
 
@@ -127,12 +127,12 @@ class _Changes:
         self._come = asyncio.Event()
 
     def add(self, value: CurrentValue) -> None:
-        """Have it told."""
+        """Add a value to the next batch."""
         self._new.append(value)
         self._come.set()
 
     async def __aiter__(self) -> AsyncIterator[tuple[Sequence[CurrentValue], Sequence[Any]]]:
-        """Wait for the next batch."""
+        """Yield batches as they come."""
         while True:
             await self._come.wait()
             self._come.clear()
@@ -140,13 +140,13 @@ class _Changes:
             yield new, []
 
     def close(self) -> None:
-        """Want no more."""
+        """Unsubscribe from the changes."""
         self._new.clear()
 
 
 @contextmanager
 def _broker(folder: Path) -> Iterator[tuple[str, int]]:
-    """Run mosquitto on a free port; yield where it is, and its process."""
+    """Run mosquitto on a free port; yield its URL and its process id."""
     program = shutil.which("mosquitto", path=f"{os.environ.get('PATH', '')}:/usr/sbin")
     if program is None:
         raise UsageError("mosquitto is not installed; install it to measure with it")
@@ -220,7 +220,7 @@ async def _measure(url: str, pid: int, given: argparse.Namespace) -> None:
 
 
 class _Counting:
-    """A fleet that counts what it hears."""
+    """A fleet that counts the messages it receives."""
 
     def __init__(self, fleet: Fleet) -> None:
         self._fleet, self.messages = fleet, 0
@@ -230,7 +230,7 @@ class _Counting:
         return getattr(self._fleet, name)
 
     def take(self, topic: str, payload: bytes) -> None:
-        """Hear a message."""
+        """Process and count a message."""
         self.messages += 1
         self._fleet.take(topic, payload)
         if topic.endswith("/values"):
@@ -239,7 +239,7 @@ class _Counting:
 
 
 def main() -> None:
-    """Measure and print."""
+    """Run the measurement and print its results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--gateways", type=int, default=20)
     parser.add_argument("--drives", type=int, default=500, help="of each gateway")

@@ -1,4 +1,4 @@
-"""A poll plan on an emulated line against its forecast: 40 parameters of 8 drives of four protocols."""
+"""Accuracy of a poll plan's forecast on an emulated line: 40 parameters of 8 drives of four protocols."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def _plan(baudrate: int) -> Plan:
 
 
 def _readable(protocol: str, address: int) -> list[str]:
-    """Return parameters that the default model's virtual drive gives a value for."""
+    """Return parameters that the default model's virtual drive can read."""
     plugin = drivecomm.protocols()[protocol]
     line = VirtualLine([virtual_drive(protocol, address)])
     found: list[str] = []
@@ -88,7 +88,7 @@ def _readable(protocol: str, address: int) -> list[str]:
 
 
 def _spoken(plan: Plan) -> dict[bytes, bytes]:
-    """Let virtual drives answer once, and return request to reply; an empty reply for what nobody answers."""
+    """Return the request and reply of each read on a virtual line; an empty reply for a telegram without one."""
     spoken: dict[bytes, bytes] = {}
     asked = b""
 

@@ -1,4 +1,4 @@
-"""The figures that the project is known by: what 0.1 reached, and today's floor, goal and measurement beside it."""
+"""Main figures of the project: the result of version 0.1, and today's floor, goal and measurement."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from report import Figure
 
-# Row, what 0.1 reached, and the figures that belong to it, by their names.
+# Row title, result of version 0.1, and the names of its figures.
 GOALS = {
     "poll plan, 64 lines x 115200, processor time in times pymodbus asyncio's": (
         "1.64",
@@ -46,7 +46,7 @@ GOALS = {
 
 
 def goals(figures: Sequence[Figure], wanted: Collection[str] = ()) -> str:
-    """Return a section with a row for each goal that is wanted or that figures belong to."""
+    """Return a section with a row for each goal that is wanted or has figures."""
     rows = []
     for goal, (before, _) in GOALS.items():
         of = belonging(goal, figures)
@@ -62,7 +62,7 @@ def belonging(goal: str, figures: Iterable[Figure]) -> list[Figure]:
 
 
 def unjudged(figures: Sequence[Figure]) -> list[str]:
-    """Return the goals for which nothing was measured, or what was measured is void."""
+    """Return the goals without a figure, or with void figures only."""
     of = {goal: belonging(goal, figures) for goal in GOALS}
     return [goal for goal, found in of.items() if not found or any(figure.disturbed for figure in found)]
 

@@ -1,4 +1,4 @@
-"""Emulated lines: start the emulator, let somebody work on its lines, and judge whether the instrument was good."""
+"""Emulated lines: starts the emulator, runs a master on its lines, and checks the quality of the run."""
 
 from __future__ import annotations
 
@@ -18,35 +18,35 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 MOST_LATE_US = 100.0
-"""A run whose emulator was later than this with one delivery in a hundred is void."""
+"""Limit for the 99 % lateness of the emulator in microseconds; a run beyond it is void."""
 
 MOST_OTHERS = 0.3
-"""And one during which other programs took so large a part of one core."""
+"""Limit for the share of a core used by other programs; a run beyond it is void."""
 
 
 class Master(Protocol):
-    """What is at work on the lines."""
+    """The program that works on the lines."""
 
     def others_s(self) -> float:
-        """Return the processor time that others than the measurement have taken so far."""
+        """Return the processor time in seconds that programs other than the measurement have used so far."""
 
 
 class MeasurementError(Exception):
-    """A measurement went wrong, and its result means nothing; the text says why."""
+    """A measurement failed, and its result is meaningless; the text gives the reason."""
 
 
 class DisturbedError(MeasurementError):
-    """A measurement went wrong because this machine was too busy with other things."""
+    """A measurement failed because this machine was too busy with other work."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EmulatedLine:
-    """One line and what is answered on it.
+    """One line and its replies.
 
-    bits: of one character, on the wire. delay_s: from the end of a request to its reply, evenly spread between the two.
-    whole: replies arrive as a whole when their last character has passed, otherwise character by character. answers:
-    request to reply; an empty reply for a telegram that nobody answers. deaf_s: after its reply, the drive does not
-    hear what begins sooner.
+    bits: number of bits of one character on the wire. delay_s: range of the delay from the end of a request to its
+    reply, evenly spread. whole: deliver replies as a whole after their last character, otherwise character by
+    character. answers: reply by request; an empty reply for a telegram without one. deaf_s: time after its reply for
+    which the drive ignores requests.
     """
 
     bits: float
@@ -57,7 +57,7 @@ class EmulatedLine:
     deaf_s: float = 0.0
 
     def described(self, seed: int) -> str:
-        """Return the line as the emulator reads it."""
+        """Return the description of the line for the emulator."""
         low, high = self.delay_s
         rows = [
             f"line {self.bits} {self.baudrate} {low} {high} {seed} {'telegram' if self.whole else 'byte'}",
@@ -68,7 +68,7 @@ class EmulatedLine:
 
 
 class Emulator:
-    """A running emulator, a context manager. paths: its lines. report: after its end, what it saw."""
+    """A running emulator; a context manager. paths: its lines. report: its observations, after the end."""
 
     def __init__(self, program: Path, lines: Sequence[EmulatedLine]) -> None:
         self._program = program
@@ -106,7 +106,7 @@ class Emulator:
 
 @dataclass(frozen=True, slots=True)
 class Run(Generic[T]):
-    """What the work returned, what the emulator saw, and what part of a core others took meanwhile."""
+    """Result of the work, report of the emulator, and share of a core that other programs used."""
 
     result: T
     report: dict[str, Any]
@@ -114,37 +114,37 @@ class Run(Generic[T]):
 
     @property
     def late_us(self) -> float:
-        """How late 99 of a hundred deliveries were at most."""
+        """The 99 % lateness of deliveries in microseconds."""
         return lateness_us(self.report)
 
     @property
     def disturbed(self) -> bool:
-        """Whether too much else happened for what was measured to be judged."""
+        """Whether the run was too disturbed to be judged."""
         return self.disturbance > 1
 
     @property
     def disturbance(self) -> float:
-        """How much it was disturbed; above one too much."""
+        """Degree of disturbance; above 1 the run is void."""
         return max(self.late_us / MOST_LATE_US, self.others / MOST_OTHERS)
 
     def check(self) -> None:
-        """Raise MeasurementError when a master spoke while a reply was due: no master may, so something is wrong."""
+        """Raise MeasurementError if the master sent while a reply was due, which no master may do."""
         for number, line in enumerate(self.report["lines"]):
             if line["collisions"]:
                 raise MeasurementError(f"the master spoke into a reply on line {number}: {line}")
 
     def gap_us(self, line: int) -> float:
-        """The median from the end of a reply to the beginning of the next request on this line."""
+        """Return the median time in microseconds from the end of a reply to the next request on this line."""
         return float(self.report["lines"][line]["gap_us"].get("p50", float("nan")))
 
 
 @dataclass(slots=True)
 class Instrument:
-    """The emulator with the Python master at work on its lines, and how good they were so far.
+    """The emulator with the Python master on its lines, and the accuracy of all runs so far.
 
-    tries: how often a run is made at most until it is quiet. spare_s: how many seconds may still be spent on repeating
-    what was disturbed. late_us: the median and the 99 % lateness of each run that counts. void: runs thrown away.
-    doubtful: runs that stayed disturbed however often they were repeated.
+    tries: maximum number of attempts until a run is undisturbed. spare_s: seconds left for repeating disturbed runs.
+    late_us: the median and the 99 % lateness of each run that counts. void: number of discarded runs. doubtful: number
+    of runs that stayed disturbed despite repetitions.
     """
 
     program: Path
@@ -156,10 +156,10 @@ class Instrument:
     doubtful: int = 0
 
     def measure(self, lines: Sequence[EmulatedLine], work: Callable[[list[str]], T]) -> Run[T]:
-        """Let somebody work on emulated lines; repeat when the emulator was disturbed.
+        """Run some work on emulated lines; repeat it if the run was disturbed.
 
-        The least disturbed of some runs counts when none was quiet. What goes wrong in a disturbed run only makes it
-        void, and DisturbedError is raised when it does so every time; in a quiet run it is raised as it is.
+        If no run is undisturbed, the least disturbed one counts. An error in a disturbed run only makes the run void;
+        DisturbedError is raised if that happens every time. An error in an undisturbed run is raised directly.
         """
         best: Run[T] | None = None
         failure: Exception | None = None
@@ -197,7 +197,7 @@ class Instrument:
         return (self.master.others_s() - before_s) / (time.monotonic() - began)
 
     def accuracy(self) -> str:
-        """Return how good the instrument was, in one line."""
+        """Return the accuracy of the instrument in one line."""
         if not self.late_us:
             return "The line emulator was not used."
         middle = sorted(self.late_us)[len(self.late_us) // 2][0]
@@ -213,15 +213,15 @@ class Instrument:
 
 
 def lateness_us(report: Mapping[str, Any]) -> float:
-    """Return how late 99 of a hundred deliveries of a run were at most."""
+    """Return the 99 % lateness of a run's deliveries in microseconds."""
     return float(report.get("lateness_us", {}).get("p99", 0.0))
 
 
 def undisturbed(values: Sequence[float], disturbed: Sequence[bool]) -> list[float]:
-    """Return the values of the undisturbed runs; all of them when most were disturbed."""
+    """Return the values of the undisturbed runs, or all values if most runs were disturbed."""
     return [value for value, bad in zip(values, disturbed, strict=True) if mostly(disturbed) or not bad]
 
 
 def mostly(disturbed: Sequence[bool]) -> bool:
-    """Return whether so many runs were disturbed that their median is, too."""
+    """Return whether more than half of the runs were disturbed, and with them the median."""
     return 2 * sum(disturbed) > len(disturbed)

@@ -1,4 +1,4 @@
-"""Processor time of the sniffer, of a capture on the command line, and of telling what is wrong with a telegram."""
+"""Processor time of the sniffer, of a capture on the command line, and of diagnosing damaged telegrams."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 _SETTINGS = LineSettings()
 _EXCHANGES = 1000
 _DRIVES = 3
-# What the four decoders take, in the mean of all telegrams, where the promises were made: they are on that scale.
+# Mean time of the four decoders on the machine of the promises; all results are scaled to it.
 _DECODER_US = 2.0
 _MILLION = 1_000_000
 _TIMES = 8
@@ -46,7 +46,7 @@ _OPTIONS: dict[str, list[str]] = {"as a table": ["--table"], "as text": []}
 
 
 def measure(equipment: Equipment) -> list[Section]:
-    """Measure polled lines of one protocol each, and one line of all of them, every value a new one."""
+    """Measure polled lines of one protocol each, and one line of all four, with a new value in every read."""
     section = Section(
         title="Listening",
         about=(
@@ -60,7 +60,7 @@ def measure(equipment: Equipment) -> list[Section]:
     mixed = _polled(list(READS))
     taken: dict[str, list[tuple[float, ...]]] = {name: [] for name in READS}
     of_mixed: list[float] = []
-    # In turns: a processor that is slower for a second is so for one round of all.
+    # Measure in turns, so that a slow second of the processor affects all lines alike.
     for _ in range(_TIMES * equipment.extent.repetitions):
         for name, plugin in plugins.items():
             taken[name].append(
@@ -95,7 +95,7 @@ def measure(equipment: Equipment) -> list[Section]:
 
 
 def _polled(names: Sequence[str]) -> list[tuple[Direction, Piece]]:
-    """Return what is said on a line whose drives are read in turn, each time with another value."""
+    """Return the telegrams on a line whose drives are polled in turn, with a new value each time."""
     addresses = [(name, 1 + number + _DRIVES * place) for place, name in enumerate(names) for number in range(_DRIVES)]
     line = VirtualLine([virtual_drive(name, address, baudrate=9600) for name, address in addresses])
     said: list[tuple[Direction, Piece]] = []
@@ -120,7 +120,7 @@ def _polled(names: Sequence[str]) -> list[tuple[Direction, Piece]]:
 
 
 def _another(held: int | str, number: int) -> int | str:
-    """Return a number in the form of what a drive holds."""
+    """Return a number in the raw form of the drive's present value."""
     if not isinstance(held, str):
         return number
     return f"{number / 10:.1f}" if "." in held or not held.isalnum() else f"{number:0{len(held)}d}"
@@ -137,7 +137,7 @@ def _decode_us(plugin: Protocol, said: Sequence[tuple[Direction, Piece]]) -> flo
 
 def _sniff_us(plugins: Sequence[Protocol], said: Sequence[tuple[Direction, Piece]]) -> float:
     sniffer = Sniffer(plugins)
-    # What a sniffer finds out once, about the protocols, is no part of it.
+    # Exclude one-time work: the sniffer first has to detect the protocols.
     heard = sum(len(sniffer.feed(piece)) for _, piece in said[:100])
     began = time.process_time()
     heard += sum(len(sniffer.feed(piece)) for _, piece in said[100:]) + len(sniffer.finish())
@@ -167,7 +167,7 @@ def _damaged_us(plugin: Protocol, said: Sequence[tuple[Direction, Piece]]) -> fl
 
 
 def _million_s(said: Sequence[tuple[Direction, Piece]], options: list[str], repetitions: int) -> float:
-    """Return the processor seconds of a million telegrams: those of many, less those of a few, and the start."""
+    """Return the processor seconds for a million telegrams: a long run minus a short one, without the start-up."""
     with TemporaryDirectory() as folder:
         turns = [[_processor_s(Path(folder), said * times, options) for times in (1, 6)] for _ in range(repetitions)]
     few, many = (min(column) for column in zip(*turns, strict=True))

@@ -1,4 +1,4 @@
-"""What a drive of a model costs that is loaded already: milliseconds, and memory that is its own."""
+"""Cost of a further drive of a model that is already loaded: milliseconds, and its own memory."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _DRIVES = 30
 
 
 def measure(_: Equipment) -> list[Section]:
-    """Measure each protocol with its usual model."""
+    """Measure each protocol with its default model."""
     section = Section(
         title="A drive of a loaded model",
         about=f"`bus.drive(..., model=...)`: the least processor time and the mean memory of {_DRIVES} drives.",
@@ -52,7 +52,7 @@ def _least_ms(bus: Bus, plugin: Protocol) -> float:
         began = time.process_time()
         _drive(bus, plugin, plugin.addresses[0])
         taken.append(time.process_time() - began)
-    # The first one reads the model.
+    # The first drive also loads the model.
     return min(taken[1:]) * 1000
 
 

@@ -1,4 +1,4 @@
-"""A busy Python thread beside the bus, with Python's own switch interval and with the recommended one."""
+"""Busy Python thread beside the bus, with Python's own switch interval and with the recommended one."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _PROMISE, _FLOOR = 0.90, 0.85
 
 
 def measure(equipment: Equipment) -> list[Section]:
-    """Measure at 19200 baud, blocking and asyncio."""
+    """Measure blocking and asyncio at 19200 baud."""
     section = Section(
         title="A busy neighbour",
         about=(

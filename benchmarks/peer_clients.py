@@ -1,4 +1,4 @@
-"""Modbus RTU masters that users know, reading one register; the same line, the same emulator."""
+"""Well-known Modbus RTU libraries reading one register on the same line and the same emulator."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ def _sound(reply: Any) -> None:
 
 
 def minimal(job: Job) -> tuple[Counts, float]:
-    """Read with minimalmodbus, a thread for each line."""
+    """Read with minimalmodbus, one thread per line."""
     return _blocking(_minimalmodbus, job)
 
 
 def blocking(job: Job) -> tuple[Counts, float]:
-    """Read with pymodbus' blocking client, a thread for each line."""
+    """Read with pymodbus' blocking client, one thread per line."""
     return _blocking(_pymodbus, job)
 
 
@@ -55,7 +55,7 @@ def _blocking(maker: Any, job: Job) -> tuple[Counts, float]:
 
 
 def awaited(job: Job) -> tuple[Counts, float]:
-    """Read with pymodbus' asyncio client, a task for each line."""
+    """Read with pymodbus' asyncio client, one task per line."""
     return asyncio.run(_awaited(job))
 
 

@@ -1,4 +1,4 @@
-"""500 virtual drives on 50 served lines, in one process, with a master on each line that asks as fast as it may."""
+"""500 virtual drives on 50 served lines in one process, with a master that sends requests without a pause."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ LINES, DRIVES_ON_A_LINE, BAUDRATE = 50, 10, 19200
 _TITLE = "A plant of 50 lines"
 _SHARE, _LEAST_SHARE = 0.97, 0.95
 _OF_CORE, _MOST_OF_CORE = 0.30, 0.45
-# A plant that has to wait longer for its core says nothing about itself.
+# If the plant waited for its core for a larger share of the time, the result is void.
 _MOST_WAITED = 0.1
 _PROCESSES = Path("/proc")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Spoken:
-    """What is asked on a line in turn, and what must come; rate: exchanges a second that the wire has room for."""
+    """Exchanges on a line in turn, with the expected replies. rate: exchanges per second that the wire allows."""
 
     exchanges: tuple[tuple[bytes, bytes], ...]
     rate: float
@@ -47,7 +47,7 @@ class _Spoken:
 
 @dataclass(frozen=True, slots=True)
 class _Usage:
-    """Of a process: seconds of processor time so far, seconds that it waited for a core, resident memory in MiB."""
+    """Usage of a process: processor time in seconds, seconds that it waited for a core, and resident memory in MiB."""
 
     processor_s: float
     waited_s: float
@@ -55,7 +55,7 @@ class _Usage:
 
 
 def measure(equipment: Equipment) -> list[Section]:
-    """Let `drivecomm simulate` serve the plant on one core, and ask it from the other."""
+    """Serve the plant with `drivecomm simulate` on one core, and poll it from the other."""
     if not (_PROCESSES / str(os.getpid()) / "schedstat").exists():
         remark = "not measured: this system does not say what another process uses"
         return [Section(title=_TITLE, about="Could not be measured.", head=(), remarks=[remark])]
@@ -144,7 +144,7 @@ def _plant() -> str:
 
 
 def _spoken_on(plant: VirtualPlant, name: str, protocol: str) -> _Spoken:
-    """Read each drive of a line once in virtual time, and say the same once more without a master's pauses."""
+    """Read each drive of a line once in virtual time, and return the exchanges without a master's pauses."""
     line = plant.line(name)
     closing = learn(protocol, BAUDRATE).closing
     events: list[drivecomm.TraceEvent] = []
@@ -169,7 +169,7 @@ def _answer(line: VirtualLine, request: bytes) -> bytes:
 
 
 def _asked(path: Path, spoken: list[_Spoken], seconds: float) -> tuple[dict[str, Any], _Usage, _Usage]:
-    """Serve the plant and ask; return what came, and what the plant's process had used before and after."""
+    """Serve the plant and poll it; return the results, and the usage of the plant's process before and after."""
     with ExitStack() as stack:
         command = [*on_emulator_core(), sys.executable, "-m", "drivecomm", "simulate", str(path), "--json"]
         plant = stack.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
@@ -206,8 +206,8 @@ def _asked(path: Path, spoken: list[_Spoken], seconds: float) -> tuple[dict[str,
 
 
 def usage(process: int) -> _Usage:
-    """Return what a process has used so far."""
-    # That of the process as a whole has its first thread only.
+    """Return the usage of a process so far."""
+    # The schedstat of the whole process covers its first thread only.
     threads = [
         each.read_text(encoding="utf-8").split() for each in (_PROCESSES / str(process)).glob("task/*/schedstat")
     ]

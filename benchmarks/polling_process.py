@@ -1,6 +1,6 @@
-"""A plant's poll plan without a server: python polling_process.py PLANT SECONDS; prints what came of it as JSON.
+"""A plant's poll plan without a server: python polling_process.py PLANT SECONDS; prints the results as JSON.
 
-The least that has to be done anyway, and how old values are for who awaits them in the same event loop.
+It measures the minimum work of any server, and the age of values for a reader in the same event loop.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _WARM_UP_S = 3.0
 
 
 async def main(path: Path, seconds: float) -> None:
-    """Poll."""
+    """Poll for this many seconds, and print the results."""
     plant = read_plant(path)
     plan = plant.poll_plan()
     buses = {port: open_bus_async(port) for port in plan.lines}

@@ -1,4 +1,4 @@
-"""Where the microseconds of a read go."""
+"""Processor time of the layers of a read."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _BATCHES, _CALLS = 10, 100
 
 
 def measure(equipment: Equipment) -> list[Section]:
-    """Measure the layers of a read, each alone, and all of it on a virtual line."""
+    """Measure each layer of a read alone, and a whole read on a virtual line."""
     section = Section(
         title="Where the microseconds go",
         about=(
@@ -118,7 +118,7 @@ def _reads(form: Form[Any], data: bytes, message: object) -> bool:
 
 
 def _cost(call: Callable[[], object]) -> float:
-    """Return the microseconds of processor time that a call takes; the least of some batches."""
+    """Return the processor time of a call in microseconds; the minimum of several batches."""
     batches = []
     for _ in range(_BATCHES):
         began = time.process_time()

@@ -1,9 +1,9 @@
-"""A recorder between a broker and PostgreSQL: how many values a second go in, and how soon a trend of a day comes out.
+"""Recorder between a broker and PostgreSQL: rate of stored values, and duration of a query for one day's trend.
 
     python benchmarks/record.py --to postgresql://drivecomm@127.0.0.1/empty
 
-The broker (mosquitto) and the recorder (`drivecomm fleet record`) are the real ones, in processes of their own; the
-plants are played. The database has to be an empty one.
+The broker (mosquitto) and the recorder (`drivecomm fleet record`) are real, in separate processes; the plants are
+played. The database must be empty.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _BEGAN = 1_790_000_000
 
 
 class _Plants:
-    """Publishes all values of a drive in a message, one drive after the other. given: how many of what."""
+    """Publisher of values, one message per drive in turn. given: the numbers of plants, drives and quantities."""
 
     def __init__(self, url: str, given: argparse.Namespace) -> None:
         self._given, self.sent, self._taken, self._round = given, 0, 0, 0
@@ -42,7 +42,7 @@ class _Plants:
         self._taken += 1
 
     def begin(self) -> None:
-        """Count from now on."""
+        """Reset the counts after the broker has taken all earlier values."""
         while self._taken * self._given.quantities < self.sent:
             time.sleep(0.01)
         self.sent = self._taken = 0
@@ -60,7 +60,7 @@ class _Plants:
             self.sent += given.quantities
 
     def publish_for(self, seconds: float, rate: float) -> float:
-        """Publish so many values a second for a while; return how many a second the broker has taken."""
+        """Publish values at this rate for some seconds; return the rate that the broker accepted."""
         began, first = time.monotonic(), self.sent
         while (now := time.monotonic() - began) < seconds:
             if self.sent - first < now * rate:
@@ -72,7 +72,7 @@ class _Plants:
         return (self.sent - first) / (time.monotonic() - began)
 
     def close(self) -> None:
-        """Leave."""
+        """Disconnect."""
         self._client.disconnect()
         self._client.loop_stop()
 
@@ -109,14 +109,14 @@ def _measure_rate(given: argparse.Namespace, folder: Path) -> None:
 
 
 def _wait_for(record: psycopg.Connection[tuple[int]], plants: _Plants) -> None:
-    """Wait until the recorder is there."""
+    """Wait until the recorder stores values."""
     end = time.monotonic() + 30
     while time.monotonic() < end:
         if record.execute("SELECT to_regclass('drivecomm.value')").fetchone() != (None,):
             plants.publish()
             time.sleep(2.0)
             if _count(record):
-                # What came before the recorder had subscribed does not count.
+                # Values published before the recorder subscribed do not count.
                 plants.begin()
                 before = -1
                 while before != (before := _count(record)):
@@ -129,7 +129,7 @@ def _wait_for(record: psycopg.Connection[tuple[int]], plants: _Plants) -> None:
 
 def _measure_trend(given: argparse.Namespace) -> None:
     with psycopg.connect(given.to, autocommit=True, options="-c search_path=drivecomm") as record:
-        # In the order in which values come; the one that is asked for each second.
+        # Insert in order of arrival; quantity 1, the one queried later, gets a value each second.
         record.execute(
             "INSERT INTO value (quantity, time, number, remark) SELECT quantity.id, "
             "'2026-06-01Z'::timestamptz + second * INTERVAL '1 s', 50 + 10 * sin(second / 600.0), 1 "
@@ -154,7 +154,7 @@ def _measure_trend(given: argparse.Namespace) -> None:
 
 
 def main() -> None:
-    """Measure and print."""
+    """Run the measurement and print its results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--to", required=True, help="an empty database of PostgreSQL")
     parser.add_argument("--plants", type=int, default=50)

@@ -1,4 +1,4 @@
-"""What was measured, as tables for people and as figures with a floor."""
+"""Results as tables for people, and as figures with a floor."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figure:
-    """A figure that is promised.
+    """A figure with a promise.
 
-    promise: what an idle machine must reach; floor: what a run fails for. disturbed: too much else happened on the
-    machine for it to be judged. exact: it comes out the same on any machine, whatever else happens there.
+    promise: the value that an idle machine must reach. floor: the value below which a run fails. disturbed: too much
+    other work on the machine to judge the figure. exact: the figure is the same on any machine under any load.
     """
 
     name: str
@@ -33,19 +33,19 @@ class Figure:
 
     @property
     def above_floor(self) -> bool:
-        """Whether at least the floor is reached."""
+        """Whether the floor is reached."""
         return self._reaches(self.floor)
 
     @property
     def rank(self) -> int:
-        """Place among the verdicts, from good to bad; what is void says nothing, so it stands before what is known."""
+        """Rank among the verdicts, from good to bad; void ranks before the failures, because it proves nothing."""
         if self.disturbed:
             return 1
         return 0 if self.kept else 2 if self.above_floor else 3
 
     @property
     def verdict(self) -> str:
-        """In a word or two."""
+        """The verdict in a word or two."""
         return ("kept", "void", "not kept", "**floor broken**")[self.rank]
 
     def _reaches(self, mark: float) -> bool:
@@ -54,9 +54,9 @@ class Figure:
 
 @dataclass(slots=True, kw_only=True)
 class Section:
-    """One table, with what one must know to read it, and the figures in it that are promised.
+    """One table with its explanation, and the promised figures in it.
 
-    void: it could not be measured at all, because the machine was too busy. failed: because something went wrong.
+    void: the machine was too busy to measure it. failed: the measurement failed for another reason.
     """
 
     title: str
@@ -70,7 +70,7 @@ class Section:
 
     @property
     def voids(self) -> int:
-        """How many of its figures cannot be judged."""
+        """Number of results that cannot be judged."""
         return self.void + sum(figure.disturbed for figure in self.figures)
 
     def markdown(self) -> str:
@@ -101,7 +101,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
 
 
 def promises(figures: Iterable[Figure]) -> str:
-    """Return a section with all promised figures, those that are not kept first."""
+    """Return a section with all promised figures, failures first."""
     ordered = sorted(figures, key=lambda figure: -figure.rank)
     rows = [
         (figure.name, f"{figure.value:.4g}", f"{figure.promise:.4g}", f"{figure.floor:.4g}", figure.verdict)

@@ -1,15 +1,15 @@
-"""Measure what the project promises, print it, and write benchmarks/RESULTS.md.
+"""Benchmark run: measures the promised figures, prints them, and writes benchmarks/RESULTS.md.
 
     make bench          the whole, about 20 minutes
     make bench-quick    fewer repetitions and cases, under five minutes; writes no file
     python benchmarks/run.py [NAME ...] [--quick] [--strict] [--out FILE]
 
-Lines are emulated in C with the timing of real ones, and what is measured is compared with a bare C client, bare Python
-and Modbus libraries in the same run. What other work on the machine disturbs is repeated for some minutes at most, and
-then void. Only a whole run in which nothing is void replaces RESULTS.md.
+Lines are emulated in C with the timing of real ones, and the framework is compared with a bare C client, bare Python
+and Modbus libraries in the same run. Measurements that other work on the machine disturbs are repeated for a few
+minutes at most, and then marked void. Only a whole run without void figures replaces RESULTS.md.
 
-Exit code 0 when all floors (with --strict: promises) hold, 1 when one is broken, 2 when nothing can be measured here, 3
-when no floor is broken and a figure is void, or nothing was measured for one of the goals.
+Exit codes: 0 if all floors (with --strict: promises) hold; 1 if one is broken; 2 if nothing can be measured on this
+machine; 3 if no floor is broken, but a figure is void or a goal has no measurement.
 """
 
 from __future__ import annotations
@@ -57,14 +57,14 @@ MEASUREMENTS = (
     "model_load",
     "start_up",
 )
-"""Modules with a `measure`, in the order in which they do."""
+"""Modules with a `measure` function, in the order of the run."""
 
-# A processor that became so much slower or quicker meanwhile was shared with others, or changed its clock.
+# A yardstick that changed by more than this factor means a shared processor or a changed clock.
 _MOST_CHANGED = 1.3
 
 
 def main() -> int:
-    """Measure; return the exit code."""
+    """Run the measurements; return the exit code."""
     parser = argparse.ArgumentParser(description="Measure what the project promises.")
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"only these of {', '.join(MEASUREMENTS)}")
     parser.add_argument("--quick", action="store_true", help="fewer repetitions and cases; under five minutes")
@@ -110,7 +110,7 @@ def main() -> int:
 
 
 def _measure(names: Sequence[str], equipment: Equipment) -> list[Section]:
-    """Measure all of these, and at the end once more what was disturbed, as long as there is time to spare."""
+    """Run these measurements, then repeat disturbed ones while spare time is left."""
     done = {name: _sections(name, equipment) for name in names}
     for name, sections in done.items():
         voids = sum(section.voids for section in sections)
@@ -148,7 +148,7 @@ def _sections(name: str, equipment: Equipment) -> list[Section]:
 def _judged(
     sections: Sequence[Section], figures: Sequence[Figure], unjudged_goals: Sequence[str], *, strict: bool
 ) -> int:
-    """Say what is broken and what is void; return the exit code."""
+    """Print broken and void figures; return the exit code."""
     judged = [figure for figure in figures if not figure.disturbed]
     broken = [figure for figure in judged if not (figure.kept if strict else figure.above_floor)]
     for figure in broken:

@@ -1,4 +1,4 @@
-"""Many lines in one process: threads, asyncio, a poll plan, and Modbus libraries for users who know them."""
+"""Many lines in one process: threads, asyncio, a poll plan, and well-known Modbus libraries."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 
 _BARE, _PEER, _POLL, _TASKS, _THREADS = "bare selectors", "pymodbus asyncio", "poll plan", "asyncio", "threads"
 _SLOW_PEERS = ("minimalmodbus", "pymodbus")
-# At 115200 baud, promise and floor: the share of the ideal rate, and processor time in times the peer's.
+# At 115200 baud, promise and floor: the share of the ideal rate, and processor time as a multiple of the peer's.
 _SHARE = {_POLL: (0.975, 0.96), _TASKS: (0.95, 0.92), _THREADS: (0.92, 0.89)}
 _TIMES_PEER = {_POLL: (0.45, 0.55), _TASKS: (0.65, 0.80), _THREADS: (60 / 52, 1.5 * 60 / 52)}
-# At 19200 baud, where a wait is long, no line may be left behind.
+# At 19200 baud waits are long, so no line may fall behind.
 _SLOWEST = (0.985, 0.955)
-# Where not even the bare loop gets so much, its core was busy with other things.
+# If even the bare loop gets a smaller share, its core was busy with other work.
 _LEAST_OF_BARE = 0.98
 _SPREAD_S = 0.0005
 # Read holding register 0 of unit 1; it holds 5.
@@ -57,7 +57,7 @@ def measure(equipment: Equipment) -> list[Section]:
 
 
 def _modbus(baudrate: int) -> Conversation:
-    """Return what is said on a line when a register is read."""
+    """Return the telegrams of reading one register."""
     return Conversation(protocol="modbus", parameter="0", baudrate=baudrate, bits=10, request=_REQUEST, reply=_REPLY)
 
 

@@ -1,4 +1,4 @@
-"""How long a scan takes, against the least possible; one bus, and sixteen at once."""
+"""Duration of a scan compared with the minimum; one bus, and sixteen concurrently."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _PROTOCOLS = ("vabus", "danfoss-fc")
 _NAMELESS = ("danfoss-fc",)
-"""Those of which the first reply to a scan does not say what it answers."""
+"""Protocols whose first reply to a scan does not identify its request."""
 _LIVE = (1, 11, 21)
 _REPLY_TIMEOUT_S = 0.020
 _MARGIN_S = 0.002
@@ -30,7 +30,7 @@ _MOST_TIMES = 1.2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Scan:
-    """What is said in a scan, and the least time that it can take. silent: addresses that nobody has."""
+    """Telegrams of a scan, and its minimum duration. silent: number of addresses without a drive."""
 
     protocol: str
     baudrate: int
@@ -40,7 +40,7 @@ class _Scan:
 
 
 def measure(equipment: Equipment) -> list[Section]:
-    """Measure one bus at several speeds, then sixteen at once."""
+    """Measure one bus at several speeds, then sixteen concurrently."""
     section = Section(
         title="Scan",
         about=(
@@ -98,7 +98,7 @@ def _one(equipment: Equipment, section: Section, protocol: str, baudrate: int) -
 
 
 def _seconds(equipment: Equipment, scan: _Scan, buses: int, disturbed: list[bool]) -> float:
-    """Scan so many buses at once; return the seconds that the slowest took, and note whether it was disturbed."""
+    """Scan this many buses concurrently; return the seconds of the slowest, and record whether it was disturbed."""
     run = equipment.instrument.measure(
         [scan.line] * buses,
         lambda paths: equipment.master.work(
@@ -120,7 +120,7 @@ def _seconds(equipment: Equipment, scan: _Scan, buses: int, disturbed: list[bool
 
 
 def _learn(protocol: str, baudrate: int) -> _Scan:
-    """Scan a virtual line and note down what was said."""
+    """Scan a virtual line, and return the recorded telegrams."""
     events: list[drivecomm.TraceEvent] = []
     plugin = drivecomm.protocols()[protocol]
     line = VirtualLine([virtual_drive(protocol, one, baudrate=baudrate) for one in _LIVE])

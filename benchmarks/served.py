@@ -1,4 +1,4 @@
-"""How many replies a second virtual drives give, in memory and served over pseudo-terminals."""
+"""Replies per second of virtual drives, in memory and served over pseudo-terminals."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from equipment import Equipment
 
 _PROMISE, _FLOOR = 25_000.0, 20_000.0
-# What can be told to answer without any delay.
+# Protocols whose drives can be set to answer without any delay.
 _SERVED = ("vabus", "vlt3500")
 _LINES = (1, 16)
 _CALLS = 2000

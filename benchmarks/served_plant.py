@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 LINES, DRIVES, BAUDRATE = 50, 10, 57600
 VALUES = ("16-13", "16-14", "16-12")
-"""And the status, which a server asks by itself."""
+"""Parameters to poll; the server polls the status in addition."""
 
 _HERE = Path(__file__).parent
 _HEAD = '[server]\nhistory = { file = "history.sqlite" }\n[[door]]\nkind = "http"\nlisten = "127.0.0.1:0"'
@@ -48,7 +48,7 @@ class _Served:
 
 
 def measure(equipment: Equipment) -> list[Section]:
-    """Poll the plant without a server, with one, and with one that a crowd of clients watches."""
+    """Poll the plant without a server, with a server, and with a server that many clients watch."""
     seconds = equipment.extent.plant_seconds
     with TemporaryDirectory(prefix="dc") as folder, ExitStack() as stack:
         path = Path(folder) / "plant.toml"
@@ -123,7 +123,7 @@ def _row(name: str, one: _Served, wanted: int) -> tuple[str, ...]:
 
 
 def plant_text(ports: Sequence[str] | int) -> str:
-    """Return the plant file, see `equal_lines`."""
+    """Return the text of the plant file, see `equal_lines`."""
     parameters = ", ".join(f'"{each}"' for each in VALUES)
     poll, line = f"parameters = [{parameters}]", f"baudrate = {BAUDRATE}"
     return equal_lines(_HEAD, ports, drives=DRIVES, poll=poll, line=line)
@@ -140,7 +140,7 @@ def _polled(path: Path, seconds: float) -> dict[str, Any]:
 
 
 def _served(path: Path, folder: Path, seconds: float, *, readers: int, idle: int) -> _Served:
-    """Serve the plant for clients; return what they saw, and what the server used."""
+    """Serve the plant for clients; return the clients' observations and the server's usage."""
     state, runtime = folder / "state", folder / "run"
     for each in (state, runtime):
         each.mkdir(mode=0o700, exist_ok=True)
@@ -190,7 +190,7 @@ def _served(path: Path, folder: Path, seconds: float, *, readers: int, idle: int
 
 
 def _stops(socket: str, seconds: float) -> list[float]:
-    """Stop drives now and then for most of this time; return how long each took until it was confirmed."""
+    """Stop drives now and then for most of this time; return the seconds until each stop was confirmed."""
     server, took = LocalServer(Registration(plant="", socket=socket)), []
     for number in range(_STOPS):
         time.sleep(0.7 * seconds / _STOPS)
@@ -204,7 +204,7 @@ def _stops(socket: str, seconds: float) -> list[float]:
 
 
 def _lines(socket: str) -> tuple[int, int]:
-    """Return how many reads the server has made, and how many it had no time for."""
+    """Return the number of reads that the server has made, and the number it has skipped for lack of time."""
     server = LocalServer(Registration(plant="", socket=socket))
     lines = server.ask("/api/v1/plant")["lines"]
     server.close()

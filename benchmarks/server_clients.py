@@ -1,7 +1,7 @@
-"""Clients of a server, in a process of their own: streams that are read or never read, a page, and a scraper.
+"""Clients of a server in a separate process: streams that are read or never read, a page, and a scraper.
 
-python server_clients.py HOST:PORT, and a line of JSON: seconds, readers, idle. Prints a line when all are there, and
-a line of JSON with what was seen: how old values were when the first reader had them.
+Usage: python server_clients.py HOST:PORT, and a line of JSON with seconds, readers, idle. It prints a line when all
+clients are connected, and a line of JSON with the observations: the ages of values on arrival at the first reader.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _WARM_UP_S, _GREETED_A_SECOND = 2.0, 100.0
 
 
 async def main(place: str) -> None:
-    """Be the clients."""
+    """Run the clients and print their observations."""
     asked = json.loads(sys.stdin.readline())
     host, _, port = place.rpartition(":")
     ages: list[float] = []
@@ -35,7 +35,7 @@ async def main(place: str) -> None:
     idle = [await asyncio.open_connection(host, int(port)) for _ in range(asked["idle"])]
     for _, writer in idle:
         writer.write(_request("GET", "/api/v1/stream", host))
-    # A crowd that comes at once has to be greeted first.
+    # Give the server time to accept a crowd of clients first.
     await asyncio.sleep(warm_s)
     ages.clear()
     print("ready", flush=True)
@@ -82,7 +82,7 @@ async def _read_stream(host: str, port: int, query: str, seen: Any) -> None:
 
 
 async def _read_on(host: str, port: int, query: str, pieces: list[int]) -> None:
-    """Read a stream without looking at it, so that this process keeps up with hundreds."""
+    """Read a stream without parsing it, so that this process keeps up with hundreds of streams."""
     reader, writer = await asyncio.open_connection(host, port, limit=1 << 18)
     writer.write(_request("GET", f"/api/v1/stream{query}", host))
     try:

@@ -1,6 +1,6 @@
-"""Virtual drives served over pseudo-terminals, a thread for each line, until standard input ends.
+"""Virtual drives served over pseudo-terminals, one thread per line, until standard input ends.
 
-python serving_process.py PROTOCOL COUNT FOLDER
+Usage: python serving_process.py PROTOCOL COUNT FOLDER
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from drivecomm.virtual import Server, parse_listen, virtual_drive
 
 
 def main(protocol: str, count: int, folder: Path) -> None:
-    """Serve drives that answer at once."""
+    """Serve drives that answer without delay."""
     stop = threading.Event()
     drives = [virtual_drive(protocol, 1, reply_delay_s=0.0) for _ in range(count)]
     servers = [Server([drive], parse_listen(f"pty:{folder / str(number)}")) for number, drive in enumerate(drives)]

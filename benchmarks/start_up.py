@@ -1,4 +1,4 @@
-"""What the import, a first read and the command line cost before and beside the exchange itself."""
+"""Processor time of the import, of a first read, and of the command line, beyond the exchange itself."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _STARTS: Mapping[str, tuple[Sequence[str], float | None]] = {
     "drivecomm --help": ((*_COMMAND, "--help"), None),
     "drivecomm protocols": ((*_COMMAND, "protocols"), None),
 }
-"""Arguments of the interpreter, and how many milliseconds they may take."""
+"""Arguments of the interpreter, and the limit in milliseconds."""
 
 _PLANT = """\
 format = 1
@@ -53,14 +53,14 @@ drive = "vabus:1"
 line = "hall"
 """
 
-# A bare interpreter, on the undisturbed machine that the limits were set on.
+# Time of a bare interpreter on the undisturbed machine for which the limits were set.
 _QUIET_BARE_MS = 12.0
 
 _READY_WITHIN_S = 15.0
 
 
 def measure(equipment: Equipment) -> list[Section]:
-    """Measure each against a bare interpreter in the same run."""
+    """Measure each start relative to a bare interpreter in the same run."""
     section = Section(
         title="Start-up",
         about="Milliseconds of processor time over a bare interpreter, the least of interleaved starts.",
@@ -94,7 +94,7 @@ def measure(equipment: Equipment) -> list[Section]:
 
 @contextmanager
 def _served(plant: Path, port: str) -> Iterator[Path]:
-    """Serve a plant of one line in a process of its own."""
+    """Serve a plant of one line in a separate process; yield the plant file."""
     plant.write_text(_PLANT.format(port=port))
     with subprocess.Popen([sys.executable, *_COMMAND, "serve", str(plant)], stdout=subprocess.DEVNULL) as server:
         try:
@@ -109,7 +109,7 @@ def _served(plant: Path, port: str) -> Iterator[Path]:
 
 
 def _processor_ms(arguments: Sequence[str]) -> float:
-    """Return what a process takes of the processor from its start to its end."""
+    """Return the processor time of a process from start to end in milliseconds."""
     nowhere = [(os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0)]
     process = os.posix_spawn(sys.executable, [sys.executable, *arguments], os.environ, file_actions=nowhere)
     _, status, usage = os.wait4(process, 0)

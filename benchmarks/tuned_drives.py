@@ -1,4 +1,4 @@
-"""What `drivecomm tune` gives on drives that need far less than the usual pause after their replies."""
+"""Effect of `drivecomm tune` on drives that need much less than the default pause after their replies."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 NEEDED_S = 0.001
 BAUDRATE = 115200
 PROTOCOLS = ("vlt3500", "fuji")
-# As if the model were known to be one whose maker demands no pause.
+# Pretend that the maker of the model requires no pause.
 _NONE_DEMANDED = {"least_turnaround_s": 0.0}
 _PROMISE, _FLOOR = 0.92, 0.85
 
 
 def measure(equipment: Equipment) -> list[Section]:
-    """Read with the usual pause, tune, and read again."""
+    """Read with the default pause, tune, and read again."""
     section = Section(
         title="Tuned drives",
         about=(
@@ -56,7 +56,7 @@ def _one(equipment: Equipment, protocol: str, section: Section) -> None:
         def work(paths: list[str]) -> dict[str, Ran]:
             ways = {way: equipment.master.work(reading(way, usual, [path], seconds))
                     for way, path in zip(("blocking", "tuned"), paths, strict=False)}  # fmt: skip
-            # A drive at the edge of what it hears would miss some requests: this one hears all of the C client's.
+            # The C client keeps the exact limit and would miss replies, so its drive accepts every request.
             return {**ways, "C": run_reference(equipment.programs.reference_client, needed, paths[2:], seconds)}
 
         run = equipment.instrument.measure([line, line, replace(line, deaf_s=0.0)], work)
@@ -87,7 +87,7 @@ def _one(equipment: Equipment, protocol: str, section: Section) -> None:
 
 
 def _probed(protocol: str) -> dict[bytes, bytes]:
-    """Return what is said in a probe of the protocol."""
+    """Return the telegrams of the protocol's probe."""
     events: list[drivecomm.TraceEvent] = []
     line = VirtualLine([virtual_drive(protocol, 1, baudrate=BAUDRATE)])
     with drivecomm.open_bus(line.port, baudrate=BAUDRATE, trace=events.append) as bus:

@@ -1,7 +1,7 @@
-"""How quick this machine is just now: the cost of small pieces of Python that never change.
+"""Yardstick for the present speed of this machine: the cost of small pieces of Python that never change.
 
-Figures in microseconds, or a second, are promised for a machine that has nothing else to do. Where a machine is slower,
-or shared, the yardstick is longer in the same run, and the floors of such figures are moved by as much.
+Figures in microseconds, or per second, are promised for an idle machine. On a slower or shared machine the yardstick
+takes longer in the same run, and the floors of such figures are moved by the same factor.
 """
 
 from __future__ import annotations
@@ -9,31 +9,31 @@ from __future__ import annotations
 import time
 from statistics import median
 
-# One telegram taken apart, checked and put together by hand; CPython 3.11 on an undisturbed core of the machine that
-# the promises were made for.
+# One telegram parsed, checked and rebuilt by hand; CPython 3.11 on an undisturbed core of the machine for which the
+# promises were made.
 _QUIET_US = 1.5
-# One exchange of the bare Python master with telegrams of 14 bytes at 115200 baud, on the same machine when quiet.
+# One exchange of the bare Python master with telegrams of 14 bytes at 115200 baud, on the same undisturbed machine.
 _QUIET_WAKING_US = 40.0
 _CALLS = 1000
 _BATCHES = 15
 
 
 def slowness() -> float:
-    """Return how many times longer the yardstick takes now than on the quiet machine, at least 1."""
+    """Return the present duration of the yardstick relative to the undisturbed machine, at least 1."""
     return max(1.0, median(_batches()) / _QUIET_US)
 
 
 def yardstick_us() -> float:
-    """Return the processor time of the yardstick, the least of some batches."""
+    """Return the processor time of the yardstick in microseconds; the minimum of several batches."""
     return min(_batches())
 
 
 def waking_slowness(bare_us: float) -> float:
-    """Return how many times longer a Python process that was just woken takes for its work, at least 1.
+    """Return the slowdown of a Python process that has just been woken, at least 1.
 
-    bare_us: processor time of one exchange of the bare Python master. A processor that slept, or did other things, has
-    forgotten what it knew of the program (its caches), and where other tenants share it that costs several times what
-    the work costs when it is repeated without a pause.
+    bare_us: processor time of one exchange of the bare Python master. While a process sleeps, its data leaves the
+    processor's caches. On a machine shared with other tenants, the work after waking then costs several times the work
+    in a loop without pauses.
     """
     return max(1.0, bare_us / _QUIET_WAKING_US)
 

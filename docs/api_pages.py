@@ -1,7 +1,7 @@
-"""The reference of the Python API: which names stand on which page; mkdocstrings writes what they are.
+"""Reference of the Python API: the names on each page; mkdocstrings adds their descriptions.
 
-A name stands once: on the page of `drivecomm` if it is exported there, else on the page of its room. The errors have a
-page of their own.
+A name appears once: on the page of `drivecomm` if it is exported there, otherwise on the page of its room. The errors
+have a separate page.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ ROOMS = (
     "traffic",
     "testing",
 )
-"""What users and authors of protocol packages import, beside `drivecomm` itself."""
+"""Modules that users and authors of protocol packages import, in addition to `drivecomm` itself."""
 TOP = "drivecomm"
 
 
 def api_pages() -> dict[str, str]:
-    """Return the pages as Markdown, by the names of their modules."""
+    """Return the pages as Markdown, by module name."""
     return {name: "\n\n".join(_page(name)) + "\n" for name in (TOP, *(f"{TOP}.{room}" for room in ROOMS))}
 
 
@@ -52,7 +52,7 @@ def names_of(module: ModuleType) -> list[str]:
 
 
 def modules_of(name: str) -> Iterator[ModuleType]:
-    """Yield a room, and the packages in it that export names of their own; of `drivecomm` itself alone."""
+    """Yield a room and its packages that export names of their own; for `drivecomm` only the module itself."""
     module = importlib.import_module(name)
     yield module
     if name != TOP:
@@ -62,7 +62,7 @@ def modules_of(name: str) -> Iterator[ModuleType]:
 
 
 def place_of(module: ModuleType, name: str) -> str:
-    """Return where the reader of the sources finds a name: within its own module where that has the same name."""
+    """Return the import path of a name for mkdocstrings: within its own module if that has the same name."""
     place = f"{module.__name__}.{name}"
     return f"{place}.{name}" if hasattr(module, "__path__") and importlib.util.find_spec(place) else place
 

@@ -1,6 +1,6 @@
-"""The reference of the command line, made from the application: usage, arguments, options with defaults, how-tos.
+"""Reference of the command line, made from the application: usage, arguments, options with defaults, how-tos.
 
-The options that every command on a line has stand once, in a section of their own.
+The options that every command on a line has are listed once, in a separate section.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 
 DOCS = Path(__file__).parent
 SHARED = ("Line", "Plant")
-"""Sections of options that many commands have."""
+"""Sections of options that many commands share."""
 _SHOWN_PAGES = 3
 _COMPLETION = (
     ("bash, from 4.4 on", f'eval "$({COMPLETION}=bash_source drivecomm)"', "~/.bashrc"),
     ("zsh", f'eval "$({COMPLETION}=zsh_source drivecomm)"', "~/.zshrc"),
     ("fish", f"{COMPLETION}=fish_source drivecomm | source", "~/.config/fish/completions/drivecomm.fish"),
 )
-"""How each shell is told, and in which file."""
+"""Setup of completion for each shell: the file and the line to add."""
 
 
 def commands_page() -> str:
@@ -59,14 +59,14 @@ def commands_page() -> str:
 
 
 def all_commands() -> Iterator[tuple[str, Any]]:
-    """Yield the name of every command, as one types it after `drivecomm`, and its context."""
+    """Yield the name of every command, as typed after `drivecomm`, and its context."""
     yield from _below(app, click.Context(app, info_name="drivecomm", **app.context_settings), "")
 
 
 def _below(group: Any, context: click.Context, prefix: str) -> Iterator[tuple[str, Any]]:
     for name in group.list_commands(context):
         command = group.get_command(context, name)
-        # One that is loaded when it is called.
+        # Resolve a command that is loaded on its first call.
         command = getattr(command, "loaded", command)
         inner = click.Context(command, info_name=name, parent=context)
         if hasattr(command, "list_commands"):
@@ -106,7 +106,7 @@ def _help(context: Any) -> str:
 
 
 def _text(text: str) -> str:
-    """Return help as Markdown: flags and variables of the environment stand as code, nothing else is markup."""
+    """Return help as Markdown: flags and environment variables become code; nothing else is markup."""
     marks = r"(?P<code>`[^`]*`)|(?<![\w-])(?P<typed>--?[a-z][\w-]*|\$\w+)|(?P<markup>[*_<\[])"
     return re.sub(marks, lambda at: at["code"] or (f"`{at['typed']}`" if at["typed"] else f"\\{at[0]}"), text)
 
@@ -122,7 +122,7 @@ def _exit_codes() -> Iterator[tuple[str, str]]:
 
 
 def _pages_with(name: str) -> list[tuple[str, str]]:
-    """Return the pages, outside the reference, whose terminals show a command most often: place and title."""
+    """Return the address and title of the pages outside the reference that use a command most often in consoles."""
     typed = re.compile(rf"^ *\$ drivecomm {name}(?![\w-])", re.MULTILINE)
     pages = {page: page.read_text(encoding="utf-8") for part in ("tutorial", "how-to", "explanation")
              for page in sorted((DOCS / part).glob("*.md"))}  # fmt: skip

@@ -1,4 +1,4 @@
-"""Pictures of what goes through each door: drives on the left, who uses them on the right."""
+"""Pictures of the traffic through each door: drives on the left, users on the right."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _BOX = 50
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """What goes through one door.
+    """Traffic through one door.
 
-    door: what it is called. through: what stands between it and who uses it, empty for nothing. out, back: what goes to
-    them, and what comes from them; a line of the picture for each.
+    door: its name. through: the intermediate program between the door and its users, or empty. out, back: the data to
+    the users, and the data from them, one line each.
     """
 
     door: str
@@ -64,7 +64,7 @@ PICTURES = {
 
 
 def door_pictures() -> dict[str, str]:
-    """Return all pictures as SVG, by the names of their files."""
+    """Return all pictures as SVG, by file name."""
     return {name: _drawn(picture) for name, picture in PICTURES.items()}
 
 

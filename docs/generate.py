@@ -1,6 +1,6 @@
-"""What is made from code and data while mkdocs runs: pages of protocols, drives, commands, API, pictures, changelog.
+"""mkdocs hooks that generate pages from code and data: protocols, drives, commands, API, pictures, changelog.
 
-Nothing of it is kept in the repository, so that none of it can be out of date.
+No generated page is stored in the repository, so none can be out of date.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _API = "reference/api"
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """List the pages of protocols and modules in the navigation, in the sections that mkdocs.yml has for them."""
+    """Add the pages of protocols and modules to the navigation, in their sections of mkdocs.yml."""
     parts = {name: pages for part in config.nav or [] for name, pages in part.items()}
     made = {
         "Protocols": [{plugin.title: f"{_PROTOCOLS}/{plugin.name}.md"} for plugin in installed.working()],
@@ -46,14 +46,14 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
-    """Put the tables into the page of supported drives."""
+    """Insert the tables into the page of supported drives."""
     if page.file.src_uri != PLACE:
         return markdown
     return markdown.replace(MARK, supported_drives(installed.working()))
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the pages; a protocol that cannot be loaded is a warning, which strict builds do not pass."""
+    """Add the generated pages; a protocol that cannot be loaded causes a warning, which fails strict builds."""
     for name, reason in installed.broken().items():
         _LOG.warning("no page for the protocol %s: %s", name, reason)
     plugins = list(installed.working())

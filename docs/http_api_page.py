@@ -1,4 +1,4 @@
-"""The reference of the HTTP API, made from the description that a server gives of itself."""
+"""Reference of the HTTP API, made from the OpenAPI description of a server."""
 
 from __future__ import annotations
 

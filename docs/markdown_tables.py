@@ -17,10 +17,10 @@ def table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 
 def code(text: object) -> str:
-    """Return a text as code, also where it has pipes or backticks."""
+    """Return a text as code, even if it contains pipes or backticks."""
     shown = str(text)
     if "|" in shown:
-        # Within backticks a table would show the backslash of an escaped pipe.
+        # Within backticks, a table would show the backslash of an escaped pipe.
         return f"<code>{escape(shown).replace('|', '&#124;')}</code>"
     return f"`` {shown} ``" if "`" in shown else f"`{shown}`"
 

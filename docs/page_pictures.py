@@ -1,6 +1,6 @@
-"""Pictures of the web page, taken in Chromium while mkdocs runs: a server over a virtual plant, as people see it.
+"""Pictures of the web page of a server over a virtual plant, taken in Chromium while mkdocs runs.
 
-Where there is no Chromium or no playwright, an empty picture stands in for each.
+Without Chromium or playwright, each picture is replaced by an empty one.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ PICTURES = {
     "page-trends.png": ("#/trends", (1280, 760), "light"),
     "page-phone.png": ("", (360, 740), "dark"),
 }
-"""What is shown, in how large a window, and how."""
+"""Content, window size and view of each picture."""
 
 _ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
               "--disable-component-update", "--disable-sync"]  # fmt: skip
@@ -61,16 +61,16 @@ _EMPTY = base64.b64decode(
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAQAAAC1HAwCAAAAC0lEQVR42mNkYAAAAAYAAjCB0C8AAAAASUVORK5CYII="
 )
 _RUNNING = {"pump": 64, "mixer": 45, "blower": 80, "conveyor": 50}
-"""Which motors turn, and with which reference in per cent."""
+"""Running motors, with their references in per cent."""
 _BEFORE_S = 600
 _OPEN_S = 20.0
 _TIMEOUT_MS = 15000
 
 
 def page_pictures(cache: Path) -> dict[str, bytes]:
-    """Return all pictures as PNG, by the names of their files.
+    """Return all pictures as PNG, by file name.
 
-    cache: a folder that keeps them for as long as neither the page nor its plant changes.
+    cache: a folder that keeps them until the page or its plant changes.
     """
     kept = cache / f"page-{_fingerprint()}"
     if not kept.exists():
@@ -121,7 +121,7 @@ def _picture(browser: Browser, name: str, address: str, token: str) -> bytes:
 
 @contextmanager
 def _served(folder: Path) -> Iterator[tuple[str, str]]:
-    """Serve the plant of the pictures, its motors started; yield its address and an operator's token."""
+    """Serve the plant of the pictures with its motors started; yield its address and an operator's token."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -185,7 +185,7 @@ async def _start(plant: ServedPlant) -> None:
 
 
 def _write_history(file: Path) -> None:
-    """Write what some drives did before the server began, as motors with a varying load do."""
+    """Write a past for some drives before the server starts, as of motors with a varying load."""
     now = time.time()
     values = []
     for before_s in range(_BEFORE_S, 0, -2):

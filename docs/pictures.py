@@ -1,6 +1,6 @@
-"""Pictures of terminals, made from what the commands show while mkdocs runs: `drivecomm demo` and `drivecomm watch`.
+"""Pictures of terminals, made from the output of `drivecomm demo` and `drivecomm watch` while mkdocs runs.
 
-Everything in them is in virtual time, so that the same program gives the same pictures.
+Everything in them happens in virtual time, so the same program gives the same pictures.
 """
 
 from __future__ import annotations
@@ -35,19 +35,19 @@ PLANT = Path(__file__).parent / "watch-plant.toml"
 SIZES = ((80, 24), (160, 50))
 WATCHED_S = 60.0
 REFERENCES = {"pump": {"hz": 32}, "fan": {"percent": 80}, "mixer": {"percent": 45}, "conveyor": {"hz": 25}}
-"""Which motors turn when watching begins, and how fast they are to be."""
+"""Running motors at the start of watching, with their references."""
 
 _LONGEST = 66
-# The heading with which the part of the demo begins that is left out, if it comes before so many lines.
+# Heading of the demo's last part, which is cut off if it comes before the line limit.
 _END = "Refusals"
-# Pictures must not load a font from elsewhere.
+# Pictures must not load a font from the network.
 _FONT = re.compile(r"@font-face \{.*?\}\s*", re.DOTALL)
 
 
 def pictures(cache: Path) -> dict[str, str]:
-    """Return all pictures as SVG, by the names of their files.
+    """Return all pictures as SVG, by file name.
 
-    cache: a folder that keeps them for as long as nothing changes of what they are made from.
+    cache: a folder that keeps them until their sources change.
     """
     kept = cache / f"pictures-{_fingerprint()}.json"
     if kept.exists():
@@ -62,7 +62,7 @@ def pictures(cache: Path) -> dict[str, str]:
 
 
 def _fingerprint() -> str:
-    """Return what differs when a file of the framework or of a protocol differs, or a library that draws."""
+    """Return a hash that changes with any file of the framework or a protocol, or with a drawing library."""
     digest = hashlib.sha256()
     for file in sorted([Path(__file__), PLANT, *_files_of("drivecomm"), *_files_of("protocols")]):
         digest.update(f"{file}\0".encode() + file.read_bytes())
@@ -77,7 +77,7 @@ def _files_of(folder: str) -> Iterator[Path]:
 
 
 def demo_picture() -> str:
-    """Run the demo, keep its first lines with their colours, and return them drawn."""
+    """Run the demo, and return a drawing of its first lines in colour."""
     environment = {**os.environ, "FORCE_COLOR": "1", "COLORTERM": "truecolor", "TERM": "xterm-256color"}
     command = [sys.executable, "-m", "drivecomm", "demo"]
     shown = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)  # noqa: S603
@@ -93,7 +93,7 @@ def demo_picture() -> str:
 
 
 async def watch_pictures() -> dict[str, str]:
-    """Return what the screen shows of a plant at the end of its time, in terminals of all sizes."""
+    """Return drawings of the watch screen at the end of a plant's run, in terminals of all sizes."""
     plant = _plant_in_motion()
     lines = [replace(line, port=plant.line(line.name).port) for line in lines_of(plant.plant)]
     screen = WatchScreen(Watcher(lines), title=PLANT.name, log=LogSwitch(None), duration_s=WATCHED_S)
@@ -112,7 +112,7 @@ async def watch_pictures() -> dict[str, str]:
 
 
 def _plant_in_motion() -> VirtualPlant:
-    """Return the plant of the pictures, its motors started."""
+    """Return the plant of the pictures with its motors started."""
     plant = VirtualPlant(read_plant(PLANT))
     for name, line in plant.lines.items():
         with drivecomm.open_bus(line.port) as bus:

@@ -1,7 +1,7 @@
-"""The page of a protocol, made from its package while mkdocs runs.
+"""Page of a protocol, made from its package while mkdocs runs.
 
-It holds nothing that is not in the package: schemas, options, facts, capabilities, vectors, models, and its README.
-A protocol that somebody else installed gets its page in the same way.
+It contains only data of the package: schemas, options, facts, capabilities, vectors, models, and its README. Protocols
+from third parties get their pages in the same way.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def protocol_page(plugin: Protocol) -> str:
 
 
 def drawing(rows: Iterable[tuple[str, str, str]]) -> str:
-    """Return a telegram as boxes in text, each with the place of its characters above it."""
+    """Return a telegram as boxes in text, with character positions above each box."""
     bands: list[list[tuple[str, str]]] = [[]]
     at: int | None = 1
     for name, size, meaning in rows:
@@ -112,7 +112,7 @@ def _short(meaning: str) -> str:
 
 
 def _readme(plugin: Protocol) -> Iterator[str]:
-    """Yield the package's README below the page's own title, without links that lead nowhere from here."""
+    """Yield the package's README below the page's own title, without links that do not work from this page."""
     try:
         text = (resources.files(plugin.package) / "README.md").read_text(encoding="utf-8")
     except OSError:
@@ -252,7 +252,7 @@ def _identification(model: Model) -> Iterator[str]:
 
 
 def _common_names(model: Model, base: Model | None) -> Iterator[str]:
-    """Yield the common names that a model has and the one that it extends has not, or has elsewhere."""
+    """Yield the common names of a model that its base model lacks or has at another address."""
     own = {name: at for name, at in model.quantities.items() if base is None or base.quantities.get(name) != at}
     if not own:
         if model.quantities and base:

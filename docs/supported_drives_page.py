@@ -1,4 +1,4 @@
-"""The tables of the page of supported drives, made from the models while mkdocs runs: one for each protocol."""
+"""Tables of the page of supported drives, made from the models while mkdocs runs: one for each protocol."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 PLACE = "reference/supported-drives.md"
 MARK = "<!-- tables -->"
-"""Where the tables stand on the page."""
+"""Placeholder for the tables on the page."""
 
 NEVER_TRIED = "never tried on a drive"
 
@@ -102,7 +102,7 @@ def _name_plate(model: Model) -> str:
 
 
 def _identified_by(model: Model) -> str:
-    """Return what a rule looks at, or what such a drive tells of itself without one."""
+    """Return the keys that identify a drive's model, or the identity that such a drive reports if there is no rule."""
     told = ", ".join(model.control.get("identity", ()))
     return ", ".join(model.identified_by) or (f"no rule; tells {told}" if told else "no rule")
 
@@ -112,7 +112,7 @@ def _counted(number: int, what: str) -> str:
 
 
 def _sure(model: Model) -> str:
-    """Return how many facts rest on what, and how many have a second source."""
+    """Return the number of facts per source quality, and the number with a second source."""
     counted = Counter(info.sure for info in model.parameters.values())
     told = [f"{counted[sure]} {words}" for sure, words in _SURE.items() if counted[sure]]
     if again := sum(bool(info.second_source) for info in model.parameters.values()):

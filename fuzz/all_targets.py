@@ -1,4 +1,4 @@
-"""Everything that is fuzzed, by name."""
+"""All fuzz targets, by name."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @cache
 def all_targets() -> Mapping[str, Target]:
-    """Return all targets; those of telegrams are those of the protocols that are installed."""
+    """Return all targets by name; the telegram targets cover the installed protocols."""
     targets = [target for plugin in installed.working() for target in telegram_targets(plugin)]
     targets += [order_target(plugin) for plugin in installed.working()]
     targets += [*file_targets(), sniffer_target()]

@@ -1,6 +1,6 @@
-"""Fuzzing with atheris: libFuzzer, led by what an input reaches. Each target runs in a process of its own.
+"""Fuzzing with atheris: libFuzzer, guided by coverage. Each target runs in a process of its own.
 
-libFuzzer ends its process with the first new error, so a run shows those that are known and at most one more.
+libFuzzer ends its process at the first new error, so a run shows the known errors and one new error at most.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _LONGEST_INPUT_S = 20
 
 
 def run(target: Target, *, runs: int | None, seconds: float | None, seed: int) -> Outcome:
-    """Run a target until it is enough, or until the first flaw that is not known."""
+    """Run a target up to its limit, or up to the first unknown flaw."""
     known = tuple(known_flaws(target).values())
     with TemporaryDirectory(prefix="drivecomm-fuzz-") as folder:
         corpus, broken = Path(folder) / "corpus", Path(folder) / "broken"
@@ -52,7 +52,7 @@ def run(target: Target, *, runs: int | None, seconds: float | None, seed: int) -
     return Outcome(
         target=target.name,
         inputs=_number(said, r"number_of_executed_units: +(\d+)") or _number(said, r"Done (\d+) (?:runs )?in"),
-        # Loading and instrumenting the code is not counted, where libFuzzer came far enough to say so.
+        # If libFuzzer printed its own duration, use that: it excludes loading and instrumenting the code.
         seconds=_number(said, r"Done \d+ (?:runs )?in (\d+) second") or perf_counter() - began,
         flaws=(*known, *flaws),
         grown_mib=_grown_mib(said),
@@ -68,7 +68,7 @@ def _flaw(target: Target, path: Path, said: str) -> Flaw:
 
 
 def _grown_mib(said: str) -> int:
-    """Return by how much memory grew since the corpus was read; all of it where libFuzzer says no more than that."""
+    """Return the growth of memory since the corpus was read; all memory if libFuzzer prints no sizes."""
     sizes = [int(size) for size in re.findall(r"\brss: (\d+)Mb", said)]
     peak = _number(said, r"peak_rss_mb: +(\d+)")
     return max(*sizes, peak) - sizes[0] if sizes else peak

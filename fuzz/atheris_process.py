@@ -1,6 +1,6 @@
-"""The process in which atheris runs one target: python fuzz/atheris_process.py TARGET CORPUS [libFuzzer options].
+"""Process in which atheris runs one target: python fuzz/atheris_process.py TARGET CORPUS [libFuzzer options].
 
-libFuzzer ends with the first error, so those that are known already are let pass: what is behind them is looked for.
+libFuzzer ends at the first error, so known errors are ignored to find others behind them.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import atheris  # type: ignore[import-untyped]
 from mutation import mutate_bytes
 from outcome import kind_of, known_flaws
 
-# Packages by their own names: there are no patterns, and what is imported later is not seen.
+# Packages are listed by name: the option takes no patterns, and later imports are not instrumented.
 _PROTOCOLS = {entry.module.partition(".")[0] for entry in entry_points(group="drivecomm.protocols")}
 with atheris.instrument_imports(include=["drivecomm", "tomllib", *sorted(_PROTOCOLS)]):
     from all_targets import all_targets
@@ -22,12 +22,12 @@ with atheris.instrument_imports(include=["drivecomm", "tomllib", *sorted(_PROTOC
 
 
 def main() -> None:
-    """Fuzz; libFuzzer ends the process."""
+    """Fuzz a target; libFuzzer ends the process."""
     target = _TARGETS[sys.argv.pop(1)]
     known = set(known_flaws(target))
 
     def check(data: bytes) -> None:
-        """Let out what is not known."""
+        """Raise unknown errors only."""
         try:
             target.check(data)
         except Exception as error:
@@ -35,13 +35,13 @@ def main() -> None:
                 raise
 
     def change(data: bytes, max_size: int, seed: int) -> bytes:
-        """Change it as the target says half of the time, and as libFuzzer does the other half."""
+        """Mutate an input, half of the time with the target's mutator and otherwise with libFuzzer's."""
         random = Random(seed)  # noqa: S311 - repeatable on purpose
         if random.random() < 0.5:
             return target.mutate(random, data, target.seeds)[:max_size]
         return bytes(atheris.Mutate(data, max_size))
 
-    # libFuzzer alone knows bytes best.
+    # For plain bytes libFuzzer's own mutator is best.
     own = {} if target.mutate is mutate_bytes else {"custom_mutator": change}
     atheris.Setup(sys.argv, check, **own)
     atheris.Fuzz()

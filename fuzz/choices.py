@@ -1,4 +1,4 @@
-"""An input as a row of choices, so that whoever changes its bytes changes what is chosen."""
+"""An input read as a sequence of choices, so that a mutation of its bytes changes the choices."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ _STRANGE: tuple[Any, ...] = (
 
 
 class Choices:
-    """Takes an input apart; behind its end every choice is the first."""
+    """Reader of choices from an input; after the end of the input, every choice is the first one."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data
         self._place = 0
 
     def below(self, limit: int) -> int:
-        """Return a number from 0 to limit - 1, of two bytes where one does not say enough."""
+        """Return a number from 0 to limit - 1, from two bytes if one is not enough."""
         size = 1 if limit <= 256 else 2
         taken = self._data[self._place : self._place + size]
         self._place += size
         return int.from_bytes(taken) % limit
 
     def one_of(self, things: Sequence[T]) -> T:
-        """Return one of these."""
+        """Return one of these things."""
         return things[self.below(len(things))]
 
     def value(self) -> Any:
-        """Return something that a field may be given: a number of any size, a text, or what belongs in no telegram."""
+        """Return a value for a field: a number of any size, a text, or an invalid value."""
         way = self.below(3)
         if way == 0:
             return self.one_of(_STRANGE)

@@ -1,4 +1,4 @@
-"""What reads files that people and other programs write: vectors, models, plants, captures."""
+"""Fuzz targets that read files from people and other programs: vectors, models, plants, captures."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Protocol
 
 _CAPTURE = Path("capture")
-# Larger seeds only make each input slower.
+# A limit for seeds: larger ones only make each input slower.
 _MOST_SEEDS = 400
 
 
 def file_targets() -> Iterator[Target]:
-    """Yield every reader of files."""
+    """Yield a target for every reader of files."""
     plugins = list(installed.working())
     yield _toml("vector-files", load_vectors, tuple(_vector_files(plugins)))
     yield _toml("model-files", _read_model, tuple(_model_files(plugins)))
@@ -54,7 +54,7 @@ def file_targets() -> Iterator[Target]:
 
 
 class _FileReading:
-    """Puts an input into a file and has it read."""
+    """Check that writes an input to a file and reads the file."""
 
     def __init__(self, read: Callable[[Path], object]) -> None:
         self._read = read
@@ -62,7 +62,7 @@ class _FileReading:
         self._place = Path(self._folder.name) / "input.toml"
 
     def check(self, data: bytes) -> None:
-        """Raise what is not FileFormatError."""
+        """Read the input from a file; raise any error except FileFormatError."""
         self._place.write_bytes(data)
         with suppress(FileFormatError):
             self._read(self._place)
@@ -86,14 +86,14 @@ def _model_files(plugins: list[Protocol]) -> Iterator[bytes]:
 
 
 def _one_entry_each(text: str, kinds: tuple[str, ...], most: int) -> Iterator[bytes]:
-    """Yield files with the head of this one and one of its entries: as many different ones as are wanted."""
+    """Yield up to `most` files with the head of this text and one of its different entries each."""
     head, *entries = re.split(rf"^(?=\[\[?(?:{'|'.join(kinds)})\]\]?$)", text, flags=re.MULTILINE)
     for entry in entries[:: 1 + len(entries) // most]:
         yield (head + entry).encode()
 
 
 def _documented(doc: str | None) -> bytes:
-    """Return the file that the description of a format shows."""
+    """Return the example file in the description of a format."""
     text = doc or ""
     return text[text.index("format = 1") :].encode()
 
@@ -140,7 +140,7 @@ def _check_json_lines(data: bytes) -> None:
 
 
 def _check_pcapng(data: bytes) -> None:
-    # As `read_capture` tells the two formats apart.
+    # Distinguish the two formats as `read_capture` does.
     if not data.startswith(MAGIC):
         return
     try:
@@ -155,7 +155,7 @@ def _check_pcapng(data: bytes) -> None:
 
 
 def _written_again(form: type[JsonLines | Pcapng], capture: Capture) -> bytes | None:
-    """Return the file that a program makes of what it has read, None where it is refused."""
+    """Return a capture written to a file again, or None if writing is refused."""
     try:
         return _file_of(form(capture.provenance), capture)
     except DriveCommError:

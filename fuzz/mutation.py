@@ -1,4 +1,4 @@
-"""New inputs out of old ones. All that is random comes from the Random that is given, so a seed repeats a run."""
+"""Mutation of inputs. All randomness comes from the given Random, so a seed repeats a run."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ if TYPE_CHECKING:
     from random import Random
 
 LONGEST = 4096
-"""No input is longer: eight times the longest telegram, so that what piles up shows."""
+"""Limit for the length of an input: eight times the longest telegram, so that growing buffers show."""
 
-# Characters with which telegrams of serial protocols begin and end, digits, and the ends of ranges.
+# Characters that begin and end telegrams of serial protocols, digits, and the ends of ranges.
 _TELLING = b"\x00\x01\x02\x03\x04\x05\x06\x0a\x0d\x15\x17\x1b 09<>?@AFPUZ[]af~\x7f\x80\xfe\xff"
 
 _TOML_VALUES = (
@@ -32,7 +32,7 @@ _JSON_VALUE = re.compile(rb'(?<=: )(?:"[^"\n]*"|[\w.+-]+|\[[^\]\n]*\]|\{[^}\n]*\
 
 
 class Mutator(Protocol):
-    """Makes an input of another; others: all that a run began with."""
+    """Mutator of inputs. others: all inputs that a run began with."""
 
     def __call__(self, random: Random, data: bytes, others: Sequence[bytes]) -> bytes:
         """Return a new input of at most `LONGEST` bytes, or of twice that for text."""
@@ -40,7 +40,7 @@ class Mutator(Protocol):
 
 
 def mutate_bytes(random: Random, data: bytes, others: Sequence[bytes]) -> bytes:
-    """Change one to four places: bits, characters, pieces left out, doubled, put in, or taken from another input."""
+    """Change one to four places: flip bits, replace characters, and remove, double, insert or copy pieces."""
     changed = bytearray(data)
     for _ in range(1 + int(random.random() * 4)):
         size = len(changed)
@@ -75,12 +75,12 @@ def _some(random: Random) -> bytes:
 
 
 def mutate_toml(random: Random, data: bytes, others: Sequence[bytes]) -> bytes:
-    """Change one to three values, keys or lines of a TOML text; now and then its bytes."""
+    """Change one to three values, keys or lines of a TOML text; sometimes its bytes."""
     return _mutate_text(random, data, others, _TOML_VALUE, _TOML_VALUES)
 
 
 def mutate_json(random: Random, data: bytes, others: Sequence[bytes]) -> bytes:
-    """Change one to three values, keys or lines of JSON objects; now and then their bytes."""
+    """Change one to three values, keys or lines of JSON objects; sometimes their bytes."""
     return _mutate_text(random, data, others, _JSON_VALUE, _JSON_VALUES)
 
 

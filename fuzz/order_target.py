@@ -1,4 +1,4 @@
-"""Orders to a running plant, as they come through its control door from other programs."""
+"""Fuzz target for orders to a running plant, as other programs send them through its control door."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ _FAULTS = (
 
 
 def order_target(plugin: Protocol) -> Target:
-    """Return the orders, to a plant with one drive of this protocol; each input has a plant of its own."""
-    # Read once: reading it takes a hundred times as long as an order.
+    """Return the target for orders to a plant with one drive of this protocol; each input gets a new plant."""
+    # Read the model once: reading it takes a hundred times as long as an order.
     model = load_model(plugin.package, plugin.name, plugin.default_model)
     drive = DriveConfig(
         protocol=plugin.name, address=plugin.addresses[0], line="hall", name="pump", options={"model": model}

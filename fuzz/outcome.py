@@ -1,4 +1,4 @@
-"""What came of fuzzing a target."""
+"""Outcome of fuzzing a target, and storage of the inputs that revealed a flaw."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flaw:
-    """An input that shows something, and what. kept: where the input is now."""
+    """A flaw that an input revealed. kept: the file with the input."""
 
     error: str
     place: str
@@ -27,7 +27,7 @@ class Flaw:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """One target's run. slowest_s: the longest that one input took, None where nobody measured."""
+    """Result of fuzzing one target. slowest_s: the longest duration of one input, None if not measured."""
 
     target: str
     inputs: int
@@ -38,12 +38,12 @@ class Outcome:
 
     @property
     def rate(self) -> float:
-        """Inputs in a second."""
+        """Inputs per second."""
         return self.inputs / self.seconds if self.seconds else 0.0
 
 
 def keep(target: Target, data: bytes) -> Path:
-    """Keep an input that shows something; return where."""
+    """Store an input that revealed a flaw; return its path."""
     folder = FOUND / target.name
     folder.mkdir(parents=True, exist_ok=True)
     place = folder / sha256(data).hexdigest()[:12]
@@ -52,12 +52,12 @@ def keep(target: Target, data: bytes) -> Path:
 
 
 def known_flaws(target: Target) -> dict[tuple[str, str], Flaw]:
-    """Return what the kept inputs of a target still show, by kind of error and place."""
+    """Return the flaws that the stored inputs of a target still reveal, by kind of error and place."""
     known: dict[tuple[str, str], Flaw] = {}
     for data in target.found():
         try:
             target.check(data)
-        except Exception as error:  # noqa: BLE001 - whatever it is, it is what we look for
+        except Exception as error:  # noqa: BLE001 - any exception is a finding
             kind = kind_of(error)
             said = f"{kind[0]}: {str(error)[:200]}"
             known.setdefault(kind, Flaw(error=said, place=kind[1], kept=keep(target, data)))
@@ -65,14 +65,14 @@ def known_flaws(target: Target) -> dict[tuple[str, str], Flaw]:
 
 
 def kind_of(error: BaseException) -> tuple[str, str]:
-    """Return what tells two flaws apart: the kind of error and its place."""
+    """Return the key that identifies a flaw: the kind of error and its place."""
     return type(error).__name__, place_of(error)
 
 
 def place_of(error: BaseException) -> str:
-    """Return where an error came from: two that come from the same place are the same flaw.
+    """Return the place of an error in the code; errors with the same place count as the same flaw.
 
-    That is the last line of drivecomm that was on the way to it, or of the target where a property broke.
+    The place is the last line of drivecomm in the traceback, or the target's line if a property broke.
     """
     frames = list(walk_tb(error.__traceback__))
     owner = "drivecomm" if not isinstance(error, PropertyBrokenError) else ""
@@ -85,6 +85,6 @@ def place_of(error: BaseException) -> str:
 
 
 def peak_mib() -> float:
-    """Return the most memory that this process has had so far."""
+    """Return the peak memory of this process in MiB."""
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / (1024 * 1024 if sys.platform == "darwin" else 1024)

@@ -1,4 +1,4 @@
-"""Fuzzing without atheris: seeded random changes of the seeds. It sees no coverage, and needs nothing installed."""
+"""Fuzzing without atheris: seeded random mutations of the seeds, without coverage or further packages."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ if TYPE_CHECKING:
     from target import Target
 
 TITLE = "the plain random mutator, which sees no coverage"
-# Beyond it, one input that takes ever more memory could not be told from the interpreter's own.
+# Growth beyond this limit cannot be the interpreter's own, and indicates a leak.
 _MOST_GROWTH_MIB = 256
 _SHRINKING_TRIALS = 400
 
 
 def run(target: Target, *, runs: int | None, seconds: float | None, seed: int) -> Outcome:
-    """Run a target on its seeds, on what was found before, and on changed ones of both, until it is enough."""
+    """Run a target on its seeds, on the inputs found before, and on mutations of both, up to a limit."""
     before, began, slowest, number = peak_mib(), perf_counter(), 0.0, 0
     flaws: dict[tuple[str, str], Flaw] = {}
     check, at = target.check, began
     for data in _inputs(target, Random(seed)):  # noqa: S311 - repeatable on purpose
         try:
             check(data)
-        except Exception as error:  # noqa: BLE001 - whatever it is, it is what we look for
+        except Exception as error:  # noqa: BLE001 - any exception is a finding
             known = kind_of(error)
             if known not in flaws:
                 flaws[known] = _flaw(target, data, known)
@@ -65,9 +65,9 @@ def _flaw(target: Target, data: bytes, known: tuple[str, str]) -> Flaw:
 
 
 def _shrunk(target: Target, data: bytes, known: tuple[str, str]) -> tuple[bytes, BaseException]:
-    """Return the input without what is not needed for the same flaw."""
+    """Return the smallest input found that still reveals the same flaw, with its error."""
     error = _error(target, data) or RuntimeError("it does not come again")
-    # What is only just too deep would be deep enough no more with another engine.
+    # Shrinking a deep recursion could make it too shallow to fail with another engine.
     if data in target.found() or isinstance(error, RecursionError):
         return data, error
     size, trials = len(data) // 2, 0

@@ -1,10 +1,10 @@
-"""Fuzz everything that reads what others wrote, and print how many inputs it took and how fast.
+"""Fuzzer for all readers of foreign data; prints the number of inputs and their rate.
 
     make fuzz
     python fuzz/run.py [TARGET ...] [--runs N] [--seconds S] [--engine atheris|plain] [--seed N] [--list]
 
-With atheris, inputs are led by what they reach; without it they are random changes of sound ones. Exit code 1 when
-something other than an error of drivecomm's tree came out, or a property broke; the input is kept in fuzz/found.
+With atheris, inputs are guided by coverage; without it they are random mutations of valid ones. The exit code is 1 if
+an error outside drivecomm's tree was raised or a property broke; the input is stored in fuzz/found.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _SECONDS = 10.0
 
 
 def main() -> int:
-    """Fuzz; return the exit code."""
+    """Fuzz the targets; return the exit code."""
     targets = all_targets()
     parser = argparse.ArgumentParser(description="Fuzz everything that reads what others wrote.")
     parser.add_argument("names", nargs="*", metavar="TARGET", help="only these; all unless given")

@@ -1,7 +1,7 @@
-"""The sniffer: pieces from both sides of a line, with any pauses, looked through for all protocols at once.
+"""Fuzz target for the sniffer: pieces from both sides of a line, with any pauses, searched for all protocols.
 
-An input is a row of pieces: a byte that says how long the piece is (5 bits), whether a pause is before it (1 bit) and
-who sent it (2 bits), and its bytes.
+An input is a row of pieces. Each begins with a byte that holds the length of the piece (5 bits), whether a pause comes
+before it (1 bit), and its sender (2 bits); the bytes of the piece follow.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ _SOURCES: tuple[Source, ...] = ("unknown", "master", "drive", "unknown")
 _PAUSE_S = 0.2
 _CHARACTER_S = 0.001
 _MOST_HELD = 4096 + 512
-"""Bytes that may wait for their meaning: the sniffer's longest riddle, and a telegram that has begun behind it."""
+"""Limit of undecoded bytes: the sniffer's longest undecided stretch, and the beginning of a telegram after it."""
 
 
 def sniffer_target() -> Target:
-    """Return the sniffer with all installed protocols."""
+    """Return the target for the sniffer with all installed protocols."""
     plugins = list(installed.working())
 
     def check(data: bytes) -> None:
@@ -53,7 +53,7 @@ def sniffer_target() -> Target:
 
 
 def pieces_of(data: bytes) -> Iterator[Piece]:
-    """Yield the pieces that an input stands for."""
+    """Yield the pieces that an input encodes."""
     place, time_s = 0, 0.0
     while place + 1 < len(data):
         how = data[place]
@@ -72,7 +72,7 @@ def _seeds() -> Iterator[bytes]:
 
 
 def _floods() -> Iterator[bytes]:
-    """Yield beginnings of telegrams, one after the other, that never come to an end and never pause."""
+    """Yield sequences of telegram beginnings that never end and never pause."""
     for plugin in installed.working():
         beginning = next(each.data[:1] for each in packaged_vectors(plugin).vectors if each.valid)
         yield (bytes([_LONGEST - 1]) + beginning * _LONGEST) * (2 * _MOST_HELD // _LONGEST)

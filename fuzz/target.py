@@ -1,4 +1,4 @@
-"""What is fuzzed: a function of bytes that raises only when something is wrong with drivecomm."""
+"""Fuzz targets: functions of bytes that raise only if drivecomm has a flaw."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ if TYPE_CHECKING:
     from mutation import Mutator
 
 FOUND = Path(__file__).with_name("found")
-"""What was found, one folder for each target: the only inputs that are kept."""
+"""Folder of stored inputs that revealed a flaw, one subfolder for each target."""
 
 
 class PropertyBrokenError(Exception):
-    """No error came out, and what came out cannot be right."""
+    """No error was raised, but the result cannot be right."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Target:
-    """One thing that reads what others wrote.
+    """One reader of foreign data.
 
-    name: as the command line calls it. check: raises whatever came out of drivecomm that is not in its tree of errors,
-    and PropertyBrokenError. seeds: sound inputs to begin with. mutate: makes new inputs of old ones.
+    name: as on the command line. check: raises any error outside drivecomm's tree of errors, and PropertyBrokenError.
+    seeds: valid inputs to start with. mutate: makes new inputs from existing ones.
     """
 
     name: str
@@ -33,7 +33,7 @@ class Target:
     mutate: Mutator
 
     def found(self) -> list[bytes]:
-        """Return the inputs that once showed something, in a fixed order."""
+        """Return the stored inputs that once revealed a flaw, in a fixed order."""
         return [path.read_bytes() for path in sorted((FOUND / self.name).glob("*")) if path.is_file()]
 
 

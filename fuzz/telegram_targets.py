@@ -1,6 +1,6 @@
-"""Decoders, framers and encoders of every installed protocol, requests and replies, with all options of its vectors.
+"""Fuzz targets for decoders, framers and encoders of every installed protocol, with all options of its vectors.
 
-The first byte of an input chooses direction and options; the telegram or the stream follows it.
+The first byte of an input selects direction and options; the telegram or the stream follows it.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Codec, Direction, Find, Protocol
 
 _MOST_HELD = 512
-"""Bytes that a framer may keep: it copies so much for each byte that it looks at, since no telegram is longer."""
+"""Limit of bytes that a framer holds: no telegram is longer, and each new byte makes the framer copy them all."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Reader:
-    """A codec as it is asked: a protocol with options, in a direction."""
+    """A codec of a protocol with options, for one direction."""
 
     plugin: Protocol
     options: Any
@@ -38,7 +38,7 @@ class _Reader:
 
 
 def telegram_targets(plugin: Protocol) -> Iterator[Target]:
-    """Yield what there is to fuzz in the telegrams of a protocol."""
+    """Yield the fuzz targets for the telegrams of a protocol."""
     readers = _readers(plugin)
     sound = _sound(plugin, readers)
     yield _decoder(plugin, readers, sound)
@@ -48,7 +48,7 @@ def telegram_targets(plugin: Protocol) -> Iterator[Target]:
 
 def _readers(plugin: Protocol) -> list[_Reader]:
     vectors = packaged_vectors(plugin)
-    # Not in a set: options may be lists.
+    # A list, not a set: options may contain unhashable lists.
     chosen = [plugin.options()]
     for entry in (*vectors.vectors, *vectors.streams):
         options = plugin.options(**entry.options)
@@ -61,7 +61,7 @@ def _readers(plugin: Protocol) -> list[_Reader]:
 
 
 def _sound(plugin: Protocol, readers: list[_Reader]) -> tuple[bytes, ...]:
-    """Return the telegrams and streams of the vectors, each behind the byte that chooses its reader."""
+    """Return the telegrams and streams of the vectors, each after the byte that selects its reader."""
     vectors = packaged_vectors(plugin)
     found = [
         bytes([readers.index(_Reader(plugin=plugin, options=plugin.options(**each.options), direction=each.direction))])
@@ -72,7 +72,7 @@ def _sound(plugin: Protocol, readers: list[_Reader]) -> tuple[bytes, ...]:
 
 
 def _decoder(plugin: Protocol, readers: list[_Reader], seeds: tuple[bytes, ...]) -> Target:
-    # Only a framer measures, so only there can one input leave something behind for the next.
+    # Decoders are reused for all inputs; only framers keep state between inputs.
     codecs = [(reader.codec(), reader.direction) for reader in readers]
 
     def check(data: bytes) -> None:
@@ -89,13 +89,13 @@ def _decoder(plugin: Protocol, readers: list[_Reader], seeds: tuple[bytes, ...])
         try:
             written = codec.encode(message)
         except TelegramError:
-            # Read, and never written: a freedom of the sender.
+            # A decoder may accept forms that the encoder never produces.
             return
         try:
             read = codec.decode(written, direction)
         except TelegramError as error:
             if _repeats_its_beginning(written):
-                # It looks like one that broke off and was sent again, which a receiver may refuse.
+                # A telegram that repeats its beginning looks like a restarted one, which a receiver may refuse.
                 return
             where = f"what was decoded is encoded as {written.hex(' ')}"
             raise PropertyBrokenError(f"{where}, and that is refused: {error}") from error
@@ -119,7 +119,7 @@ def _framer(plugin: Protocol, readers: list[_Reader], sound: tuple[bytes, ...]) 
         expect(_joined(whole) == _joined(pieces), f"whole it finds {whole}, in pieces of {size} it finds {pieces}")
 
     rows = [seed[:1] + bytes([place]) + seed[1:] * 2 for place, seed in enumerate(sound) if place < 256]
-    # A beginning that never comes to an end.
+    # A telegram beginning that never ends.
     floods = [seed[:1] + b"\x00" + seed[1:6] + seed[5:6] * 1000 for seed in sound[:3]]
     return Target(name=f"{plugin.name}-framer", check=check, seeds=(*rows, *floods), mutate=mutate_bytes)
 
@@ -137,7 +137,7 @@ def _finds(reader: _Reader, stream: bytes, size: int) -> list[Find]:
 
 
 def _joined(finds: list[Find]) -> list[tuple[str, bytes]]:
-    """Return finds so that they can be compared: noise may come in any pieces, errors are equal by what they say."""
+    """Return finds in a comparable form: adjacent noise is joined, and errors are replaced by their texts."""
     joined: list[tuple[str, bytes]] = []
     for find in finds:
         if isinstance(find, Noise):
@@ -151,7 +151,7 @@ def _joined(finds: list[Find]) -> list[tuple[str, bytes]]:
 
 
 def _encoder(plugin: Protocol) -> Target:
-    """Take a vector's fields, change some, and write them: what is written must be read, and as it was meant."""
+    """Return the target that encodes changed fields of a vector; the result must decode to the same message."""
     vectors = packaged_vectors(plugin)
     examples = [(each, plugin.options(**each.options)) for each in vectors.vectors if each.valid]
     names = sorted({name for each, _ in examples for name in each.fields})

@@ -1,11 +1,11 @@
-"""Let mutmut look for mistakes that the tests of a room would not notice.
+"""Automatic mutants: runs mutmut on a room to find mistakes that its tests do not detect.
 
     make mutants-any ROOM=line
     python mutants/any.py ROOM[/MODULE] [--tests FOLDER ...]
 
-Works on a copy, so nothing here is touched, and prints each surviving mutant as a diff. Many change nothing that
-matters: one that does gets a test, and a place among those that are kept if it is about a stop, a link, a lease or a
-kept motor.
+It works on a copy, so no file here changes, and prints each surviving mutant as a diff. Many survivors change nothing
+that matters. One that does gets a test; if it is about a stop, a link, a lease or a kept motor, it also joins the
+permanent mutants.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from shutil import copytree, ignore_patterns
 
 ROOT = Path(__file__).resolve().parent.parent
 BESIDE = ("protocols", "docs", "benchmarks")
-"""Folders that tests read besides the code that is mutated."""
+"""Further folders that the tests read, in addition to the mutated code."""
 SETTINGS = """
 [tool.mutmut]
 source_paths = ["drivecomm"]
@@ -32,7 +32,7 @@ pytest_add_cli_args_test_selection = {tests}
 
 
 def main() -> int:
-    """Judge them; return the exit code, 1 if any survived."""
+    """Run mutmut and print the survivors; return the exit code, 1 if any mutant survived."""
     parser = argparse.ArgumentParser(description="Look for mistakes that the tests of a room would not notice.")
     parser.add_argument("room", help="a folder of drivecomm/, or a module of one such as line/queue")
     parser.add_argument("--tests", nargs="+", metavar="FOLDER", help="what judges them; tests/ROOM unless given")
@@ -47,7 +47,7 @@ def main() -> int:
             copytree(ROOT / each, Path(folder, each), ignore=ignore_patterns("__pycache__"))
         Path(folder, "README.md").write_bytes((ROOT / "README.md").read_bytes())
         settings = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-        # Lists of texts are written alike in Python and in TOML.
+        # With double quotes, a list of texts is the same in Python and in TOML.
         written = [str([*names]).replace("'", '"') for names in (tests, (*BESIDE, "README.md"))]
         chosen = SETTINGS.format(mutated=mutated, tests=written[0], beside=written[1])
         Path(folder, "pyproject.toml").write_text(settings + chosen, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The lists of the mutants in the documentation, with what killed each."""
+"""Lists of the mutants in the documentation, each with the test or check that killed it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _SECTION = re.compile(r"^## .*?(?=^## |\Z)", re.MULTILINE | re.DOTALL)
 
 
 def write_sections(page: Path, fates: Mapping[str, Sequence[Fate]]) -> None:
-    """Write the section of each of these groups in place of the one that there was; the others stay."""
+    """Replace the sections of these groups on the page; other sections stay."""
     text = page.read_text(encoding="utf-8")
     sections = {each.group().partition("\n")[0]: each.group().rstrip() for each in _SECTION.finditer(text)}
     for group, of_group in fates.items():
@@ -29,7 +29,7 @@ def write_sections(page: Path, fates: Mapping[str, Sequence[Fate]]) -> None:
 
 
 def listed_ids(page: Path) -> list[str]:
-    """Return the ids on a page, in its order."""
+    """Return the ids on a page, in order."""
     return re.findall(r"^\| `([^`]+)` \|", page.read_text(encoding="utf-8"), re.MULTILINE)
 
 

@@ -1,4 +1,4 @@
-"""A mutant: one mistake that an author could have made, planted in a copy of a package."""
+"""Mutants: single mistakes that an author could have made, planted in a copy of a package."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _KEYS = {"id", "mistake", "file", "old", "new"}
 class Mutant:
     """One mistake, and where it is planted.
 
-    id: names it. mistake: what is wrong, in one line. file: of the package. old: a text that stands exactly once in
-    that file. new: what stands there instead. same: why nobody could ever notice, for one that changes nothing. tests:
-    which tests judge it, as for pytest and from the project's folder; none for a protocol package, which the
-    conformance kit judges.
+    id: unique name. mistake: description in one line. file: path within the package. old: a text that occurs exactly
+    once in that file. new: its replacement. same: why no test can notice a mutant that changes nothing. tests: tests
+    that judge it, as for pytest and from the project's folder; none for a protocol package, which the conformance kit
+    judges.
     """
 
     id: str
@@ -31,19 +31,19 @@ class Mutant:
     tests: tuple[str, ...] = ()
 
     def planted_in(self, text: str) -> str:
-        """Return the text of the file with the mistake in it. Raises ValueError unless `old` stands there once."""
+        """Return the text of the file with the mistake in it. Raises ValueError unless `old` occurs exactly once."""
         if text.count(self.old) != 1:
             raise ValueError(f"{self.id}: its text stands {text.count(self.old)} times in {self.file}, not once")
         return text.replace(self.old, self.new)
 
 
 def package_folder(protocol: str) -> Path:
-    """Return the folder of the protocol's package as it is installed."""
+    """Return the folder of the installed protocol package."""
     return _folder("drivecomm_" + protocol.replace("-", "_"))
 
 
 def framework_folder() -> Path:
-    """Return the folder of the framework as it is installed."""
+    """Return the folder of the installed framework."""
     return _folder("drivecomm")
 
 
@@ -53,17 +53,17 @@ def protocols() -> list[str]:
 
 
 def themes() -> list[str]:
-    """Return the names of the files with mutants of the framework."""
+    """Return the names of the mutant files of the framework."""
     return sorted(path.stem for path in (HERE / FRAMEWORK).glob("*.toml"))
 
 
 def mutants_of(protocol: str) -> list[Mutant]:
-    """Return the mutants of a protocol in the order of their file. Raises ValueError when one of them is not whole."""
+    """Return the mutants of a protocol in file order. Raises ValueError for an incomplete mutant."""
     return _read(HERE / f"{protocol}.toml", {"same"})
 
 
 def framework_mutants_of(theme: str) -> list[Mutant]:
-    """Return the mutants of one file in its order. Raises ValueError when one of them is not whole."""
+    """Return the mutants of one theme in file order. Raises ValueError for an incomplete mutant."""
     found = _read(HERE / FRAMEWORK / f"{theme}.toml", {"same", "tests"})
     if unjudged := [mutant.id for mutant in found if not mutant.tests]:
         raise ValueError(f"{theme}: no tests judge {unjudged[0]}")
@@ -71,7 +71,7 @@ def framework_mutants_of(theme: str) -> list[Mutant]:
 
 
 def _read(path: Path, may_have: set[str]) -> list[Mutant]:
-    """Return the mutants of a file; the tests that stand at its top judge those that name none of their own."""
+    """Return the mutants of a file; those without tests of their own get the tests given at its top."""
     content = tomllib.loads(path.read_text(encoding="utf-8"))
     found: dict[str, Mutant] = {}
     for entry in content["mutant"]:

@@ -1,4 +1,4 @@
-"""Plant a mutant in a copy of its package, and let the conformance kit or the tests judge the copy."""
+"""Planting of a mutant in a copy of its package, and its trial by the conformance kit or the tests."""
 
 from __future__ import annotations
 
@@ -23,14 +23,15 @@ if TYPE_CHECKING:
 
 KIT_S = 900
 TESTS_S = 120
-"""A mutant may make its judges wait for something that never comes; that is a kill, too."""
+"""Time limit in seconds: a mutant may make its tests wait forever, which counts as killed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fate:
-    """What became of a mutant. check: the first that did not hold, empty for a survivor. reason: in the judge's words.
+    """Result of a mutant's trial.
 
-    A check of the kit has a name, a test its id.
+    check: the first check or test that failed, empty for a survivor; a check has a name, a test an id. reason: its
+    message.
     """
 
     mutant: Mutant
@@ -39,24 +40,24 @@ class Fate:
 
     @property
     def survived(self) -> bool:
-        """Whether nothing was noticed."""
+        """Whether no check or test failed."""
         return not self.check
 
 
 def judged(protocol: str, mutant: Mutant) -> Fate:
-    """Plant a mutant and let the kit judge it.
+    """Plant a mutant and judge it by the conformance kit.
 
-    Raises ValueError when it cannot be planted or the package cannot be loaded.
+    Raises ValueError if it cannot be planted or the package cannot be loaded.
     """
     with _copy_of(package_folder(protocol), mutant) as copy:
         return _tried(mutant, [HERE / "trial.py", copy.parent, protocol], copy.parent, KIT_S)
 
 
 def judged_by_tests(mutant: Mutant) -> Fate:
-    """Plant a mutant in the framework and let its tests judge it.
+    """Plant a mutant in the framework and judge it by its tests.
 
-    Raises ValueError when it cannot be planted, the tests cannot be loaded with it, or the one that noticed it fails
-    without it, too.
+    Raises ValueError if it cannot be planted, if the tests cannot be loaded with it, or if the failed test also fails
+    without it.
     """
     fate = _tested(mutant, mutant.tests, planted=mutant)
     if "::" in fate.check and not _tested(mutant, [fate.check]).survived:
@@ -71,10 +72,10 @@ def _tested(mutant: Mutant, tests: Sequence[str], planted: Mutant | None = None)
 
 @contextmanager
 def _copy_of(folder: Path, mutant: Mutant | None) -> Iterator[Path]:
-    """Copy a package with this mistake in it, or none."""
+    """Yield a copy of a package with this mistake planted, or an unchanged copy."""
     with TemporaryDirectory(prefix="drivecomm-mutant-", ignore_cleanup_errors=True) as place:
         copy = Path(place).resolve() / folder.name
-        # What is compiled already is good for all files but one.
+        # The copy includes compiled files; only that of the mutated file is removed below.
         shutil.copytree(folder, copy)
         if mutant is not None:
             file = copy / mutant.file
@@ -85,9 +86,9 @@ def _copy_of(folder: Path, mutant: Mutant | None) -> Iterator[Path]:
 
 
 def _tried(mutant: Mutant, script: list[object], place: Path, seconds: float) -> Fate:
-    """Run a trial in the folder that holds the copy, which all its programs find before anything that is installed."""
+    """Run a trial script in the copy's folder, which comes before all installed packages in its processes."""
     command = [sys.executable, "-P", *map(str, script)]
-    # Whatever the tests have started ends with them.
+    # Processes started by the tests belong to the same session, so they can be killed as well.
     with subprocess.Popen(
         command,
         cwd=place,

@@ -1,11 +1,11 @@
-"""Judge the conformance kit and the tests by mutants: each is planted, and has to be noticed.
+"""Trial of the conformance kit and the tests with mutants: each mutant is planted, and must be detected.
 
     make mutants
     python mutants/run.py [PROTOCOL | framework | THEME ...] [--only ID] [--write] [--jobs N]
 
-The kit judges those of the protocol packages, the tests those of the framework. Prints what killed each. Exit code 1
-when one survives that changes behaviour, or one does not that changes nothing. `--write` puts their lists into the
-pages of the documentation. A theme is a file of framework/.
+The kit judges mutants of protocol packages, the tests those of the framework. Prints the check or test that killed each
+mutant. The exit code is 1 if a mutant that changes behaviour survives, or one that changes nothing is killed. `--write`
+writes the lists into the pages of the documentation. A theme is a file of framework/.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def main() -> int:
-    """Judge them; return the exit code."""
+    """Judge the chosen mutants; return the exit code."""
     packages = protocols()
     known = [*packages, FRAMEWORK, *themes()]
     parser = argparse.ArgumentParser(description="Judge the conformance kit and the tests by planted mistakes.")
@@ -70,7 +70,7 @@ def _named(mutants: Iterable[Mutant], part: str) -> list[Mutant]:
 
 
 def _hunt(group: str, mutants: list[Mutant], judge: Callable[[Mutant], Fate], jobs: int) -> list[Fate]:
-    # Each is judged in a process of its own; the threads only wait for them.
+    # Threads suffice: each mutant is judged in a separate process.
     with ThreadPoolExecutor(jobs) as crew:
         fates = []
         for fate in crew.map(judge, mutants):

@@ -1,8 +1,8 @@
-"""Judge the package that stands in a folder; run by `planting.py` in a process of its own.
+"""Trial of a mutated protocol package by the conformance kit; `planting.py` runs it in a separate process.
 
     python mutants/trial.py FOLDER PROTOCOL
 
-Prints one JSON object: `check` and `reason` of the first check that does not hold, both empty when all hold.
+Prints one JSON object: `check` and `reason` of the first check that fails, both empty if all pass.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from pathlib import Path
 
 
 def main(folder: str, protocol: str) -> None:
-    """Judge, quickly first; what stands the quick extent is put through everything."""
+    """Run the quick conformance run, and the full one if the quick one passes; print the first failure."""
     sys.path.insert(0, folder)
     package = __import__("drivecomm_" + protocol.replace("-", "_"))
     if Path(str(package.__file__)).parent.parent != Path(folder):

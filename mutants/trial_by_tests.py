@@ -1,8 +1,8 @@
-"""Run tests on the framework that stands in a folder; run by `planting.py` in a process of its own, in that folder.
+"""Trial of a mutated framework by tests; `planting.py` runs it in a separate process, in the framework's folder.
 
     python -P mutants/trial_by_tests.py FOLDER TEST ...
 
-Prints one JSON object: `check` and `reason` of the first test that fails, both empty when none does.
+Prints one JSON object: `check` and `reason` of the first test that fails, both empty if none does.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 class FirstFailure:
-    """What pytest tells of the first test that fails, and what cannot be loaded."""
+    """pytest plug-in that records the first failed test, and any file that cannot be loaded."""
 
     def __init__(self) -> None:
         self.check = self.reason = self.unloadable = ""
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
-        """Take note of a file that cannot be loaded."""
+        """Record a file that cannot be loaded."""
         if report.failed:
             self.unloadable = report.longreprtext.strip().rpartition("\n")[2]
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Take note of a test that fails."""
+        """Record the first failed test."""
         if report.failed and not self.check:
             self.check = f"{report.location[0]}::{report.nodeid.partition('::')[2]}"
             self.reason = report.longreprtext.strip().rpartition("\n")[2]
 
 
 def main(folder: str, *tests: str) -> int:
-    """Run them; return the exit code, 0 when they could be run."""
+    """Run the tests and print the first failure; return the exit code, 0 if they could be run."""
     spec = find_spec("drivecomm")
     if spec is None or Path(str(spec.origin)).parent.parent != Path(folder):
         raise SystemExit(f"{spec and spec.origin} would be judged and not what stands in {folder}")
@@ -55,5 +55,5 @@ if __name__ == "__main__":
     ended = main(*sys.argv[1:])
     sys.stdout.flush()
     sys.stderr.flush()
-    # A thread that a mistake keeps alive does not keep its judge waiting.
+    # Exit without waiting for threads that the mistake keeps alive.
     os._exit(ended)

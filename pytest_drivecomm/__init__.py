@@ -1,14 +1,14 @@
-"""The pytest plug-in: fixtures with virtual drives, and the decoded trace of their lines under a test that fails.
+"""pytest plug-in: fixtures with virtual drives, and the decoded trace of their lines below a failed test.
 
-pytest imports this module at the start of every run of every project in whose environment drivecomm is installed. So
-it imports nothing of drivecomm, not even the package: that happens when a test asks for one of the fixtures.
+pytest imports this module at the start of every run of every project in whose environment drivecomm is installed. So it
+imports nothing of drivecomm, not even the package: that happens when a test requests one of the fixtures.
 
     virtual_line    makes a line with virtual drives on it: WatchedLine
     virtual_drive   makes a line with one virtual drive on it: WatchedDrive
     virtual_plant   makes the lines and drives of a plant file: WatchedPlant
-    served_plant    makes them in real time, with a server as `drivecomm serve` is one: WatchedServer
+    served_plant    makes them in real time, with a server like `drivecomm serve`: WatchedServer
 
-Everything that they made is closed at the end of the test. What they take is said in `drivecomm.testing.fixtures`.
+Everything that they make is closed at the end of the test. `drivecomm.testing.fixtures` describes their arguments.
 """
 
 from __future__ import annotations
@@ -77,12 +77,12 @@ def served_plant(_virtual_lines: LineMaker) -> MakesServer:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Attach the traces of the virtual lines of a test that failed, and the seed of their faults."""
+    """Attach the traces of the virtual lines of a failed test, and the seed of their faults."""
     report = yield
     if report.failed and (lines := item.stash.get(_LINES, None)) is not None:
         traces = list(lines.traces())
         report.sections.extend((f"drivecomm: {title}", text) for title, text in traces)
-        # JUnit XML has the properties of a test, and no sections but the captured ones.
+        # JUnit XML shows the properties of a test, but no sections apart from captured output.
         told = [("drivecomm-seed", str(lines.seed))]
         told += [("drivecomm-trace", f"{title}\n{text}") for title, text in traces]
         item.user_properties += [each for each in told if each not in item.user_properties]
@@ -92,12 +92,12 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestR
 def master_tests(
     drive: str, *, command: Sequence[str], tasks: Mapping[str, str], **order: Any
 ) -> Callable[[pytest.FixtureRequest, Case], None]:
-    """Return a test function that plays every case of `drivecomm judge` as a test of its own.
+    """Return a test function that plays every case of `drivecomm judge` as a separate test.
 
         test_driver = master_tests("vabus:1", command=["./mydriver", "{port}"], tasks={"read": "read 481"})
 
     drive: PROTOCOL:ADDRESS with options, or a protocol. tasks: the arguments of each task, as a shell would take them.
-    order: further fields of `drivecomm.judge.Order`. Raises UsageError for what cannot be.
+    order: further fields of `drivecomm.judge.Order`. Raises UsageError for an invalid order.
     """
     from drivecomm.judge import Judge, Order, parse_task
     from drivecomm.protocol import installed, parse_drive

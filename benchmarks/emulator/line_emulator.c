@@ -1,24 +1,24 @@
-/* Serial lines as pseudo-terminals, with the timing of real ones: characters take their time, drives take theirs.
+/* Serial lines as pseudo-terminals, with the character times and reply delays of real ones.
 
-   A measuring instrument: it spins on a processor core of its own and says at the end how late it was.
+   A measuring instrument: it spins on a processor core of its own and reports its lateness at the end.
 
    Standard input describes the lines, one fact a line of text, all times in seconds:
 
        line BITS BAUD DELAY_FROM DELAY_TO SEED byte|telegram
-       deaf SECONDS                  after its reply, the drive does not hear characters that begin sooner
-       answer REQUEST REPLY          both in hexadecimal; "-" for a telegram that nobody answers
+       deaf SECONDS                  for this long after its reply, the drive ignores characters
+       answer REQUEST REPLY          both in hexadecimal; "-" for a telegram without a reply
        go
 
-   BITS is what one character takes, start, parity and stop bits included. A drive answers after a delay between the two
-   (evenly spread, from the seed). "byte": the master gets each character when its last bit has passed; "telegram": all
-   of a reply when the last bit of its last character has passed, as an adapter with a buffer does. "answer" and "deaf"
-   belong to the line before them.
+   BITS is the length of one character, including start, parity and stop bits. A drive answers after a delay between the
+   two limits (evenly spread, from the seed). "byte": the master gets each character after its last bit; "telegram": the
+   whole reply after the last bit of its last character, as from an adapter with a buffer. "answer" and "deaf" belong to
+   the preceding line.
 
-   After "go" the paths of the lines come out as one line of JSON. Then it serves, until standard input ends or SIGTERM
-   comes, and prints what it saw as one line of JSON:
+   After "go" it prints the paths of the lines as one line of JSON. Then it serves until standard input ends or SIGTERM
+   arrives, and prints its observations as one line of JSON:
 
        lateness_us   how long after its due time each delivery was made
-       stalls        how often it was kept from running for more than 100 us, and for how long altogether
+       stalls        number and total time of interruptions of more than 100 us
        lines         for each line: requests answered, telegrams swallowed, stretches of unknown bytes, collisions
                      (bytes sent while a reply was due or on the wire; they are lost), and gap_us: from the end of a
                      reply to the beginning, on the wire, of the next request
@@ -61,7 +61,7 @@ typedef struct {
     int whole;
     answer answers[MOST_ANSWERS];
     size_t answer_count;
-    /* what the master has sent and no telegram has claimed, with the time each character began on the wire */
+    /* bytes from the master that belong to no telegram yet, with the time at which each began on the wire */
     unsigned char heard[LONGEST];
     double began[LONGEST];
     size_t heard_length;
@@ -139,7 +139,7 @@ static void open_line(line *one) {
     if (one->ours < 0 || grantpt(one->ours) || unlockpt(one->ours) || !(name = ptsname(one->ours)))
         die("pseudo-terminal");
     snprintf(one->path, sizeof one->path, "%s", name);
-    /* held open, so that a master may come and go */
+    /* held open, so that masters can connect repeatedly */
     one->theirs = open(one->path, O_RDWR | O_NOCTTY);
     if (one->theirs < 0 || tcgetattr(one->theirs, &raw)) die(one->path);
     cfmakeraw(&raw);
@@ -189,7 +189,7 @@ static void forget(line *one, size_t count) {
     memmove(one->began, one->began + count, one->heard_length * sizeof *one->began);
 }
 
-/* Take telegrams off what was heard, the longest that fits. What may still become a longer one waits. */
+/* Extract telegrams from the received bytes, the longest match first. A possible prefix of a longer one waits. */
 static void understand(line *one) {
     while (one->heard_length && !one->speaking) {
         const answer *fits = NULL;
@@ -287,7 +287,7 @@ int main(void) {
     int set = epoll_create1(0);
 
     sigaction(SIGTERM, &ending, NULL);
-    /* Unbuffered: what comes after "go" must be seen by poll. */
+    /* Unbuffered, so that poll sees the input after "go". */
     setvbuf(stdin, NULL, _IONBF, 0);
     read_description();
     printf("[");

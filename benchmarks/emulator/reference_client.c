@@ -1,4 +1,4 @@
-/* The bare master that the framework is measured against: poll, read, compare, and nothing else.
+/* Bare master as the reference for the framework: poll, read, compare, and nothing else.
 
    Standard input describes the lines, one fact a line of text, times in seconds:
 
@@ -6,12 +6,12 @@
        ask REQUEST REPLY CLOSING      in hexadecimal; "-" for no closing telegram
        run SECONDS
 
-   It asks on every line at once, again and again for so many seconds, and keeps PAUSE from the end of a reply to its
-   next byte: the closing telegram where there is one, with the next request right behind it. "byte": poll wakes for
-   every character; "reply": only for a whole reply (VMIN). "ask" belongs to the line before it.
+   It repeats the request on all lines concurrently for this many seconds. It keeps PAUSE from the end of a reply to its
+   next byte: the closing telegram, if any, with the next request directly after it. "byte": poll wakes for every
+   character; "reply": only for a whole reply (VMIN). "ask" belongs to the preceding line.
 
    Prints one line of JSON: exchanges and seconds of each line, wrong replies, and processor time of the whole. The
-   first exchange of a line is not counted: time runs from the end of its reply to the end of the last one. */
+   first exchange of a line is not counted: the time runs from the end of its reply to the end of the last reply. */
 
 #define _GNU_SOURCE
 #include <errno.h>
@@ -27,7 +27,7 @@
 #include <unistd.h>
 
 enum { MOST_LINES = 256, LONGEST = 300 };
-/* A sleep ends some microseconds late; the rest of a pause is spent looking at the clock. */
+/* A sleep ends some microseconds late, so the last part of a pause is a busy wait. */
 static const double SPIN_S = 40e-6;
 static const double LOST_S = 1.0;
 

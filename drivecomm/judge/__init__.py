@@ -1,4 +1,4 @@
-"""Judge a master: any program that talks to a drive, against a virtual one, through a catalogue of what goes wrong."""
+"""Judge of masters: runs any program that talks to a drive against a virtual drive and a catalogue of disturbances."""
 
 import lazy_loader
 

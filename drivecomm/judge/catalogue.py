@@ -1,11 +1,11 @@
-"""Cases as they are registered, and the catalogue of those for a drive and a master.
+"""Registered cases, and the catalogue of cases for a drive and a master.
 
     @case("lost", "read", title="no reply to a read arrives")
     def lost(trial: Trial) -> str:
-        \"\"\"It shows an error, or nothing.\"\"\"
+        \"\"\"The master shows an error or nothing.\"\"\"
 
-The name of a case is that of its task and its own: read-lost. Its docstring says when it is passed. It returns the
-reason for which it is, and raises CaseFailure or NotTried.
+A case is named after its task and its own name: read-lost. Its docstring states the condition for passing. Its function
+returns the reason for passing, and raises CaseFailure or NotTried.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Case:
-    """One thing that a master must survive.
+    """One disturbance that a master must survive.
 
-    name: of its task and its own, such as read-lost. task: what the master is given. title: what happens. passes: when
-    it is passed. play: carries it out.
+    name: the names of task and case, such as read-lost. task: the task of the master. title: the disturbance. passes:
+    the condition for passing. play: runs the case.
     """
 
     name: str
@@ -60,8 +60,8 @@ def case(
 ) -> Callable[[Callable[..., str]], Callable[..., str]]:
     """Register a case for these tasks.
 
-    each: yields, for a drive and a task, the end of a name, the end of a title, and what the function is given besides:
-    there is a case for each of them.
+    each: yields variants for a drive and a task: a suffix of the name, a suffix of the title, and the function's second
+    argument. One case is made for each variant.
     """
 
     def register(function: Callable[..., str]) -> Callable[..., str]:
@@ -72,8 +72,8 @@ def case(
 
 
 def catalogue(known: KnownDrive, order: Order) -> list[Case]:
-    """Return the cases for the tasks of a master, those on which others rest first."""
-    import drivecomm.judge.cases  # noqa: F401 - registers them
+    """Return the cases for the tasks of a master, basic cases first."""
+    import drivecomm.judge.cases  # noqa: F401 - registers the cases
 
     return [
         made
@@ -104,7 +104,7 @@ def _with(function: Callable[..., str], given: Any, trial: Trial) -> str:
 
 
 def chosen(cases: Sequence[Case], names: Sequence[str]) -> list[Case]:
-    """Return the cases with these names, all without any. Raises UsageError for a name that there is not."""
+    """Return the cases with these names, or all if no names are given. Raises UsageError for an unknown name."""
     known = [each.name for each in cases]
     for name in names:
         if name not in known:

@@ -1,4 +1,4 @@
-"""What of a protocol a run has touched: telegram forms, refusals, states of the motor, parameters."""
+"""Coverage of a protocol by a run: telegrams, refusal codes, states of the motor, parameters."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ if TYPE_CHECKING:
 
 
 class Covered(NamedTuple):
-    """How much of one thing was touched. missing: what was not, by name."""
+    """Coverage of one kind of item.
+
+    what: the kind, such as telegrams. missing: names of the items that were not covered.
+    """
 
     what: str
     touched: int
@@ -27,7 +30,7 @@ class Covered(NamedTuple):
 
 
 class Coverage:
-    """Collects what the cases of a run have touched; several threads may add."""
+    """Collector of the items that the cases of a run cover; several threads may add to it."""
 
     def __init__(self, known: KnownDrive) -> None:
         self._known = known
@@ -38,7 +41,7 @@ class Coverage:
         self._parameters: set[str] = set()
 
     def add(self, trial: Trial) -> None:
-        """Add what the drive heard, said and did in a case."""
+        """Add the requests, replies and motor states of a case."""
         known = self._known
         for stand in trial.stands:
             for heard in stand.drive.since():
@@ -55,7 +58,7 @@ class Coverage:
                 self._states |= stand.drive.states
 
     def summary(self) -> list[Covered]:
-        """Return how much of each was touched."""
+        """Return the coverage of each kind."""
         known = self._known
         forms = sorted(known.plugin.forms())
         kinds = known.kinds

@@ -1,4 +1,4 @@
-"""The virtual drive that a judged master talks to: all that it heard and did, and a hand in what it answers."""
+"""Virtual drive for judging a master: records its requests and effects, and can alter its replies."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ if TYPE_CHECKING:
 
 MOST_HEARD = 20_000
 BEFORE_S = 1000.0
-"""How long the drive has had mains when its line begins, in seconds: whatever was prepared is over by then."""
+"""Seconds for which the drive has had mains when its line begins; all preparation is finished by then."""
 
 _SERIAL_NUMBERS = ("transaction",)
-"""Fields that differ from telegram to telegram, whatever they ask."""
+"""Fields that differ from telegram to telegram with the same content."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Heard:
-    """A sound request to the drive.
+    """A valid request to the drive.
 
-    time_s: when its last character was there. key: the same for requests that ask the same. reply: what the drive
-    answered, before anything was done to that. started: whether it made the motor run; stopped: whether it ended that.
+    time_s: end of its last character. key: equal for requests with the same content. reply: the drive's reply before
+    any disturbance. started: whether it started the motor. stopped: whether it stopped the motor.
     """
 
     time_s: float
@@ -41,23 +41,22 @@ class Heard:
 
     @property
     def data(self) -> bytes:
-        """The bytes of the request."""
+        """Bytes of the request."""
         return self.find.data
 
 
 def key_of(message: Message) -> Hashable:
-    """Return what is the same for all requests that ask or command the same."""
+    """Return a key that is equal for all requests with the same content."""
     fields = fields_of(message)
     return tuple((name, str(value)) for name, value in sorted(fields.items()) if name not in _SERIAL_NUMBERS)
 
 
 class JudgedDrive(DriveProxy):
-    """Stands in front of a virtual drive. All of it may be looked at while another thread serves its line.
+    """Wrapper of a virtual drive that records requests; it can be inspected while another thread serves its line.
 
-    rules: what its master has to keep to on the line.
-    heard: the sound requests that were for this drive, in order, the last 20 000. refused_with: codes that it was told
-    to refuse with. states: of its motor. between: called for each request with it and what lets the drive act; returns
-    the reply.
+    rules: the rules for its master on the line. heard: the valid requests for this drive, in order, the last 20 000.
+    refused_with: the codes of its refusals. states: the states that its motor has had. between: called for each request
+    with the request and a function that makes the drive act; returns the reply.
     """
 
     def __init__(self, plugin: Protocol, drive: VirtualDrive, rules: LineRules) -> None:
@@ -72,11 +71,11 @@ class JudgedDrive(DriveProxy):
         self._plugin = plugin
 
     def time_of(self, now: float) -> float:
-        """Return the time of the drive, which has had mains for a while."""
+        """Return the drive's own time: the line's time plus the seconds since mains were switched on."""
         return now + BEFORE_S
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
-        """Let the drive act, and note what it heard and did."""
+        """Pass a telegram to the drive, and record the request and its effect."""
         with self.alone:
             if not isinstance(find, Framed):
                 self.damaged += 1
@@ -103,7 +102,7 @@ class JudgedDrive(DriveProxy):
             return reply
 
     def refuse(self, find: Framed, code: int, now: float) -> VirtualReply | None:
-        """Refuse a request with a code; None for one that no drive of the protocol refuses."""
+        """Return a refusal of a request with this code; None if drives of the protocol do not refuse such a request."""
         inner = self.inner
         reply = inner.refusing(find, code, self.time_of(now)) if isinstance(inner, Refuses) else None
         if reply is not None:
@@ -111,17 +110,17 @@ class JudgedDrive(DriveProxy):
         return reply
 
     def since(self, number: int = 0) -> list[Heard]:
-        """Return the requests from a number on."""
+        """Return the requests from this index on."""
         with self.alone:
             return list(self.heard)[number:]
 
     def answered(self, reply: bytes) -> Heard | None:
-        """Return the latest request that was answered with these bytes."""
+        """Return the latest request whose reply was these bytes, or None."""
         return next((each for each in reversed(self.since()) if each.reply == reply), None)
 
     def power_cycle(self, now: float) -> None:
         """Switch mains off and on."""
         with self.alone:
-            # What a power cut did to the motor was told in the time of the line.
+            # The line has stopped the motor in the line's time; the motor runs on the drive's time.
             self.motor.stop(Command.OFF, self.time_of(now))
             super().power_cycle(now)

@@ -1,4 +1,4 @@
-"""Judge a master: play the cases of the catalogue, several at a time, and give a verdict on each."""
+"""Judge of one master: plays the cases of the catalogue, several in parallel, and gives a verdict on each."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from drivecomm.judge.verdicts import Outcome
 
 AT_ONCE = 3
-"""How many cases are played at a time unless told otherwise."""
+"""Default number of cases played in parallel."""
 
 _LONGEST_OUTPUT = 4000
 _ATTEMPTS = 3
@@ -44,10 +44,10 @@ class _Played:
 
 
 class Judge:
-    """Judges one master on one type of drive.
+    """Judge of one master on one type of drive.
 
-    master: how it is given its tasks; started for each by the order's command if None. names: of the cases, all if
-    empty. Raises UsageError for an order that cannot be, before anything is started.
+    master: runs the tasks; if None, the order's command is started for each task. names: names of the cases; all if
+    empty. Raises UsageError for an invalid order before anything is started.
     """
 
     def __init__(self, order: Order, master: Master | None = None, names: Sequence[str] = ()) -> None:
@@ -63,17 +63,17 @@ class Judge:
 
     @property
     def runs_alone(self) -> bool:
-        """Whether nobody has to do anything for it."""
+        """Whether the run needs no action by a person."""
         return self._master.in_parallel
 
     def verdicts(self, at_once: int = AT_ONCE, begun: Callable[[Case], object] = lambda _: None) -> Iterator[Verdict]:
-        """Yield the verdicts in the order of the catalogue. begun: told each case before it is played."""
+        """Yield the verdicts in the order of the catalogue. begun: called with each case before it is played."""
         for task in self.order.tasks:
             cases = [case for case in self.cases if case.task == task.name]
             if not cases:
                 continue
             begun(cases[0])
-            # All cases of a task go by what the first one shows.
+            # All cases of a task need the result of its undisturbed case.
             self._plain(task.name)
 
             def play(case: Case) -> Verdict:
@@ -89,7 +89,7 @@ class Judge:
                     raise
 
     def verdict(self, case: Case) -> Verdict:
-        """Play one case, and before it, once, the undisturbed one of its task; may be called by several threads."""
+        """Play one case, preceded once by the undisturbed case of its task; several threads may call this."""
         plain = self._plain(case.task)
         return plain.verdict if case.name == plain.verdict.case else self._played(case, plain.learned).verdict
 
@@ -101,7 +101,7 @@ class Judge:
             return self._learned[task]
 
     def report(self, verdicts: Sequence[Verdict], seconds: float) -> JudgeReport:
-        """Return the report of some verdicts. seconds: what the run took."""
+        """Return the report of these verdicts. seconds: duration of the run."""
         return JudgeReport(
             drive=str(self.order.drive),
             model=self.known.model.name,
@@ -113,7 +113,7 @@ class Judge:
         )
 
     def _played(self, case: Case, learned: Learned | None, *, learns: bool = False) -> _Played:
-        """Play a case; again, up to three times, if it failed while this machine stood still."""
+        """Play a case, up to three times if it failed while this machine stood still."""
         for attempt in range(1, _ATTEMPTS + 1):
             with StandstillWatch() as watch:
                 began = time.monotonic()
@@ -163,5 +163,5 @@ class Judge:
 
 
 def seed_of(seed: int, name: str) -> int:
-    """Return the seed of a case, the same whichever others are played beside it."""
+    """Return the seed of a case, which does not depend on the other cases of the run."""
     return zlib.crc32(f"{seed}/{name}".encode())

@@ -1,4 +1,4 @@
-"""The report of a run as JUnit XML, as continuous integration reads it: one test case for each case."""
+"""JUnit XML report of a run for continuous integration: one test case for each case."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ if TYPE_CHECKING:
     from drivecomm.judge.verdicts import Verdict
 
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-"""Characters that no XML document may have."""
+"""Characters that XML does not allow."""
 
 
 def junit(report: JudgeReport) -> str:
-    """Return a report as JUnit XML: properties with the seed, the telegrams as the output of each case."""
+    """Return a report as JUnit XML, with the seed as a property, and the telegrams as the output of each case."""
     counts = report.counts
     numbers = {
         "tests": str(len(report.verdicts)),

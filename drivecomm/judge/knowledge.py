@@ -1,4 +1,4 @@
-"""What an undisturbed run of a task shows: what the master asks, what it changes, and what it prints."""
+"""Knowledge from an undisturbed run of a task: the master's requests, its effects, and its output."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Learned:
-    """What one task does where nothing is disturbed.
+    """Behaviour of one task without disturbance.
 
-    goes_on: whether it goes on until it is ended. saying: what it says when all is well, see `saying`. keys: how often
-    each request came. displays: how it shows the parameters that it reads, by address. raws: two values for each of
-    these. starts, stops: the requests that made the motor run, and stop. written: the parameter that it writes.
+    goes_on: whether the master runs until it is ended. saying: its exit code and output on success, see `saying`. keys:
+    number of requests by key. displays: how each parameter that it reads is shown, by address. raws: two raw test
+    values for each of these. starts, stops: the requests that start and stop the motor. written: the parameter that it
+    writes.
     """
 
     goes_on: bool
@@ -35,16 +36,16 @@ class Learned:
 
 
 def saying(run: Run) -> tuple[int | None, frozenset[str]]:
-    """Return what a master says of how it went: its exit code, and its lines with other numbers in them.
+    """Return how a master reports its outcome: its exit code, and its lines with all numbers masked.
 
-    Two runs that say the same tell nobody that one of them went wrong.
+    If two runs report the same, a user cannot see that one of them failed.
     """
     lines = (re.sub(r"[-+]?\d[\d.,:]*", "#", line.text).strip() for line in run.lines)
     return run.code, frozenset(line for line in lines if line)
 
 
 def says_success(run: Run, learned: Learned) -> bool:
-    """Whether a run says nothing that an undisturbed one does not say as well."""
+    """Whether a run reports nothing that an undisturbed run does not report as well."""
     code, lines = saying(run)
     usual_code, usual = learned.saying
     return code == usual_code and lines <= usual

@@ -1,4 +1,4 @@
-"""What is known of the judged drive apart from its line: fresh ones to try things on, and what its parameters mean."""
+"""Knowledge about the judged type of drive: new drives for trials, and the meaning of parameters and requests."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ if TYPE_CHECKING:
 _MOST_STEPS = 200
 _SOON_S = 1.0
 _TELLING = (1234, 2345, 4321, 321, 234, 123, 45, 34, 23, 12)
-"""Raw values whose digits show whether a master has them right, the longest first."""
+"""Raw values whose digits are easy to recognise in a master's output, the longest first."""
 _MOST_KNOWN = 256
 _MOST_CANDIDATES = 30
 _SETTLED_S = 600.0
 
 
 class KnownDrive:
-    """A type of drive, as a command line names one. Raises UsageError for one that cannot be.
+    """A type of drive, as named on the command line. Raises UsageError for an invalid one.
 
-    Fresh drives are in their factory state. Everything here happens at once, on no line.
+    New drives are in their factory state. All methods work without a line, and return immediately.
     """
 
     def __init__(self, config: DriveConfig) -> None:
@@ -50,17 +50,17 @@ class KnownDrive:
 
     @property
     def facts(self) -> LineFacts:
-        """The line facts that its master goes by."""
+        """Line facts that the master has to follow."""
         return self.type.master_facts
 
     @cached_property
     def refusals(self) -> Mapping[int, str]:
-        """With which codes its protocol refuses, and what they mean."""
+        """Refusal codes of the protocol, with their meanings."""
         return dict(self.plugin.refusals(self.type.options, self.model))
 
     @cached_property
     def kinds(self) -> list[str]:
-        """The kinds of telegrams of its protocol, requests and replies, as its vectors show them."""
+        """Kinds of telegrams in the protocol's vectors, requests and replies."""
         found = set()
         for vector in packaged_vectors(self.plugin).vectors:
             if vector.valid:
@@ -77,39 +77,39 @@ class KnownDrive:
         drive = self.fresh()
         return JudgedDrive(self.plugin, drive, self.type.rules(str(self.config), drive=drive))
 
-    # Verbs, carried out as a master would
+    # Operations, carried out as by a correct master
 
     def operations(self, address: int | None = None) -> Any:
-        """Return the verbs of the drive, or of another one of its type."""
+        """Return the operations of the drive, or of a drive of its type at another address."""
         address = self.config.address if address is None else address
         return self.plugin.operations(address, self.type.options, self.model)
 
     def start(self, drive: VirtualDrive, now: float) -> bool:
-        """Have a drive run its motor as a correct master does; returns whether it runs."""
+        """Start a drive's motor as a correct master does; return whether it runs."""
         self.set_reference(drive, now)
         with suppress(DriveCommError):
             carry_out(self.operations().start(), drive, self.codec, now)
         return drive.motor.command is Command.RUN
 
     def set_reference(self, drive: VirtualDrive, now: float) -> None:
-        """Give a drive some reference, in a way that it takes."""
+        """Set some reference of a drive, in the first unit that it takes."""
         for verb, value in (("set_reference_percent", 40), ("set_reference_hz", 20)):
             with suppress(DriveCommError):
                 carry_out(getattr(self.operations(), verb)(value), drive, self.codec, now)
                 return
 
     def set_ready(self, drive: JudgedDrive) -> None:
-        """Have the drive hold some reference when its line begins, so that a bare start makes it run."""
+        """Set some reference before the line begins, so that a plain start runs the motor."""
         self.set_reference(drive.inner, 0.0)
 
     def set_running(self, drive: JudgedDrive) -> bool:
-        """Have the motor run since a while before the line begins; returns whether it does."""
+        """Start the motor some time before the line begins; return whether it runs."""
         runs = self.start(drive.inner, BEFORE_S - _SOON_S)
         drive.motor.advance(BEFORE_S)
         return runs
 
     def set_tripped(self, drive: JudgedDrive) -> int:
-        """Have the drive trip long before the line begins; returns the code."""
+        """Trip the drive long before the line begins; return the fault code, or 0 if the drive does not trip."""
         code = next((each for each in sorted(self.model.faults) if each), 1)
         drive.inner.trip(code, BEFORE_S - _SETTLED_S)
         return code if drive.motor.fault else 0
@@ -117,7 +117,7 @@ class KnownDrive:
     # Parameters
 
     def physical(self, parameter: str, raw: int | str) -> Value | None:
-        """Return what a correct master shows of a raw value, None for one that it cannot read."""
+        """Return the value that a correct master shows for a raw value; None if it cannot be read."""
         spare = self.fresh()
         try:
             spare.poke(parameter, raw)
@@ -126,7 +126,7 @@ class KnownDrive:
             return None
 
     def read(self, drive: VirtualDrive, parameter: str, now: float = BEFORE_S) -> Value | None:
-        """Return what a correct master reads, None where it is refused."""
+        """Return the value that a correct master reads, or None if the drive refuses."""
         try:
             value: Value = carry_out(self.operations().read(parameter), drive, self.codec, now).value
         except (DriveCommError, ValueError):
@@ -134,7 +134,7 @@ class KnownDrive:
         return value
 
     def candidates(self, parameter: str) -> Iterator[int]:
-        """Yield raw values within the range of a parameter that a drive takes: telling ones, then near ones."""
+        """Yield raw values that the drive takes for a parameter; those with recognisable digits come first."""
         info = self.model.find(parameter)
         if info is None or isinstance(info.start, str):
             return
@@ -158,20 +158,20 @@ class KnownDrive:
                     yield raw
 
     def two_values(self, parameter: str, taken: Collection[int] = ()) -> tuple[int, ...]:
-        """Return two raw values that a parameter can be given, unlike each other; fewer where it cannot.
+        """Return two different raw values for a parameter; fewer if it does not take them.
 
-        taken: those of other parameters, which are left to them as long as there are others.
+        taken: values of other parameters, which are avoided if possible.
         """
         found = [raw for raw in islice(self.candidates(parameter), _MOST_CANDIDATES) if raw > 0]
         free = [raw for raw in dict.fromkeys(found) if raw not in taken]
         return tuple((free if len(free) > 1 else list(dict.fromkeys(found)))[:2])
 
     def holds(self, drive: VirtualDrive, parameter: str, now: float) -> int | str:
-        """Return what a drive holds, raw. Raises ParameterAddressError."""
+        """Return a parameter's raw value in a drive. Raises ParameterAddressError."""
         return drive.peek(parameter, now)
 
     def all_held(self, drive: VirtualDrive, now: float) -> dict[str, int | str]:
-        """Return what a drive holds in every parameter of its model, raw."""
+        """Return the raw values of all parameters of the model in a drive."""
         held = {}
         for address in self.model.parameters:
             with suppress(DriveCommError):
@@ -181,7 +181,7 @@ class KnownDrive:
     # Requests
 
     def reading(self, parameter: str, address: int | None = None) -> Any:
-        """Return the first request with which a parameter is read, None where it cannot be."""
+        """Return the first request of reading a parameter, or None if it cannot be read."""
         try:
             command = next(self.operations(address).read(parameter))
         except (DriveCommError, StopIteration):
@@ -189,7 +189,7 @@ class KnownDrive:
         return command.message if isinstance(command, Ask) else None
 
     def reads(self, heard: Hashable, parameter: str) -> bool:
-        """Whether a request, by its key, is the one with which a parameter is read."""
+        """Whether the request with this key is the one that reads a parameter."""
         message = self.reading(parameter)
         return message is not None and key_of(self.codec.decode(self.codec.encode(message), "request")) == heard
 
@@ -202,15 +202,15 @@ class KnownDrive:
         return self.plugin.intent is not None and self.plugin.intent(find.message).moves_nothing
 
     def told_by(self, find: Framed) -> tuple[str, ...]:
-        """Return the parameters, by address, on whose values the reply to a request depends."""
+        """Return the addresses of the parameters whose values determine the reply to a request."""
         return self._once("told", find, self._depending)
 
     def written_by(self, find: Framed) -> str:
-        """Return the parameter that a request writes, empty where it writes none."""
+        """Return the parameter that a request writes, or "" if it writes none."""
         return next(iter(self._once("written", find, self._writing)), "")
 
     def stored_by(self, find: Framed) -> str:
-        """Return the parameter that a request writes to EEPROM, empty where it writes none."""
+        """Return the parameter that a request stores in EEPROM, or "" if it stores none."""
         return next(iter(self._once("stored", find, self._storing)), "")
 
     def _once(self, what: str, find: Framed, look: Callable[[Framed], Iterable[str]]) -> tuple[str, ...]:
@@ -223,9 +223,9 @@ class KnownDrive:
             return self._known[key]
 
     def reply_of_another(self, find: Framed, raws: Mapping[str, int]) -> bytes | None:
-        """Return what a drive at another address answers to the same request, None where that would be no other.
+        """Return the reply of a drive at another address to the same request, or None if it would be the same drive.
 
-        raws: what it holds.
+        raws: the raw values of that drive.
         """
         address = next((each for each in self.plugin.addresses if each != self.config.address), None)
         if address is None:
@@ -235,9 +235,9 @@ class KnownDrive:
         return self._reply_to(self._changed_request(find, address=address), spare)
 
     def reply_to_another(self, find: Framed, parameter: str, raws: Mapping[str, int]) -> bytes | None:
-        """Return what the drive would answer to the question for another parameter, None where nothing tells it apart.
+        """Return the drive's reply to the request for another parameter; None if a master could not tell it apart.
 
-        raws: what it holds.
+        raws: the raw values of the drive.
         """
         spare = self.fresh()
         _poke(spare, raws)
@@ -251,7 +251,7 @@ class KnownDrive:
         return data
 
     def sound(self, data: bytes) -> bool:
-        """Whether these bytes are a sound reply."""
+        """Whether these bytes are a valid reply."""
         try:
             self.codec.decode(data, "reply")
         except DriveCommError:
@@ -259,7 +259,7 @@ class KnownDrive:
         return True
 
     def answer(self, find: Framed, raws: Mapping[str, int]) -> bytes | None:
-        """Return what a fresh drive that holds this answers to a request."""
+        """Return the reply of a new drive with these raw values to a request."""
         spare = self.fresh()
         _poke(spare, raws)
         reply = spare.hear(find, BEFORE_S)
@@ -290,14 +290,14 @@ class KnownDrive:
         return self._kept(find, self.fresh()) or self._kept(find, self._changed())
 
     def _changes(self, find: Framed, spare: VirtualDrive) -> dict[str, int | str]:
-        """Return the settings that a request changes in a drive, and to what."""
+        """Return the settings that a request changes in a drive, with their new values."""
         before = self.all_held(spare, BEFORE_S)
         spare.hear(find, BEFORE_S)
         after = self.all_held(spare, BEFORE_S)
         return {each: raw for each, raw in after.items() if raw != before.get(each) and self._can(each)}
 
     def _kept(self, find: Framed, spare: VirtualDrive) -> list[str]:
-        """Return the settings that a request changes so that they outlast a power cut."""
+        """Return the settings that a request changes and that survive a power cut."""
         changed = self._changes(find, spare)
         if not changed or not isinstance(spare, Restarts):
             return []
@@ -306,12 +306,12 @@ class KnownDrive:
         return [each for each, raw in changed.items() if after.get(each) == raw]
 
     def _can(self, parameter: str) -> bool:
-        """Whether a parameter can be written, so that it is none that the drive measures."""
+        """Whether a parameter can be written, unlike a measured value."""
         info = self.model.find(parameter)
         return info is None or "w" in info.access
 
     def _changed(self) -> VirtualDrive:
-        """Return a drive whose settings are all other ones than those it came with, where they can be."""
+        """Return a drive whose settings all differ from the factory state, as far as possible."""
         spare = self.fresh()
         place = self._place(spare)
         for info in self.model.parameters.values():
@@ -361,7 +361,7 @@ def _whole(value: Decimal) -> int:
 
 
 def _near(info: Any) -> Sequence[int]:
-    """Return raw values near the start of a parameter, within its range, unlike it."""
+    """Return other raw values near the start value of a parameter, within its range."""
     if isinstance(info.start, str):
         return ()
     start = _whole((info.start or Decimal(0)) / info.factor)

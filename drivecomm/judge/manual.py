@@ -1,4 +1,4 @@
-"""A master that runs already, such as a controller on a bench: a person does the tasks, and says what is shown."""
+"""Manual master: a program that runs already, such as a controller on a bench; a person carries out the tasks."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _QUIET_S = 0.3
 
 
 class _KeptListener:
-    """A listener that stays open from line to line, so that a master keeps its connection."""
+    """Listener that stays open from line to line, so that a master keeps its connection."""
 
     def __init__(self, inner: Listener) -> None:
         self._inner = inner
@@ -38,19 +38,19 @@ class _KeptListener:
         return getattr(self._inner, name)
 
     def open(self) -> None:
-        """Open it, the first time."""
+        """Open the listener the first time; do nothing later."""
         if not self._is_open:
             self._inner.open()
             self._is_open = True
 
     def close(self) -> None:
-        """Leave it open for the next line."""
+        """Leave the listener open for the next line."""
 
 
 class ManualMaster:
-    """A master that a person steers. It is at one place from the beginning to the end of the block.
+    """A master operated by a person; its address stays the same within the block.
 
-    ask: shows a text and returns what the person answers. Cases are played one at a time.
+    ask: shows a text and returns the person's answer. Cases are played one at a time.
     """
 
     in_parallel = False
@@ -71,10 +71,10 @@ class ManualMaster:
         self._open.close()
 
     def stop(self) -> None:
-        """Nothing runs that could be ended: a person is asked."""
+        """Do nothing: a person operates the master, so no process can be ended."""
 
-    def stand(self, drive: JudgedDrive, listen: str, *, echo: bool) -> Stand:  # noqa: ARG002 - it is at one place
-        """Return a line with this drive at the place of the master."""
+    def stand(self, drive: JudgedDrive, listen: str, *, echo: bool) -> Stand:  # noqa: ARG002 - its address is fixed
+        """Return a line with this drive at the address of the master."""
         return Stand(drive, self._listener, echo=echo)
 
     def run(
@@ -83,11 +83,11 @@ class ManualMaster:
         task: Task,
         *,
         value: str,
-        goes_on: bool | None,  # noqa: ARG002 - who is asked knows when it is done
+        goes_on: bool | None,  # noqa: ARG002 - the person decides when the task is done
         until: Callable[[], bool] | None,  # noqa: ARG002
         limit_s: float,  # noqa: ARG002
     ) -> Run:
-        """Ask for a task to be done, and what the master shows then."""
+        """Ask the person to carry out a task, and to enter what the master shows."""
         run = Run(began_s=stand.now(), code=0)
         words = _DO[task.name].format(value=value)
         said = self._ask(
@@ -103,7 +103,7 @@ class ManualMaster:
         return run
 
     def killed(self, stand: Stand, task: Task, condition: Callable[[], bool], limit_s: float) -> Run:
-        """Ask for a task to be done, and for the master to be switched off when the motor runs."""
+        """Ask the person to carry out a task, and to switch the master off when the motor runs."""
         run = Run(began_s=stand.now())
         self._ask(f"at {stand.port}: {_DO[task.name].format(value='')}, then press Enter")
         stand.comes_about(condition, min(limit_s, 1.0))

@@ -1,4 +1,4 @@
-"""Masters: one that is started for each task, and one that runs already and is steered by a person."""
+"""Masters under judgement: the interface, and a master that is started for each task."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ if TYPE_CHECKING:
     from drivecomm.judge.process import Run
 
 _OBSERVED_S = 4.0
-"""How long a master is watched until one that still asks is taken for one that goes on."""
+"""Seconds for which a master is watched; if it still sends requests then, it counts as continuous."""
 _LATELY_S = 2.0
 _QUIET_S = 0.15
 
 
 class Master(Protocol):
-    """What can be given tasks."""
+    """A program that can be given tasks."""
 
     in_parallel: bool
 
     def stop(self) -> None:
-        """End what runs as soon as it can be; called from another thread."""
+        """Stop all runs as soon as possible; called from another thread."""
         ...
 
     def stand(self, drive: JudgedDrive, listen: str, *, echo: bool) -> AbstractContextManager[Stand]:
@@ -46,16 +46,19 @@ class Master(Protocol):
         until: Callable[[], bool] | None,
         limit_s: float,
     ) -> Run:
-        """Carry out a task. goes_on: whether it ends by itself is not waited for; None if that is to be found out."""
+        """Carry out a task.
+
+        goes_on: True for a continuous master, whose end is not awaited; None if that is still unknown.
+        """
         ...
 
     def killed(self, stand: Stand, task: Task, condition: Callable[[], bool], limit_s: float) -> Run:
-        """Begin with a task, and kill the master when a condition is met."""
+        """Start a task, and kill the master when a condition is met."""
         ...
 
 
 class StartedMaster:
-    """A master that is a command line, started anew for each task."""
+    """A master with a command line, started anew for each task."""
 
     in_parallel = True
 
@@ -64,7 +67,7 @@ class StartedMaster:
         self._stopped = Event()
 
     def stop(self) -> None:
-        """End the processes that run, and those that are begun after this, at once."""
+        """Stop all running processes immediately, and any that are started later."""
         self._stopped.set()
 
     def stand(self, drive: JudgedDrive, listen: str, *, echo: bool) -> Stand:
@@ -85,21 +88,21 @@ class StartedMaster:
         until: Callable[[], bool] | None,
         limit_s: float,
     ) -> Run:
-        """Carry out a task in a process of its own, and end that."""
+        """Carry out a task in a new process, and end the process."""
         process = self.begin(stand, task, value)
         in_time = False
         try:
             enough = until or _observed(stand, goes_on)
             in_time = process.wait(limit_s, lambda: self._stopped.is_set() or enough())
             if process.has_ended:
-                # What it sent last may still be on the wire.
+                # Its last bytes may still be on the wire.
                 stand.comes_about(lambda: False, _QUIET_S)
         finally:
             run = process.end(too_long=not in_time and not goes_on)
         return run
 
     def killed(self, stand: Stand, task: Task, condition: Callable[[], bool], limit_s: float) -> Run:
-        """Begin with a task, and kill the process when a condition is met."""
+        """Start a task, and kill the process when a condition is met."""
         process = self.begin(stand, task)
         try:
             process.wait(limit_s, lambda: self._stopped.is_set() or condition())
@@ -110,7 +113,7 @@ class StartedMaster:
 
 
 def _observed(stand: Stand, goes_on: bool | None) -> Callable[[], bool]:
-    """Return when a master has been watched long enough that may go on until it is ended."""
+    """Return a condition that is met when a possibly continuous master has been watched long enough."""
     began = stand.now()
 
     def enough() -> bool:

@@ -1,4 +1,4 @@
-"""What is to be judged: a drive, the command line of a master, and the tasks that it can be given."""
+"""Order for the judge: a drive, the command line of a master, and the master's tasks."""
 
 from __future__ import annotations
 
@@ -16,26 +16,25 @@ if TYPE_CHECKING:
     from drivecomm.protocol import DriveConfig
 
 TASKS = ("read", "write", "start", "stop", "reset", "run")
-"""What a master can be told to do; `run` is for one that takes no such words, and polls a drive, say."""
+"""Possible tasks of a master; `run` is for one without task arguments that polls a drive, for example."""
 
 PLACEHOLDERS = ("port", "host", "tcp_port", "task", "value")
 _PLACEHOLDER = re.compile(r"\{([a-z_]+)\}")
 
 USUAL_VALUE = "10"
-"""What {value} stands for where no case wants another one."""
+"""Value that replaces {value} unless a case sets another one."""
 
 LONGEST_LIMIT_S = 600.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """One thing that a master can be told to do.
+    """A task that a master can carry out.
 
-    name: one of `TASKS`. arguments: the words behind the command for it. shows: a regular expression for the value that
-    the master shows, its group `value` if it has one; learned from an undisturbed run if empty. parameter: the address
-    or name of the parameter that is read or written; learned if empty. scale: what the master shows for each unit of
-    the physical value; 1, or the raw number, if None. goes_on: whether the master runs until it is ended; observed if
-    None.
+    name: one of `TASKS`. arguments: words after the command. shows: a regular expression for the value that the master
+    shows, its group `value` if it has one; learned from an undisturbed run if empty. parameter: the address or name of
+    the parameter that is read or written; learned if empty. scale: the displayed number for each unit of the physical
+    value; 1, or the raw number, if None. goes_on: whether the master runs until it is ended; observed if None.
     """
 
     name: str
@@ -58,13 +57,13 @@ class Task:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Order:
-    """A master and the virtual drive that it is judged with.
+    """A master, and the virtual drive that it is judged with.
 
-    command: the words that start the master, with {port} where its port belongs; empty for a master that runs already.
-    tasks: what it can be told; without any it is started as it is, and that counts as the task `run`. listen: where the
-    line is served: pty, tcp, rfc2217, or a place as `drivecomm simulate --listen` takes it. limit_s: how long one
-    process may take. seed: the same seed gives each case the same course. stored_writes: the EEPROM writes of one
-    parameter that one task may cause. environment: variables for the master besides those of this process.
+    command: the words that start the master, with {port} in place of its port; empty for a master that runs already.
+    tasks: the master's tasks; without any, the bare command counts as the task `run`. listen: where the line is served:
+    pty, tcp, rfc2217, or an address as for `drivecomm simulate --listen`. limit_s: time limit of one process. seed:
+    random seed of all cases. stored_writes: EEPROM writes of one parameter that one task may cause. environment:
+    variables for the master in addition to those of this process.
     """
 
     drive: DriveConfig
@@ -97,11 +96,11 @@ class Order:
                 raise UsageError("the master is not told its port; write {port} in its command where the port belongs")
 
     def task(self, name: str) -> Task | None:
-        """Return the task with this name, None if the master has none."""
+        """Return the task with this name, or None."""
         return next((task for task in self.tasks if task.name == name), None)
 
     def words(self, task: Task, port: str, value: str = USUAL_VALUE) -> list[str]:
-        """Return the command line for a task at a port. value: what {value} stands for."""
+        """Return the command line for a task at a port. value: the replacement of {value}."""
         place = urlsplit(port) if "://" in port else None
         given = {
             "port": port,
@@ -121,7 +120,7 @@ def _filled(word: str, given: Mapping[str, str]) -> str:
 
 
 def parse_task(text: str, shows: str = "") -> Task:
-    """Read `read` or `read=read 481`: a task and its arguments, quoted as a shell quotes them. Raises UsageError."""
+    """Parse `read` or `read=read 481`: a task and its arguments, quoted as in a shell. Raises UsageError."""
     name, _, arguments = text.partition("=")
     try:
         words = shlex.split(arguments)

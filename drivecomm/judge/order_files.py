@@ -1,4 +1,4 @@
-"""Orders as TOML files: which drive, which master, which tasks.
+"""Orders as TOML files with drive, master and tasks.
 
 format = 1
 drive = "vabus:1,model=agile"
@@ -40,7 +40,7 @@ _TASK_KEYS = {"name": TEXT, "arguments": LIST, "shows": TEXT, "parameter": TEXT,
 
 
 def read_order(path: Path) -> Order:
-    """Return the order in a file. Raises FileFormatError, with the line, for whatever is wrong with it."""
+    """Return the order in a file. Raises FileFormatError with the line of any mistake."""
     top = read_toml(path, "an order for judge")
     given = top.take(_KEYS, "format", "drive")
     if given.pop("format") != FORMAT:

@@ -1,4 +1,4 @@
-"""One process of the judged master: started, listened to, and always ended with all that it has started."""
+"""One process of the judged master: started, recorded, and always ended together with all its child processes."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ _LONGEST_LINE = 2000
 _LOOK_S = 0.01
 _GRACE_S = 2.0
 _MARK = "DRIVECOMM_JUDGED"
-"""An environment variable by which the children of a process are recognised that have left its group."""
+"""Environment variable that marks child processes, even if they have left the process group."""
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A line that the master printed, when, and whether to standard error."""
+    """A line printed by the master, with its time; is_error: whether it went to standard error."""
 
     time_s: float
     text: str
@@ -37,9 +37,10 @@ class Line:
 
 @dataclass(slots=True, kw_only=True)
 class Run:
-    """One run of the master. code: its exit code; None if it was ended from outside, by a signal as Python says it.
+    """One run of the master.
 
-    began_s, ended_s: on the clock of the line. too_long: whether its time limit ended it. lines: the first 2000.
+    code: its exit code, negative for a signal; None if it was ended from outside. began_s, ended_s: on the clock of the
+    line. too_long: whether its time limit ended it. lines: the first 2000.
     """
 
     words: Sequence[str] = ()
@@ -51,17 +52,17 @@ class Run:
 
     @property
     def output(self) -> str:
-        """What it printed, without what went to standard error."""
+        """Standard output of the run."""
         return "\n".join(line.text for line in self.lines if not line.is_error)
 
     @property
     def text(self) -> str:
-        """All that it printed."""
+        """Standard output and standard error of the run."""
         return "\n".join(line.text for line in self.lines)
 
 
 class Process:
-    """A running master. clock: gives the time for what it prints. Raises UsageError for one that cannot be started."""
+    """A running master. clock: returns the time for its printed lines. Raises UsageError if it cannot be started."""
 
     def __init__(self, words: Sequence[str], environment: Mapping[str, str], clock: Callable[[], float]) -> None:
         self.run = Run(words=tuple(words), began_s=clock())
@@ -86,7 +87,7 @@ class Process:
             reader.start()
 
     def wait(self, limit_s: float, until: Callable[[], bool] = lambda: False) -> bool:
-        """Wait until the process has ended, or a condition is met; returns whether either came within the limit."""
+        """Wait until the process ends or a condition is met; return False if the limit passes first."""
         ends = time.monotonic() + limit_s
         while self._popen.poll() is None and not until():
             left_s = ends - time.monotonic()
@@ -98,16 +99,16 @@ class Process:
 
     @property
     def has_ended(self) -> bool:
-        """Whether it has ended by itself."""
+        """Whether the process has ended by itself."""
         return self._popen.poll() is not None
 
     def kill(self) -> None:
-        """Kill the master at once, as a crash of its machine would."""
+        """Kill the master immediately, as a crash of its machine would."""
         self._popen.kill()
         self._popen.wait()
 
     def end(self, *, too_long: bool = False) -> Run:
-        """End the process and all that it has started; return what is known of its run."""
+        """End the process and all its child processes; return its run."""
         run = self.run
         if self.has_ended:
             run.code = self._popen.returncode

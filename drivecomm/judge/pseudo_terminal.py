@@ -1,7 +1,7 @@
-"""A pseudo-terminal that may be configured again and again, as a serial port may.
+"""Pseudo-terminal that can be configured repeatedly, like a serial port.
 
-A pseudo-terminal of Linux has neither parity nor seven data bits. The C library therefore calls a change of settings
-with these a success only if something else changes with it, so that a master could open its port once and never again.
+A pseudo-terminal of Linux has neither parity nor seven data bits. So the C library reports success for a change to such
+settings only if another setting changes as well, and a master could open its port only once.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _LOCAL = 3
 
 @contextmanager
 def reconfigurable(path: str) -> Iterator[None]:
-    """Keep a flag set at this terminal that every master clears and that has no effect, for the time of the block."""
+    """Keep setting a flag without effect at this terminal, for the time of the block; every master clears the flag."""
     import termios
 
     terminal = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
@@ -31,7 +31,7 @@ def reconfigurable(path: str) -> Iterator[None]:
             with suppress(termios.error):
                 attributes = termios.tcgetattr(terminal)
                 local = attributes[_LOCAL]
-                # Without lines there is no end of one to be echoed.
+                # Without canonical mode (ICANON) the flag ECHONL has no effect.
                 if not local & (termios.ICANON | termios.ECHONL):
                     attributes[_LOCAL] = local | termios.ECHONL
                     termios.tcsetattr(terminal, termios.TCSANOW, attributes)

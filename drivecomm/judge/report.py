@@ -1,4 +1,4 @@
-"""The report of a run: its verdicts and coverage, as JSON and as one page of HTML."""
+"""Report of a run: its verdicts and coverage, as JSON and as one page of HTML."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ _MARKS = {"passed": ("holds", "✓"), "failed": ("fails", "✗"), "not tried": (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JudgeReport:
-    """What a run came to.
+    """Results of a run.
 
-    drive: as PROTOCOL:ADDRESS. master: its command line, empty for one that ran already. seconds: what all took.
+    drive: as PROTOCOL:ADDRESS. master: its command line, empty for one that ran already. seconds: duration of the run.
     """
 
     drive: str
@@ -36,16 +36,16 @@ class JudgeReport:
 
     @property
     def counts(self) -> Counter[str]:
-        """How many cases had each outcome."""
+        """Number of cases by outcome."""
         return Counter(each.outcome for each in self.verdicts)
 
     @property
     def ok(self) -> bool:
-        """Whether no case failed; a report without a case that passed is not good news."""
+        """Whether no case failed and at least one passed."""
         return not self.counts["failed"] and bool(self.counts["passed"])
 
     def properties(self) -> dict[str, str]:
-        """Return what a reader needs to have the same run again."""
+        """Return the settings that a reader needs to repeat the run."""
         return {"drive": self.drive, "model": self.model, "seed": str(self.seed), "version": __version__}
 
     def summary(self) -> str:
@@ -55,7 +55,7 @@ class JudgeReport:
 
 
 def as_data(report: JudgeReport) -> dict[str, Any]:
-    """Return a report in the types of JSON."""
+    """Return a report as JSON types."""
     return {
         "format": 1,
         **report.properties(),

@@ -1,4 +1,4 @@
-"""What a master shows of a value: where it stands in its output, and whether the drive holds it."""
+"""Values that a master shows: their position in its output, and whether the drive holds them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _TROUBLE = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """A value that the master showed, and when. text: as it stood there."""
+    """A value that the master showed, and its time. text: as printed."""
 
     time_s: float
     text: str
@@ -31,12 +31,12 @@ class Shown:
 
 
 def is_trouble(line: Line) -> bool:
-    """Whether a line of output tells of an error, so that no number in it is a value."""
+    """Whether a line of output reports an error; its numbers are not values then."""
     return line.is_error or _TROUBLE.search(line.text) is not None
 
 
 def number_in(text: str) -> Decimal | None:
-    """Return the number that a text is, None where it is none."""
+    """Return the first number in a text, or None."""
     found = _UNITLESS.search(text)
     try:
         return Decimal(found[0].replace(",", ".")) if found else None
@@ -45,10 +45,10 @@ def number_in(text: str) -> Decimal | None:
 
 
 class Display:
-    """Where a master shows a value, and in which unit.
+    """Position and unit of a value in a master's output.
 
-    pattern: finds it in a line, in the group `value`, in its first group, or as a whole. scale: what is shown for one
-    unit of the physical value. is_raw: whether the raw number is shown instead.
+    pattern: matches the value in a line: its group `value`, its first group, or the whole match. scale: the displayed
+    number for one unit of the physical value. is_raw: whether the raw number is shown instead.
     """
 
     def __init__(self, pattern: str, scale: Decimal = Decimal(1), *, is_raw: bool = False) -> None:
@@ -57,7 +57,7 @@ class Display:
         self.is_raw = is_raw
 
     def all_in(self, run: Run) -> list[Shown]:
-        """Return the values that a run showed; one that ended with an error showed none at its end."""
+        """Return the values that a run showed; none if it ended with an error."""
         if run.code:
             return []
         return list(self._all_in(line for line in run.lines if not is_trouble(line)))
@@ -70,16 +70,16 @@ class Display:
                     yield Shown(line.time_s, text, value)
 
     def shows(self, shown: Shown, held: object) -> bool:
-        """Whether what is shown is this value, physical or raw, as exactly as its digits tell."""
+        """Whether the shown number is this value, physical or raw, to the precision of its digits."""
         if not isinstance(held, Decimal | int | float):
             return False
         expected = Decimal(str(held)) * self.scale
         _, point, decimals = shown.text.replace(",", ".").partition(".")
         apart = abs(shown.value - expected)
         if not point:
-            # Whole numbers are shown of whole ones exactly.
+            # A number without decimals must match an integer value exactly.
             return apart < 1 if expected % 1 else not apart
-        # Cut or rounded, both are usual.
+        # The last digit may be cut or rounded.
         return apart < Decimal(1).scaleb(-len(decimals))
 
 
@@ -93,9 +93,9 @@ def _value_of(found: re.Match[str]) -> str:
 def learned_display(
     runs: Sequence[Run], physical: Sequence[Decimal], raw: Sequence[int], scale: Decimal | None
 ) -> Display | None:
-    """Return how a master shows a parameter, from two runs between which what it holds was changed.
+    """Return the display of a parameter, learned from two runs with different values; None if nothing fits both.
 
-    physical, raw: what it held in each run. scale: as the task has it. None where nothing that is shown fits both.
+    physical, raw: the value in each run. scale: as in the task.
     """
     for line in runs[0].lines:
         if is_trouble(line):
@@ -113,12 +113,12 @@ def learned_display(
 
 
 def displays_of(pattern: str, scale: Decimal | None) -> list[Display]:
-    """Return the ways in which a value can be shown where a pattern finds it."""
+    """Return the possible displays for a pattern: with the scale, or physical and raw."""
     return [Display(pattern, scale)] if scale else [Display(pattern), Display(pattern, is_raw=True)]
 
 
 def _around(text: str, begin: int, end: int) -> str:
-    """Return a pattern for lines like this one, with any number in its place, and others where numbers are."""
+    """Return a pattern for similar lines, with any number at this position and at the positions of other numbers."""
     number = r"[-+]?\d+(?:[.,]\d+)?"
 
     def literal(part: str) -> str:

@@ -1,4 +1,4 @@
-"""One line with the judged drive on it, served to the master in real time, with its trace."""
+"""Test stand: one line with the judged drive, served to the master in real time, with its trace."""
 
 from __future__ import annotations
 
@@ -24,27 +24,27 @@ _LOOK_S = 0.005
 
 
 class Meddler:
-    """What happens to telegrams on their way, beside what the drive itself does; as `VirtualLine.disturbances` have it.
+    """Disturbance of telegrams on their way, in addition to the drive's own, as for `VirtualLine.disturbances`.
 
-    on_request, on_reply: given the bytes, return what arrives of them, as delays and bytes.
+    on_request, on_reply: called with the bytes; return what arrives, as pairs of delay and bytes.
     """
 
     def __init__(self) -> None:
         self.on_request: Callable[[bytes], Sequence[tuple[float, bytes]]] = lambda data: [(0.0, data)]
         self.on_reply: Callable[[bytes], Sequence[tuple[float, bytes]]] = lambda data: [(0.0, data)]
 
-    def request(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:  # noqa: ARG002 - as the line calls it
-        """Return what arrives of a request."""
+    def request(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:  # noqa: ARG002 - signature required by the line
+        """Return the delays and bytes that arrive of a request."""
         return self.on_request(data)
 
     def reply(self, data: bytes, drive: VirtualDrive, now: float) -> Sequence[tuple[float, bytes]]:  # noqa: ARG002
-        """Return what arrives of a reply."""
+        """Return the delays and bytes that arrive of a reply."""
         return self.on_reply(data)
 
 
 @contextmanager
 def listener_at(listen: str) -> Iterator[Listener]:
-    """Give a listener, not yet open. listen: pty, tcp or rfc2217 for a place of its own, or a place."""
+    """Yield a listener that is not open yet. listen: pty, tcp or rfc2217 for a new address, or an address."""
     if listen in ("tcp", "rfc2217"):
         yield parse_listen(f"{listen}:127.0.0.1:0")
     elif listen == "pty":
@@ -55,7 +55,7 @@ def listener_at(listen: str) -> Iterator[Listener]:
 
 
 class Stand:
-    """A served line. listen: as `listener_at` takes it, or a listener. echo: the master hears itself."""
+    """A served line. listen: as for `listener_at`, or a listener. echo: the master receives its own bytes."""
 
     def __init__(self, drive: JudgedDrive, listen: str | Listener, *, echo: bool = False) -> None:
         self.drive = drive
@@ -89,22 +89,22 @@ class Stand:
 
     @property
     def line(self) -> VirtualLine:
-        """The virtual line; the thread that serves it alone may change it."""
+        """The virtual line; only the thread that serves it may change it."""
         return self._served.line
 
     @property
     def port(self) -> str:
-        """What the master opens."""
+        """The port for the master to open."""
         return self._served.address
 
     @property
     def trace(self) -> str:
-        """What was on the line, decoded."""
+        """The decoded traffic of the line."""
         return "" if self._trace is None else self._trace.text()
 
     @property
     def violations(self) -> tuple[Violation, ...]:
-        """What the master did against the timing or the settings of the line."""
+        """Violations of timing and line settings by the master."""
         return () if self._trace is None else self._trace.violations.found
 
     def now(self) -> float:
@@ -112,11 +112,11 @@ class Stand:
         return self._served.now()
 
     def later(self, delay_s: float, action: Callable[[], None]) -> None:
-        """Do something on the line after a while; called from what the line calls."""
+        """Call a function on the line after a delay; must be called by the line's own thread."""
         self.line.call_at(self.line.time + delay_s, action)
 
     def comes_about(self, condition: Callable[[], bool], within_s: float) -> bool:
-        """Wait until a condition is met; returns whether it is within this time."""
+        """Wait until a condition is met; return whether it was met within this time."""
         ends = time.monotonic() + within_s
         while not condition():
             if time.monotonic() >= ends:
@@ -125,7 +125,7 @@ class Stand:
         return True
 
     def power(self, *, on: bool) -> None:
-        """Switch the drive's mains, from whatever thread."""
+        """Switch the drive's mains; may be called by any thread."""
         line, drive = self.line, self.drive
 
         def switch() -> None:

@@ -1,4 +1,4 @@
-"""Whether this machine had time for its programs: a verdict on timing from one that stood still is none."""
+"""Detection of standstills of this machine, which make a verdict on timing worthless."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from typing import Self
 _STEP_S = 0.01
 _MOST_KEPT = 2000
 LONG_S = 0.1
-"""A standstill that a master may take for a lost reply."""
+"""Standstill in seconds that a master may take for a lost reply."""
 
 
 class StandstillWatch:
-    """Notes when no thread of this process was given the processor for a while, for the time of a block."""
+    """Watch for moments in which this process got no processor time, for the duration of a block."""
 
     def __init__(self) -> None:
         self._found: deque[tuple[float, float]] = deque(maxlen=_MOST_KEPT)
@@ -30,7 +30,7 @@ class StandstillWatch:
         self._thread.join()
 
     def longest_s(self, since: float) -> float:
-        """Return the longest standstill since a time of `time.monotonic`; 0 for none that matters."""
+        """Return the longest standstill since a time of `time.monotonic`; 0 if none is relevant."""
         return max((lasted_s for ended, lasted_s in tuple(self._found) if ended >= since), default=0.0)
 
     def _watch(self) -> None:

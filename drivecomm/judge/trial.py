@@ -1,4 +1,4 @@
-"""One case in the making: lines with the judged drive, runs of the master on them, and what is kept as evidence."""
+"""One running case: its lines with the judged drive, the master's runs on them, and the evidence."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 
 
 class Trial:
-    """What a case works with.
+    """Context of a case.
 
-    task: that the master is given. learned: what an undisturbed run of it has shown. random: from the seed of the case.
-    stands: those that were made, for their traces.
+    task: the master's task. learned: knowledge from an undisturbed run. random: seeded for the case. stands: all lines
+    made so far, for their traces.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class Trial:
 
     @property
     def learned(self) -> Learned:
-        """What an undisturbed run has shown. Raises NotTried where there was none that worked."""
+        """Knowledge from an undisturbed run. Raises NotTried if no such run was successful."""
         if self._learned is None:
             raise NotTried(
                 f"the task {self.task.name} does not work on an undisturbed line; see {self.task.name}-plain"
@@ -52,7 +52,7 @@ class Trial:
     def stand(
         self, prepare: Callable[[JudgedDrive], object] = lambda _: None, *, echo: bool = False
     ) -> Iterator[Stand]:
-        """Serve a line with a new drive. prepare: what is done with the drive before."""
+        """Serve a line with a new drive. prepare: called with the drive before the line begins."""
         drive = self.known.judged()
         prepare(drive)
         with self._master.stand(drive, self.order.listen, echo=echo) as stand:
@@ -68,9 +68,9 @@ class Trial:
         until: Callable[[], bool] | None = None,
         within_s: float | None = None,
     ) -> Run:
-        """Let the master do its task, or another one, on a line, and return what it did.
+        """Run the master's task, or another one, on a line, and return the run.
 
-        until: ends one that goes on by itself when it is met. within_s: the longest time; the order's limit if None.
+        until: condition that ends a continuous master. within_s: time limit in seconds; the order's limit if None.
         """
         run = self._master.run(
             stand,
@@ -84,16 +84,16 @@ class Trial:
         return run
 
     def kill_when(self, stand: Stand, condition: Callable[[], bool]) -> None:
-        """Let the master do its task, and kill it when a condition is met, or when its time is over."""
+        """Run the master's task, and kill the master when a condition is met, or at its time limit."""
         stand.runs.append(self._master.killed(stand, self.task, condition, self.order.limit_s))
 
     @property
     def goes_on(self) -> bool | None:
-        """Whether the master goes on until it is ended; None where that is not known yet."""
+        """Whether the master runs until it is ended; None if that is not known yet."""
         if self.task.goes_on is not None:
             return self.task.goes_on
         return None if self._learned is None else self._learned.goes_on
 
     def heard(self, stand: Stand) -> list[Heard]:
-        """Return the requests that the drive heard."""
+        """Return the requests that the drive received."""
         return stand.drive.since()

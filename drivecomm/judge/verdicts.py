@@ -1,4 +1,4 @@
-"""Verdicts: what came of each case, with its reason and the telegrams that show it."""
+"""Verdicts: the result of each case, with its reason and the telegrams that prove it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ Outcome: TypeAlias = Literal["passed", "failed", "not tried"]
 
 
 class CaseFailure(Exception):  # noqa: N818 - a result, not an error of this program
-    """The master does what it must not, or does not do what it must; the text says what, in one sentence."""
+    """The master violates a condition of the case; the text says how, in one sentence."""
 
 
 class NotTried(Exception):  # noqa: N818 - a result, not an error of this program
@@ -23,11 +23,11 @@ def fail(reason: str) -> NoReturn:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """What came of one case.
+    """Result of one case.
 
-    case: its name. title: what happens in it. reason: why it came so, in one sentence. seed: of this case alone. trace:
-    the telegrams, decoded, a text for each line that was used. output: what the master printed. violations: what it did
-    against the timing or the settings of the line, as sentences; they fail the cases for these only.
+    case: its name. title: its disturbance. reason: the reason of the result, in one sentence. seed: of this case alone.
+    trace: the decoded telegrams, a text for each line that was used. output: the master's output. violations:
+    violations of timing and line settings as sentences; they fail only the cases about these.
     """
 
     case: str

@@ -1,4 +1,4 @@
-"""A drive held against its model: the questions, what agrees and contradicts, the report, and the marks that follow."""
+"""Proofs: a real drive compared with its model by reads; the report, and the marks in the model that follow from it."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""The marks that a proof gives the facts of its model: the table [proofs] of the model file, and nothing else there."""
+"""Application of a proof to its model: writes the table [proofs] of the model file, and nothing else."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class Applied:
-    """What has become of the facts of a proof, by their addresses.
+    """Effect of a proof on the facts of its model, by address.
 
-    raised, contradicted: now so marked. unchanged: marked so before. kept: contradicted by another proof, and so they
-    stay. stale: the model says something else now than the proof was held against.
+    raised, contradicted: facts that were given this mark. unchanged: facts that had the mark before. kept: facts that
+    keep the mark `contradicted` from another proof. stale: facts that have changed in the model since the proof.
     """
 
     raised: list[str] = field(default_factory=list)
@@ -40,8 +40,8 @@ class Applied:
 def marks_of(proof: Proof, model: Model) -> dict[str, Sureness]:
     """Return the marks that a proof gives the facts of its model, by address; stale facts get none.
 
-    A fact is raised by an answer that would have been another if the fact were wrong, and contradicted by any that
-    speaks against it, also where others agree.
+    A fact is raised to `drive` by an answer that would differ if the fact were wrong. It is marked `contradicted` by
+    any contradicting answer, even if other answers agree.
     """
     marks: dict[str, Sureness] = {}
     for finding in proof.findings:
@@ -54,7 +54,7 @@ def marks_of(proof: Proof, model: Model) -> dict[str, Sureness]:
 
 
 def is_stale(finding: Finding, model: Model) -> bool:
-    """Whether the model says something else now than a finding was about."""
+    """Whether the model has changed since the finding was made."""
     if not finding.addresses:
         return False
     if finding.kind == "link loss":
@@ -69,10 +69,10 @@ def _still_says(model: Model, address: str, fact: Any) -> bool:
 
 
 def apply_proof(proof: Proof, named: str, file: Path) -> Applied:
-    """Write the marks of a proof into a model's file; comments and layout stay. named: what marks call the proof.
+    """Write the marks of a proof into a model's file; comments and layout stay. named: name of the proof in the marks.
 
-    The same proof changes nothing more. Raises UsageError for a proof of another model, FileFormatError for a file that
-    cannot be read or written.
+    Applying the same proof again changes nothing. Raises UsageError for a proof of another model, and FileFormatError
+    for a file that cannot be read or written.
     """
     import tomlkit
     from tomlkit.exceptions import TOMLKitError
@@ -108,9 +108,9 @@ def apply_proof(proof: Proof, named: str, file: Path) -> Applied:
 
 
 def disagreements(proof: Proof, model: Model) -> Iterator[str]:
-    """Yield why a proof no longer agrees with its model, as sentences.
+    """Yield the disagreements of a proof with its present model, as sentences.
 
-    A fact that was shown must be as it was then; one that was contradicted must be changed, or marked so.
+    A proven fact must be unchanged; a contradicted fact must be changed, or marked as contradicted.
     """
     for finding in proof.findings:
         if finding.is_decisive and is_stale(finding, model):
@@ -133,7 +133,7 @@ def _stale(proof: Proof, model: Model) -> Iterator[str]:
 
 
 def _facts(finding: Finding, model: Model) -> Iterator[str]:
-    """Yield the keys of the facts that a finding is about, as [proofs] has them."""
+    """Yield the keys in [proofs] of the facts that a finding is about."""
     if finding.kind == "link loss":
         if model.watchdog is not None:
             yield WATCHDOG_PROOF

@@ -1,4 +1,4 @@
-"""Asking one drive, and telling its silence about one question from a drive that is away."""
+"""Requests to one drive that distinguish a missing reply to one request from a drive that is away."""
 
 from __future__ import annotations
 
@@ -22,22 +22,23 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 PAUSES_S = (0.5, 1.0, 2.0, 5.0)
-"""How long a silent drive is left alone before it is asked again."""
+"""Pauses in seconds between attempts to reach a silent drive."""
 
 _ENOUGH = 2
 
 
 class Asker:
-    """Asks one drive."""
+    """Sender of requests to one drive that waits until an absent drive is back."""
 
     def __init__(self, drive: Drive) -> None:
         self._drive = drive
 
     def answer(self, ask: Callable[[], T]) -> T | DriveCommError:
-        """Return what a question results in, or the error that is about this question.
+        """Return the result of a request, or the error that concerns this request.
 
-        A silence is about the question if the drive answers something else, twice: some drives are silent where others
-        refuse. Raises NoReplyError for a drive that stays silent to everything, and LinkError for a lost line.
+        If the drive still answers its probe, and the request gets no reply twice, the missing reply is returned as the
+        error: some drives are silent where others refuse. Raises NoReplyError for a drive that answers nothing, and
+        LinkError for a lost line.
         """
         silences = 0
         while True:
@@ -60,7 +61,7 @@ class Asker:
                 return error
 
     def _was_away(self, silence: ReplyError) -> bool:
-        """Wait until the drive answers its protocol's probe; return whether it did not at once. Raises NoReplyError."""
+        """Wait until the drive answers its probe; return whether it had to be waited for. Raises NoReplyError."""
         for pause_s in (0.0, *PAUSES_S):
             if pause_s:
                 self._drive.bus.sleep_until(self._drive.bus.now() + pause_s)

@@ -1,4 +1,4 @@
-"""What one question to a drive shows about one fact of its model."""
+"""Findings: what the answer to one request proves about one fact of a model."""
 
 from __future__ import annotations
 
@@ -9,26 +9,33 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 Verdict: TypeAlias = Literal["agrees", "contradicts", "new", "not asked"]
-"""agrees: the drive said what the model says. contradicts: it said something else. new: it told what the model does not
-know. not asked: nothing is known of it, for a reason."""
+"""Verdict of a finding.
+
+agrees: the drive's answer matches the model. contradicts: it does not. new: the answer is something that the model does
+not contain. not asked: nothing was read; the reason is given.
+"""
 
 Kind: TypeAlias = Literal["identity", "parameter", "name plate", "refusal", "link loss", "timing", "motion"]
 
 Shown: TypeAlias = Literal["exists", "described", "option", "scale", "text", "setting"]
-"""What of a fact an answer shows. exists: the drive told a value. described: the drive itself told type, scale and
-limits. option: it holds one of the listed options. scale: a value ten times as large or as small would not be
-plausible. text: it told characters. setting: both parameters of the link loss hold what the model lists."""
+"""Aspect of a fact that an answer proves.
+
+exists: the drive returned a value. described: the drive itself described type, scale and limits. option: the value is
+one of the listed options. scale: a value ten times as large or as small would not be plausible. text: the drive
+returned characters. setting: both parameters of the link loss have values that the model lists.
+"""
 
 DECISIVE: frozenset[Shown] = frozenset({"described", "option", "scale", "text", "setting"})
-"""With one of these a fact is raised to the mark `drive`; that an address answers is not enough."""
+"""Aspects that raise a fact to the mark `drive`; an answering address alone is not enough."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """One line of a proof.
+    """One entry of a proof.
 
-    about: the fact, in words. addresses: the parameters that it is about. model: what the model says, by key; drive:
-    what the drive said. shows: what of the fact that shows. why: the reason of a verdict other than `agrees`.
+    about: the fact, in words. addresses: the parameters of the fact. model: the model's facts by key. drive: the
+    drive's answers. shows: the aspects of the fact that the answers prove. why: the reason for a verdict other than
+    `agrees`.
     """
 
     kind: Kind
@@ -42,5 +49,5 @@ class Finding:
 
     @property
     def is_decisive(self) -> bool:
-        """Whether it agrees, and shows so much of its fact that a wrong fact would have been noticed."""
+        """Whether the finding agrees, and would have revealed a wrong fact."""
         return self.verdict == "agrees" and not DECISIVE.isdisjoint(self.shows)

@@ -1,4 +1,4 @@
-"""Whether a drive tells that it is of its model's series."""
+"""Identity of a drive: findings about whether it belongs to the series of its model."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 
 def told_identity(asker: Asker, drive: Drive) -> Mapping[str, str] | DriveCommError:
-    """Return what the drive tells of itself but its state, or why it does not."""
+    """Return the identity that a drive reports, without its state, or the error that prevents it."""
     told = asker.answer(drive.identify)
     if isinstance(told, DriveCommError):
         return told
@@ -30,7 +30,7 @@ def told_identity(asker: Asker, drive: Drive) -> Mapping[str, str] | DriveCommEr
 
 
 def identity_findings(told: Mapping[str, str] | DriveCommError, model: Model, plugin: Protocol) -> Iterator[Finding]:
-    """Yield what a drive's own word shows about its series."""
+    """Yield the findings that follow from the drive's own identity."""
     rule = dict(model.identified_by)
     about = "which series it is, by its own word"
     if not rule:
@@ -53,7 +53,7 @@ def identity_findings(told: Mapping[str, str] | DriveCommError, model: Model, pl
 
 
 def series_findings(asker: Asker, drive: Drive, model: Model, plugin: Protocol, options: Any) -> Iterator[Finding]:
-    """Yield what tells the model's series from others of its protocol, where its commands are the model's own."""
+    """Yield the findings that distinguish the model's series from others, for protocols that can check a series."""
     address = drive.peer.name.rpartition(":")[2]
     operations = plugin.operations(int(address), options, model)
     if not isinstance(operations, KnowsSeries):
@@ -88,14 +88,14 @@ def series_findings(asker: Asker, drive: Drive, model: Model, plugin: Protocol, 
 
 
 def public(told: Mapping[str, str] | DriveCommError, model: Model, *, with_names: bool) -> dict[str, str]:
-    """Return what of a drive's identity goes into a proof."""
+    """Return the part of a drive's identity that goes into a proof."""
     if isinstance(told, DriveCommError):
         return {}
     return dict(told) if with_names else public_identity(told, model.identified_by)
 
 
 def only_asking(exchange: Exchange[T], plugin: Protocol) -> Exchange[T]:
-    """Carry out an exchange up to the first telegram that does more than ask; that one raises ReadOnlyError."""
+    """Run an exchange, but raise ReadOnlyError at the first telegram that does more than read."""
 
     def checked(command: Ask | Tell | Pause) -> Ask | Tell | Pause:
         if not isinstance(command, Pause) and not (plugin.intent and plugin.intent(command.message).moves_nothing):

@@ -1,4 +1,4 @@
-"""The settings of a drive's own watchdog, read back and held against the model's [watchdog]."""
+"""Settings of a drive's own watchdog, read and compared with [watchdog] of its model."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from drivecomm.proving.parameters import Told
 
 _LONGEST_S = 3600
-"""No drive waits for longer for its master; a longer time is another scale, or another parameter."""
+"""Longest plausible watchdog timeout in seconds; a longer one indicates another scale or another parameter."""
 
 ABOUT = "what it does when its master falls silent"
 
 
 def said_of_watchdog(model: Model) -> dict[str, Any]:
-    """Return the fact itself, as a proof records it."""
+    """Return the watchdog fact of the model as a proof records it."""
     watchdog = model.watchdog
     if watchdog is None:
         return {}
@@ -33,7 +33,7 @@ def said_of_watchdog(model: Model) -> dict[str, Any]:
 
 
 def link_loss_findings(asker: Asker, drive: Drive, model: Model, told: Mapping[str, Told]) -> Iterator[Finding]:
-    """Yield what the drive's watchdog settings show. told: what it told of its parameters before."""
+    """Yield the findings about the drive's watchdog settings. told: the answers about parameters read before."""
     if model.watchdog is None:
         yield Finding(kind="link loss", verdict="not asked", about=ABOUT, why="the model has no watchdog to be read")
         return
@@ -53,7 +53,7 @@ def link_loss_findings(asker: Asker, drive: Drive, model: Model, told: Mapping[s
     heard: dict[str, Any] = {"setting": str(setting), "time": setting.time_value}
     heard |= {} if setting.action_value is None else {"action": setting.action_value}
     against = list(_against(setting.policy is None, setting.time_s, setting.action_value, places, told))
-    # Without an action of its own, 0 for the time is all that many places hold.
+    # Without an action parameter, a time of 0 proves nothing: many parameters hold 0.
     decisive = not against and bool(setting.action_value or setting.time_value)
     yield Finding(
         kind="link loss",

@@ -1,4 +1,4 @@
-"""Start, reference, stop and link loss, tried on a motor with its user's consent; it is stopped whatever happens."""
+"""Trial of start, reference, stop and link loss on a motor with the user's consent; always ends with a stop."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from drivecomm.proving.proving import Proving
 
 SPEED_HZ, SPEED_PERCENT = 5, 10
-"""The reference that is tried: slow, and away from 0."""
+"""Reference of the trial: slow, but clearly not 0."""
 
 _RUNS_WITHIN_S, _STANDS_WITHIN_S = 10.0, 60.0
 _LOOKED_S = 0.1
@@ -39,10 +39,9 @@ _MARGIN_S = 3.0
 
 
 class Moving:
-    """The part of a proof that moves the motor. drive: one that may be commanded.
+    """The part of a proof that moves the motor. drive: a drive that may be commanded.
 
-    cancelled: whether its user wants to end it: looked at again and again; the motor is stopped then, and
-    KeyboardInterrupt raised.
+    cancelled: polled; if it returns True, the motor is stopped and KeyboardInterrupt raised.
     """
 
     def __init__(self, proving: Proving, drive: Drive, model: Model, cancelled: Callable[[], bool]) -> None:
@@ -52,7 +51,7 @@ class Moving:
         """Whether the motor was not started, or its last stop was confirmed."""
 
     def run(self) -> None:
-        """Try everything; a step that fails is a finding. Raises ReplyError if the stop at the end is not confirmed."""
+        """Run all steps; a failed step is a finding. Raises ReplyError if the stop at the end is not confirmed."""
         drive, proving = self._drive, self._proving
         proving.at = "the motor, before its start"
         status = drive.status()
@@ -95,7 +94,7 @@ class Moving:
         self._proving.progress(part, 0, 1)
 
     def _running(self) -> dict[str, Any]:
-        """Start the motor slowly; return what it then shows."""
+        """Start the motor slowly; return the reference and the output frequency it then shows."""
         drive = self._drive
         by_hz = drive.capabilities.reference_hz
         try:
@@ -145,7 +144,7 @@ class Moving:
         places = tuple(each for each in (self._model.watchdog.time, self._model.watchdog.action) if each)
         try:
             earlier = read_watchdog(drive)
-            # Some count from their last command, and act at once if that was long ago.
+            # Some drives count from their last command, and would react immediately if that was long ago.
             drive.stop()
             try:
                 set_watchdog(drive, policy, USUAL_WATCHDOG_S)
@@ -202,7 +201,7 @@ class Moving:
             self._pass(_LOOKED_S)
 
     def _pass(self, seconds: float) -> None:
-        """Let time pass without a telegram, as long as nobody wants to end it."""
+        """Wait without sending a telegram. Raises KeyboardInterrupt if the user cancels."""
         end = self._drive.bus.now() + seconds
         while (now := self._drive.bus.now()) < end:
             if self._cancelled():
@@ -212,7 +211,7 @@ class Moving:
             raise KeyboardInterrupt
 
     def _stop_at_last(self) -> None:
-        """Stop the motor, and try that again until it is confirmed. Raises ReplyError where it never is."""
+        """Stop the motor, and retry until the stop is confirmed. Raises ReplyError if it never is."""
         for left in reversed(range(_STOP_TRIES)):
             try:
                 self._drive.stop()

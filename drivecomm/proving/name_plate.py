@@ -1,7 +1,7 @@
-"""Whether the values of one drive can be true together: rated values, limits, and what a standing motor shows.
+"""Plausibility rules for the values of one drive: rated values, limits, and the readings of a standing motor.
 
-A factor of ten, a swapped pair or a wrong place breaks one of these rules on nearly every real drive. The bounds are
-wide on purpose, see each; a value of 0 is taken for one that was never set, and breaks none.
+A factor of ten, a swapped pair or a wrong parameter breaks one of these rules on nearly every real drive. The bounds
+are wide on purpose. A value of 0 counts as never set, and breaks no rule.
 """
 
 from __future__ import annotations
@@ -38,16 +38,16 @@ _MOST_SLIP = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Broken:
-    """A rule that does not hold. names: the common names in it. text: what is wrong, with the values."""
+    """A rule that the values break. names: the common names in the rule. text: the mistake, with the values."""
 
     names: tuple[str, ...]
     text: str
 
 
 def broken_rules(plate: Mapping[str, Decimal], *, stands: bool, address: int | None = None) -> Iterator[Broken]:
-    """Yield each rule that the values of one drive break, by their common names in common units.
+    """Yield each rule that the values of one drive break; the values have common names and common units.
 
-    stands: whether the motor stands. address: at which the drive was asked.
+    stands: whether the motor stands. address: the drive's address on the line.
     """
     known = {name: float(value) for name, value in plate.items() if value}
     for name, (low, high) in _RANGES.items():
@@ -66,7 +66,7 @@ def broken_rules(plate: Mapping[str, Decimal], *, stands: bool, address: int | N
 
 
 def scale_shown(name: str, plate: Mapping[str, Decimal], *, stands: bool) -> bool:
-    """Whether a factor of ten, in either direction, in the value of a common name would break a rule."""
+    """Whether a tenfold or a tenth of the value of a common name would break a rule."""
     if not plate.get(name):
         return False
     return all(
@@ -85,7 +85,7 @@ def _speed_fits(frequency: float, speed: float) -> bool:
 
 
 def _power_fits(power: float, voltage: float, current: float) -> bool:
-    # The product of efficiency and power factor: 0.3 for the smallest motors, 0.9 for large ones.
+    # The product of efficiency and power factor is 0.3 for the smallest motors, and 0.9 for large ones.
     return 0.2 <= power * 1000 / (sqrt(3) * voltage * current) <= 1.15
 
 
@@ -134,4 +134,4 @@ _STANDING: Mapping[str, float] = {
     "output_power": 0.5,
     "torque_percent": 30.0,
 }
-"""The most that a drive shows whose output is off."""
+"""Highest plausible readings of a drive whose output is off."""

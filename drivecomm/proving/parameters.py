@@ -1,4 +1,4 @@
-"""Parameters of a model held against what the drive tells: existence, type, limits and scale."""
+"""Findings about parameters: existence, type, limits and scale, compared between drive and model."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True, kw_only=True)
 class Told:
-    """What a drive told of one parameter. readings: by the address of each of its values that was asked for.
+    """The drive's answers about one parameter.
 
-    described: what it says that the parameter is; None where drives of this protocol, or this one, do not say.
+    readings: by the address of each element that was read. described: the drive's own description of the parameter;
+    None if the protocol or the drive gives none.
     """
 
     info: ParameterInfo
@@ -32,14 +33,14 @@ class Told:
 
 
 def why_not_asked(info: ParameterInfo) -> str:
-    """Return why nobody asks for a parameter; empty for one that is asked for."""
+    """Return the reason why a parameter is not read, or "" if it is read."""
     if info.kind == "command":
         return "it is a command"
     return "" if "r" in info.access else "it can only be written"
 
 
 def said_by_model(info: ParameterInfo) -> dict[str, Any]:
-    """Return the fact itself, as a proof records it, so that it is noticed when the model says something else later."""
+    """Return the model's facts about a parameter as a proof records them, to detect later changes of the model."""
     said: dict[str, Any] = {"name": info.name, "type": info.type, "unit": info.unit, "factor": info.factor}
     said |= {"access": info.access, "minimum": info.minimum, "maximum": info.maximum}
     if info.values:
@@ -48,9 +49,9 @@ def said_by_model(info: ParameterInfo) -> dict[str, Any]:
 
 
 def judged(told: Told, *, scale: bool, answers_all: bool, with_names: bool) -> Finding:
-    """Return what the answers about one parameter show. scale: whether another scale would not be plausible.
+    """Return the finding about one parameter. scale: whether any other scale would be implausible.
 
-    answers_all: whether the drive answers for addresses that nobody knows, too, so that an answer shows little.
+    answers_all: whether the drive also answers for unknown addresses, so that an answer proves little.
     """
     info = told.info
     against = list(dict.fromkeys(_against(told)))
@@ -106,13 +107,13 @@ def _against_reading(info: ParameterInfo, reading: Reading) -> Iterator[str]:
         low = "" if info.minimum is None else f"{info.minimum:f}"
         high = "" if info.maximum is None else f"{info.maximum:f}"
         yield f"the drive holds a value outside {low or 'no minimum'} to {high or 'no maximum'} {info.unit}".rstrip()
-    # What was never set, or is not so at present, is shown as 0 by many.
+    # Many drives show 0 for a parameter that was never set, or does not apply at present.
     if value and is_option(info) and int(value / info.factor) not in info.values:
         yield f"the drive holds {int(value / info.factor)}, which is none of the options"
 
 
 def is_option(info: ParameterInfo) -> bool:
-    """Whether a parameter holds one of a list, and nothing between; a list of one is taken for a part of it."""
+    """Whether a parameter takes only listed values; a list of one value counts as incomplete."""
     if info.unit or len(info.values) < 2:
         return False
     if info.minimum is None and info.maximum is None:
@@ -183,7 +184,7 @@ def _said_by_drive(told: Told, *, with_names: bool) -> dict[str, Any]:
 
 
 def asked_addresses(addresses: Sequence[str]) -> Sequence[str]:
-    """Return which values of a parameter are asked for: all of a few, else the first and the last."""
+    """Return the element addresses of a parameter to read: all if there are few, else the first and the last."""
     return addresses if len(addresses) <= _MOST_ELEMENTS else (addresses[0], addresses[-1])
 
 
@@ -191,7 +192,7 @@ _MOST_ELEMENTS = 4
 
 
 def plate_of(told: Mapping[str, Told], quantities: Mapping[str, str]) -> dict[str, Decimal]:
-    """Return the numbers behind the common names, in the common units. told: by the address of the parameter."""
+    """Return the values of the common names in common units. told: the answers by address of the parameter."""
     return {name: value for name, address in quantities.items() if (value := _common(told, name, address)) is not None}
 
 

@@ -1,4 +1,4 @@
-"""What a proof leaves out unless its user asks for it: serial numbers, names, and addresses of drives and networks."""
+"""Private data, left out of a proof by default: serial numbers, names, and addresses of drives and networks."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ _PUBLIC_TEXTS = frozenset({"software_version", "drive_type"})
 
 
 def is_private(info: ParameterInfo, common: str, value: object) -> bool:
-    """Whether what a parameter holds may tell which drive it is, or whose. common: its common name, or empty."""
+    """Whether a parameter's value may reveal the individual drive or its owner. common: its common name, or empty."""
     if common in _PUBLIC_TEXTS:
         return False
     return isinstance(value, str) or any(map(_PRIVATE.search, (info.name.replace("_", " "), info.title, common)))
 
 
 def public_identity(identity: Mapping[str, str], named_by_model: Mapping[str, str]) -> dict[str, str]:
-    """Return what a drive tells of itself without what tells it from others of its series."""
+    """Return the identity of a drive without the details that distinguish it from others of its series."""
     return {
         key: text for key, text in identity.items() if key in named_by_model or _PUBLIC_IDENTITY.search(key) is not None
     }

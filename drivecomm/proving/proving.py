@@ -1,4 +1,4 @@
-"""The questions of a proof, one after the other, and what they have shown so far.
+"""Sequence of a proof: its requests in order, and the findings so far.
 
 Nothing here writes or commands: the drive must be a read-only one, whose bus refuses both before anything is sent.
 """
@@ -31,7 +31,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Subject:
-    """What is proved. options: of the protocol, as the drive has them; the model's where none are given."""
+    """Subject of a proof.
+
+    options: the drive's options for the protocol; the model's if none are given.
+    """
 
     plugin: Protocol
     model: Model
@@ -39,34 +42,35 @@ class Subject:
 
     @classmethod
     def of(cls, protocol: str, model: Model | None, given: Mapping[str, Any]) -> Subject:
-        """Return the subject of a drive with these options. Raises UsageError for one without a model."""
+        """Return the subject of a drive with these options. Raises UsageError if it has no model."""
         if model is None:
             raise UsageError("a proof holds a drive against its model; name one, such as with --model")
         plugin = installed[protocol]
         return cls(plugin=plugin, model=model, options=resolve_options(plugin, model, given)[1])
 
     def describes(self) -> bool:
-        """Whether drives of this protocol tell what their parameters are."""
+        """Return whether drives of this protocol describe their parameters."""
         return DESCRIBE in self.plugin.operations(self.plugin.addresses[0], self.options, self.model).extra
 
     def addresses(self, info: ParameterInfo) -> Sequence[str]:
-        """Return which values of a parameter are asked for."""
+        """Return the element addresses of a parameter to read."""
         return asked_addresses(self.plugin.element_addresses(info, self.options))
 
     def common_names(self) -> dict[str, str]:
-        """Return common names by the address of their parameter."""
+        """Return the common names by the address of their parameter."""
         return {address.partition("[")[0]: name for name, address in self.model.quantities.items()}
 
 
 def _unseen(_detail: str, _done: int, _total: int) -> None:
-    """Show nothing."""
+    """Ignore the progress."""
 
 
 @dataclass(slots=True)
 class Proving:
-    """A proof under way. findings: so far. identity: what the drive tells of itself, without what is left out.
+    """A proof in progress.
 
-    at: what is asked now, in words; empty when all was asked.
+    findings: so far. identity: the drive's own identity, without private data. at: the present request in words; empty
+    when all requests are done.
     """
 
     drive: Drive
@@ -82,9 +86,9 @@ class Proving:
     _answers_all: bool = False
 
     def run(self) -> None:
-        """Ask everything. Raises NoReplyError for a drive that stays silent, and LinkError for a lost line.
+        """Send all requests. Raises NoReplyError for a drive that stays silent, and LinkError for a lost line.
 
-        What was found until then is in `findings`, and `at` says where it was.
+        The findings so far are in `findings` then, and `at` names the request that failed.
         """
         if not self.drive.read_only_reason:
             raise UsageError("only a read-only drive is proved, so that nothing can be written; make it so")
@@ -99,7 +103,7 @@ class Proving:
         self.on_section()
 
     def counts(self) -> Counter[Verdict]:
-        """Return how many findings have each verdict."""
+        """Return the number of findings by verdict."""
         return Counter(each.verdict for each in self.findings)
 
     def _add(self, findings: Iterable[Finding]) -> None:
@@ -142,7 +146,7 @@ class Proving:
                 self.progress(self.at, done, len(asked))
                 self._told[info.address] = self._answers(asker, info)
         finally:
-            # What was told before an interruption is in the proof, too.
+            # The proof includes all answers received before an interruption.
             self._hold_against_each_other()
 
     def _answers(self, asker: Asker, info: ParameterInfo) -> Told:
@@ -201,7 +205,7 @@ def _not_asked(info: ParameterInfo, why: str) -> Finding:
 
 
 def questions(subject: Subject) -> list[str]:
-    """Return what a proof without --move would ask, in words; nothing is sent."""
+    """Return the requests of a proof without --move, in words; nothing is sent."""
     asked = ["status", "identity: what the drive tells of itself"]
     asked += [
         f"read {each.address}, to be refused" for each in provocations(subject.plugin, subject.model, subject.options)

@@ -1,4 +1,4 @@
-"""A proof under way, kept as a whole file from its first question on."""
+"""File of a proof in progress: complete and valid from the first request on."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from drivecomm.proving.proving import Proving
 
 _PSEUDO_TERMINALS = ("/dev/pts/", "/dev/ttys")
-"""Linux, macOS: serial ports that no wire leads from."""
+"""Paths of pseudo-terminals on Linux and macOS, which have no wire."""
 
 
 def is_virtual(drive: Drive, port: str, identity: Mapping[str, str]) -> bool:
-    """Whether a drive is known to be a virtual one: on a virtual line or a pseudo-terminal, or by its own word.
+    """Whether a drive is known to be virtual: on a virtual line, on a pseudo-terminal, or by its own identity.
 
-    A virtual drive behind a network port that does not name itself is not recognised.
+    A virtual drive behind a network port that does not identify itself is not recognised.
     """
     if not drive.bus.real_time or any("drivecomm" in text for text in identity.values()):
         return True
@@ -32,9 +32,9 @@ def is_virtual(drive: Drive, port: str, identity: Mapping[str, str]) -> bool:
 
 
 class ProofRecord:
-    """The file of one proof: written again after each section, and whole whatever ends the program.
+    """File of one proof: rewritten after each section, and complete whenever the program ends.
 
-    Until the last question is answered, the file says at which question the proof is.
+    Until the last request is answered, the file names the request that the proof has reached.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class ProofRecord:
         )
 
     def write(self, why: str = "") -> Proof:
-        """Write what was found so far, and return it. why: what has ended it before its last question."""
+        """Write the findings so far, and return the proof. why: the reason of an interruption."""
         proving = self._proving
         at = proving.at and f"at {proving.at}: {why or 'it was not finished'}"
         proof = replace(

@@ -1,4 +1,4 @@
-"""Error codes that reads provoke: of addresses that the model does not know, and of elements that a value lacks."""
+"""Refusal codes, provoked by reading addresses that the model does not know, and elements that do not exist."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ _ELEMENTS_ASKED = 2
 
 @dataclass(frozen=True, slots=True)
 class Provocation:
-    """A read that a drive is to refuse. of: the parameter whose element it is, empty for no parameter at all."""
+    """A read that a drive must refuse. of: the parameter whose element is read; empty if there is no such parameter."""
 
     address: str
     of: str = ""
 
 
 def provocations(plugin: Protocol, model: Model, options: Any) -> Sequence[Provocation]:
-    """Return what to read of a drive so that it refuses; nothing where its protocol does not say how.
+    """Return reads that a drive must refuse; none if its protocol does not define its address space.
 
-    Addresses are taken from all over the address space, and none of them stands in the model.
+    The addresses are spread over the whole address space, and none of them is in the model.
     """
     space = _space(plugin, model, options)
     if space is None:
@@ -39,7 +39,7 @@ def provocations(plugin: Protocol, model: Model, options: Any) -> Sequence[Provo
     taken = {operations.address_of(each) for each in model.parameters}
     found: list[Provocation] = []
     for share in range(_ASKED):
-        # From the end of each part on, since what makers leave free is at the end.
+        # Search each part from its end, where makers leave addresses free.
         begin = len(addresses) * (_ASKED - share) // _ASKED - 1
         free = (each for each in reversed(addresses[: begin + 1]) if operations.address_of(each) not in taken)
         address = next(free, "")
@@ -59,7 +59,7 @@ def provocations(plugin: Protocol, model: Model, options: Any) -> Sequence[Provo
 def refusal_finding(
     provoked: Provocation, answer: Reading | DriveCommError, absent: Collection[int], told: Mapping[str, Told]
 ) -> Finding:
-    """Return what the answer to a provocation shows about the codes of the protocol."""
+    """Return the finding about the protocol's refusal codes that follows from an answer."""
     codes = sorted(absent)
     about = f"the refusal of {provoked.address}, " + (
         f"which {provoked.of} has no element for" if provoked.of else "which the model does not know"
@@ -89,7 +89,7 @@ def refusal_finding(
 
 
 def absent_codes(plugin: Protocol, model: Model, options: Any) -> Collection[int]:
-    """Return the codes with which drives say that they have no such parameter or element."""
+    """Return the codes for a missing parameter or element."""
     space = _space(plugin, model, options)
     return space.absent if space is not None else ()
 

@@ -53,11 +53,11 @@ _WORDS = {"kind": get_args(Kind), "verdict": get_args(Verdict)}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Proof:
-    """What a proof file says.
+    """Content of a proof file.
 
-    name_plate: what a person has read on the drive. virtual: whether the drive is known to be a virtual one; it may be
-    one all the same. moved: whether the motor was started. interrupted: at which question and why, empty for a proof
-    of all questions. options: of the drive, beyond its model's. identity: type and firmware, by its own word.
+    name_plate: what a person has read on the drive. virtual: whether the drive is known to be virtual; an undetected
+    one is possible. moved: whether the motor was started. interrupted: at which request and why; empty for a complete
+    proof. options: the drive's options beyond its model's. identity: type and firmware as reported by the drive.
     """
 
     protocol: str
@@ -73,12 +73,12 @@ class Proof:
     findings: tuple[Finding, ...] = ()
 
     def counts(self) -> Counter[Verdict]:
-        """Return how many findings have each verdict."""
+        """Return the number of findings by verdict."""
         return Counter(each.verdict for each in self.findings)
 
 
 def proof_text(proof: Proof) -> str:
-    """Return a proof as the text of its file."""
+    """Return the text of a proof file."""
     head = {"format": FORMAT, "protocol": proof.protocol, "model": proof.model, "drivecomm": proof.drivecomm}
     head |= {"date": proof.date, "name_plate": proof.name_plate, "virtual": proof.virtual, "moved": proof.moved}
     head |= {"interrupted": proof.interrupted}
@@ -98,11 +98,11 @@ def proof_text(proof: Proof) -> str:
 
 
 def read_proof(path: Path) -> Proof:
-    """Read a proof file. Raises FileFormatError with the line and the key for what is no proof."""
+    """Read a proof file. Raises FileFormatError with the line and the key for an invalid proof."""
     top = read_toml(path, "a proof")
     given = top.take(_TOP, "format", "protocol", "model", "drivecomm", "date")
     if given.pop("format") != FORMAT:
-        raise top.error(f"is no proof of this format; it begins with format = {FORMAT}", "format")
+        raise top.error(f"is not a proof of this format; it begins with format = {FORMAT}", "format")
     given.pop("counts", None)
     given.pop("fact", None)
     return Proof(**given, findings=tuple(_findings(top)))
@@ -135,7 +135,7 @@ def _lines(table: Mapping[str, Any]) -> str:
 
 
 def plain(value: Any) -> Any:
-    """Return a value in the types that a proof file has: exact numbers become texts, so that they stay exact."""
+    """Return a value in the types of a proof file: exact numbers become texts, to keep their digits."""
     if isinstance(value, Decimal):
         return f"{value:f}"
     if isinstance(value, dict) or hasattr(value, "items"):

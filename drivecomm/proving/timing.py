@@ -1,4 +1,4 @@
-"""Reply times and pauses of a drive, held against the line facts of its protocol and model."""
+"""Reply times and pauses of a drive, compared with the line facts of its protocol and model."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ if TYPE_CHECKING:
     from drivecomm.bus import Drive
 
 EXCHANGES = 100
-"""How many exchanges the shortest pause has to hold for: some seconds, enough for a proof."""
+"""Number of exchanges that must succeed with the shortest pause; they take some seconds."""
 
 _ABOUT = "the pause after a reply, and the time for a reply"
 
 
 def timing_findings(drive: Drive, progress: Callable[[str, int, int], None]) -> Iterator[Finding]:
-    """Yield what `tune` measures; it sends the protocol's probe only, and changes no setting of the drive or the bus.
+    """Yield the findings of a `tune` measurement; it sends only the protocol's probe, and changes no setting.
 
-    Raises ReplyError when the drive does not answer any more, and LinkError when the port fails.
+    Raises ReplyError if the drive stops answering, and LinkError if the port fails.
     """
     timing = drive.facts.untuned.timing
     usual_s = drive.facts.untuned.turnaround_s

@@ -1,4 +1,4 @@
-"""The conformance kit: vectors, exchanges, checks, fixtures, strategies."""
+"""Conformance kit for protocol packages: vectors, exchanges, checks, fixtures and strategies."""
 
 import lazy_loader
 

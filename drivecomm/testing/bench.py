@@ -1,4 +1,4 @@
-"""A virtual drive of a protocol and its master on one virtual line, with an ear on the drive's own door."""
+"""Test bench of a protocol: a virtual drive and its master on one virtual line, with all requests recorded."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ if TYPE_CHECKING:
         VirtualReply,
     )
 
-# Longer than any ramp from standstill to the highest frequency, and than the time after which a fault can be reset.
+# Longer than any ramp from standstill to the highest frequency, and than the wait before a fault can be reset.
 _SETTLED_S = 120.0
 
-# More parameters than any two drives have.
+# More than the number of parameters of any two drives.
 _MOST_STEPS = 4000
 _TRIED = 3
 
 
 class Overheard(DriveProxy):
-    """A virtual drive whose telegrams are written down, and whose answers can be kept back or replaced.
+    """A virtual drive that records its telegrams, and whose replies can be dropped or replaced.
 
-    heard: the sound telegrams that came to it, in order. said: what it answered to each, None for silence. between:
-    told the request and the answer, returns what is sent.
+    heard: valid telegrams received, in order. said: the drive's reply to each of them, None for silence. between:
+    called with the request and the reply; returns the reply that is sent instead.
     """
 
     def __init__(self, drive: VirtualDrive) -> None:
@@ -51,7 +51,7 @@ class Overheard(DriveProxy):
         self.between: Callable[[Framed, VirtualReply | None], VirtualReply | None] = lambda _, reply: reply
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
-        """Let the drive hear, and write down what it heard and said."""
+        """Pass the telegram to the drive, and record it with the drive's reply."""
         reply = super().hear(find, now)
         if not isinstance(find, Framed):
             return reply
@@ -61,7 +61,10 @@ class Overheard(DriveProxy):
 
 
 class Bench(NamedTuple):
-    """A drive, its line, its master. others: further drives on the line."""
+    """A virtual drive, its line and its master.
+
+    others: further drives on the line.
+    """
 
     virtual: Overheard
     others: tuple[Overheard, ...]
@@ -71,27 +74,27 @@ class Bench(NamedTuple):
 
     @property
     def answers_too_late(self) -> bool:
-        """Whether the drive answers, and later than the master waits for it."""
+        """Whether the drive's last reply came later than the master's reply timeout."""
         said = self.virtual.said[-1] if self.virtual.said else None
         return said is not None and said.delay_s >= self.drive.facts.timing.reply_timeout_s
 
     @property
     def place(self) -> tuple[int, LineSettings]:
-        """Where the drive is heard; a write may change it."""
+        """Address and line settings at which the drive can be reached; a write may change them."""
         return self.virtual.address, self.virtual.settings
 
     def write(self, parameter: str, value: Value) -> Reading | None:
-        """Write, and store where it cannot be written otherwise; returns what the drive confirms."""
+        """Write a parameter, with `store=True` if the drive refuses a volatile write; return the confirmed reading."""
         try:
             return self.drive.write(parameter, value)
         except NotSupported:
             return self.drive.write(parameter, value, store=True)
 
     def tell_apart(self, model: Model) -> None:
-        """Let every number of every drive of the bench that can be set be one of its own, within its range.
+        """Give every settable number of every drive on the bench a unique value within its range.
 
-        What is right is then told from what is wrong. A number stays as it was where another one would move the drive
-        to another place on the line, or is not taken.
+        Checks can then distinguish right values from wrong ones. A number keeps its value if the drive refuses the new
+        one, or if the new one would change the drive's address or line settings.
         """
         taken: set[Decimal] = set()
         for virtual in (self.virtual, *self.others):
@@ -108,7 +111,7 @@ class Bench(NamedTuple):
                     virtual.poke(info.address, held)
 
     def read_first(self, model: Model) -> str:
-        """Read the first parameter that the drive tells, and return its address; empty if there is none."""
+        """Read the first parameter that the drive answers; return its address, or "" if there is none."""
         for info in model.parameters.values():
             try:
                 self.drive.read(info.address)
@@ -118,28 +121,28 @@ class Bench(NamedTuple):
         return ""
 
     def set_some_reference(self) -> None:
-        """Set a reference in a unit that the drive takes."""
+        """Set a reference in a unit that the drive supports."""
         if self.drive.capabilities.reference_percent:
             self.drive.set_reference(percent=40)
         elif self.drive.capabilities.reference_hz:
             self.drive.set_reference(hz=20)
 
     def settle(self) -> None:
-        """Let so much time pass that the motor has done what it was told to."""
+        """Advance the time until the motor has carried out its last command."""
         self.line.advance(_SETTLED_S)
-        # A motor moves when somebody looks.
+        # The motor model only moves when its time is advanced.
         self.virtual.motor.advance(self.line.time)
 
     def nothing_sent(self, why: str) -> None:
-        """Raise CheckFailure if the drive has heard anything. why: what should have kept the master silent."""
+        """Raise CheckFailure if the drive has received anything. why: the reason why the master had to stay silent."""
         if self.virtual.heard:
             raise CheckFailure(f"{why}, and {shown(self.virtual.heard[0].data)} is sent all the same")
 
 
 def _held(virtual: VirtualDrive, info: ParameterInfo) -> tuple[int | str, Decimal]:
-    """Return the raw form of a number that can be read and set, and stays as it is, and its step; 0 for any other.
+    """Return the present raw value of a settable number and its step; the step is 0 for any other parameter.
 
-    Of a number whose raw form is not the model's nobody knows what would be set.
+    The step is also 0 if the drive's raw value does not match the start value of the model: its scale is unknown then.
     """
     if "rw" not in info.access or info.kind == "command" or not isinstance(info.start, Decimal):
         return 0, Decimal(0)
@@ -151,7 +154,7 @@ def _held(virtual: VirtualDrive, info: ParameterInfo) -> tuple[int | str, Decima
 
 
 def _candidates(info: ParameterInfo, taken: set[Decimal]) -> Iterator[Decimal]:
-    """Yield a few values that a parameter can hold and no other one does, the one nearest to its start first."""
+    """Yield a few values within the parameter's range that are not taken yet, nearest to its start value first."""
     if info.values:
         yield from (each for each in map(Decimal, info.values) if each != info.start)
         return
@@ -176,9 +179,10 @@ def bench(
     options: Mapping[str, Any] | None = None,
     faults: FaultPlan = UNDISTURBED,
 ) -> Iterator[Bench]:
-    """Give a bench with a drive of this model at the first of these addresses and others at the rest.
+    """Yield a bench with a drive of this model at the first of these addresses, and others at the remaining ones.
 
-    model: the protocol's own default if absent. addresses: the protocol's first one if empty. options: of all drives.
+    model: the protocol's default model if absent. addresses: the protocol's first address if empty. options: for all
+    drives.
     """
     known = known_model(plugin, plugin.default_model) if model is None else model
     given = dict(options or {})
@@ -190,6 +194,6 @@ def bench(
         drives.append(Overheard(drive))
     line = VirtualLine(drives, faults=faults)
     with open_bus(line.port) as bus:
-        # Of a series that others answer alike, nothing but a name plate shows which it is.
+        # Series that share one reply format can only be told apart by their name plate, so the model is confirmed here.
         drive_at = bus.drive(plugin.name, drives[0].address, model=known, confirmed=known.name, **given)
         yield Bench(drives[0], tuple(drives[1:]), line, bus, drive_at)

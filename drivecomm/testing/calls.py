@@ -1,4 +1,4 @@
-"""The calls of an exchange vector: carried out with either face, and compared with what is expected of them."""
+"""Calls of an exchange vector: carried out blocking or awaited, and compared with the expected results."""
 
 from __future__ import annotations
 
@@ -25,11 +25,14 @@ if TYPE_CHECKING:
     from drivecomm.testing.exchange_vectors import Call, ExchangeVector
 
 VERBS = ("read", "write", "status", "start", "stop", "reset", "set_reference", "probe", "identify")
-"""The verbs of a drive; any other is one that only its protocol has."""
+"""The verbs that every drive has; any other verb belongs to one protocol."""
 
 
 class Line(NamedTuple):
-    """Where to play. port: as `open_bus` takes it. ready: told the reply time of the drive before the first call."""
+    """Port on which the vectors are played.
+
+    port: as `open_bus` takes it. ready: called with the drive's reply timeout in seconds before the first call.
+    """
 
     port: str | Callable[[], Port]
     ready: Callable[[float], None]
@@ -37,7 +40,7 @@ class Line(NamedTuple):
 
 
 def call_blocking(plugin: Protocol, vector: ExchangeVector, line: Line) -> None:
-    """Carry out the calls one after the other and judge what comes of each. Raises CheckFailure."""
+    """Carry out the calls in order, blocking, and check each result. Raises CheckFailure."""
     with open_bus(line.port, echo=line.echo) as bus:
         partner = _partner(bus, plugin, vector, line)
         for call in vector.calls:
@@ -50,7 +53,7 @@ def call_blocking(plugin: Protocol, vector: ExchangeVector, line: Line) -> None:
 
 
 def call_awaited(plugin: Protocol, vector: ExchangeVector, line: Line) -> None:
-    """Do the same with the awaited face, in an event loop of its own. Raises CheckFailure."""
+    """Carry out the calls in order, awaited in a new event loop, and check each result. Raises CheckFailure."""
     asyncio.run(_call_awaited(plugin, vector, line))
 
 
@@ -67,7 +70,7 @@ async def _call_awaited(plugin: Protocol, vector: ExchangeVector, line: Line) ->
 
 
 def exchange_of(verbs: Exchanges, call: Call) -> Exchange[Any]:
-    """Return the exchange behind a call, as both faces make it."""
+    """Return the exchange behind a call, as `Drive` and `AsyncDrive` create it."""
     given = _arguments(call)
     if call.call not in VERBS:
         return verbs.call(call.call, given)
@@ -82,12 +85,12 @@ def exchange_of(verbs: Exchanges, call: Call) -> Exchange[Any]:
 
 
 def model_of(plugin: Protocol, vector: ExchangeVector) -> Model | None:
-    """Return the model that a conversation is with, None where it names none."""
+    """Return the model that an exchange vector names, or None."""
     return known_model(plugin, vector.model) if vector.model else None
 
 
 def _partner(bus: Bus | AsyncBus, plugin: Protocol, vector: ExchangeVector, line: Line) -> Any:
-    """Return the drive of the vector, or all drives; from them the master waits for no reply."""
+    """Return the drive of the vector, or the broadcast object if it has the broadcast address."""
     try:
         model = model_of(plugin, vector)
         if vector.address == plugin.broadcast_address:
@@ -96,7 +99,7 @@ def _partner(bus: Bus | AsyncBus, plugin: Protocol, vector: ExchangeVector, line
             return everybody
         options = dict(vector.options)
         if model is not None:
-            # A vector is of the exchange alone, not of what shows first that the drive is of its model's series.
+            # A vector covers the exchange alone, without the requests that first confirm the drive's series.
             model, options["confirmed"] = replace(model, identified_by={}), model.name
         drive = bus.drive(plugin.name, vector.address, model=model, **options)
     except DriveCommError as error:
@@ -116,7 +119,7 @@ def _verb(partner: Any, call: Call) -> Callable[..., Any]:
 
 
 def _arguments(call: Call) -> dict[str, Any]:
-    """Return the arguments as the drive takes them; the way of stopping is the only one that is no plain value."""
+    """Return the arguments as the drive takes them; only the way of stopping needs conversion."""
     given = dict(call.arguments)
     if call.call == "stop" and "how" in given:
         try:
@@ -128,7 +131,7 @@ def _arguments(call: Call) -> dict[str, Any]:
 
 
 def judge_error(call: Call, error: DriveCommError) -> None:
-    """Raise CheckFailure unless a call was expected to raise this."""
+    """Raise CheckFailure unless the call was expected to raise this error."""
     expected = call.expected
     if not expected.error:
         raise CheckFailure(f"{call.call} raises {type(error).__name__}: {error}") from error
@@ -140,7 +143,7 @@ def judge_error(call: Call, error: DriveCommError) -> None:
 
 
 def judge(call: Call, result: object) -> None:
-    """Raise CheckFailure unless a call was expected to give this result."""
+    """Raise CheckFailure unless the call was expected to return this result."""
     found, wanted = as_data(result), call.expected.result
     if call.expected.error:
         raise CheckFailure(f"{call.call} gives {found!r}, expected is {call.expected.error}")
@@ -157,7 +160,7 @@ def judge(call: Call, result: object) -> None:
 
 
 def as_data(value: object) -> Any:
-    """Return a value as vectors write it: exact decimals as text, enums by their values."""
+    """Return a value as vectors write it: exact decimals as text, enums as their values."""
     if isinstance(value, Decimal):
         return f"{value:f}"
     if isinstance(value, Enum):
@@ -174,7 +177,7 @@ def as_data(value: object) -> Any:
 
 
 def same(found: object, wanted: object) -> bool:
-    """Whether two pieces of data are equal and of one type: a flag is no number."""
+    """Whether two pieces of data are equal and of the same type; True is not equal to 1."""
     if isinstance(found, list) and isinstance(wanted, list):
         return len(found) == len(wanted) and all(map(same, found, wanted))
     if isinstance(found, dict) and isinstance(wanted, dict):

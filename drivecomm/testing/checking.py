@@ -1,12 +1,12 @@
-"""Checks: functions that raise CheckFailure where a protocol does not do what it should.
+"""Registry of checks: functions that raise CheckFailure if a protocol misbehaves.
 
     @check("contract")
     def has_addresses(plugin: Protocol) -> None:
         \"\"\"There are addresses.\"\"\"
         expect(plugin.addresses, "no drive has an address")
 
-The first line of the docstring says what must hold; the name of the check is that of the function, unless it is given.
-The theme says what a check is given, and how often it is run:
+The first line of the docstring says what must hold. A check is named after its function, unless a name is given. The
+theme decides which arguments a check gets, and how often it runs:
 
     contract, documents             the protocol
     vectors                         each vector that it applies to, as a `Case`
@@ -14,9 +14,9 @@ The theme says what a check is given, and how often it is run:
     refusals, streams               the protocol, and each of the vector file
     schemas                         each schema of the protocol
     parameters, commands, confusion the protocol, and each of its models
-    monitoring                      in place of commands, the protocol and each of its models that has none
+    monitoring                      the protocol, and each model without commands; replaces commands
     foreign traffic                 the protocol, and each of the others
-    properties                      what examples are drawn from, and hypothesis' data object
+    properties                      the source of the examples, and hypothesis' data object
 """
 
 from __future__ import annotations
@@ -40,15 +40,15 @@ F = TypeVar("F", bound=Callable[..., None])
 
 
 class CheckFailure(AssertionError):  # noqa: N818 - a result of a check, not an error of this program
-    """The protocol does not do what it should; the text says what it does instead."""
+    """A protocol does not do what it should; the text says what it does instead."""
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One thing that must hold.
+    """A single check, ready to run.
 
-    name: where it belongs, the part before the first slash is the protocol. run: raises CheckFailure when it does not
-    hold. meaning: what must hold, in one sentence.
+    name: path of the check; the part before the first slash is the protocol. run: raises CheckFailure if the check
+    fails. meaning: what must hold, in one sentence.
     """
 
     name: str
@@ -57,16 +57,16 @@ class Check:
 
     @property
     def kind(self) -> str:
-        """What is checked, without what it is checked on: the last part of the name."""
+        """Last part of the name: the kind of check, without its vector or model."""
         return self.name.rpartition("/")[2]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Registered:
-    """A function that `check` was put on.
+    """A check function registered by `check`.
 
-    name: the last part of the names of its checks. applies_to: whether it is for a vector. costly: it takes long, and a
-    quick run leaves it out, or runs it on some of the vectors only.
+    name: the last part of the names of its checks. applies_to: whether it applies to a vector. costly: slow; a quick
+    run leaves it out, or runs it on some of the vectors only.
     """
 
     function: Callable[..., None]
@@ -75,7 +75,7 @@ class Registered:
     costly: bool
 
     def on(self, prefix: str, *values: Any) -> Check:
-        """Return the check of these values, named after a prefix."""
+        """Return the check bound to these values, with a name that starts with the prefix."""
         return Check(f"{prefix}/{self.name}", lambda: self.function(*values), self.meaning)
 
     @property
@@ -90,7 +90,7 @@ _registered: defaultdict[str, list[Registered]] = defaultdict(list)
 def check(
     theme: str, name: str = "", *, applies_to: Callable[[Vector], bool] = lambda _: True, costly: bool = False
 ) -> Callable[[F], F]:
-    """Register a function as a check of this theme; see `Registered`. name: that of the function if empty."""
+    """Register a function as a check of this theme; see `Registered`. name: the function's name if empty."""
 
     def register(function: F) -> F:
         title = name or function.__name__.replace("_", " ")
@@ -106,7 +106,7 @@ def registered(theme: str) -> Sequence[Registered]:
 
 
 def is_valid(vector: Vector) -> bool:
-    """Whether a vector is a sound telegram, for `applies_to`."""
+    """Whether a vector is a valid telegram, for `applies_to`."""
     return vector.valid
 
 
@@ -117,20 +117,23 @@ def expect(condition: object, failure: str) -> None:
 
 
 def raise_all(wrong: Sequence[str]) -> None:
-    """Raise CheckFailure with the first few of what is wrong, if anything is."""
+    """Raise CheckFailure with the first few of these failures, if there are any."""
     if wrong:
         more = f" (and {len(wrong) - 3} more)" if len(wrong) > 3 else ""
         raise CheckFailure("; ".join(wrong[:3]) + more)
 
 
 def shown(data: bytes) -> str:
-    """Return bytes as messages show them."""
+    """Return bytes in the form used in messages."""
     return data.hex(" ").upper() or "nothing"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Case:
-    """A vector of a protocol. listed: all sound telegrams of the file and of the package, by direction."""
+    """A vector of a protocol under test.
+
+    listed: all valid telegrams of the file and of the package, by direction.
+    """
 
     plugin: Protocol
     vector: Vector
@@ -142,12 +145,12 @@ class Case:
         return codec_for(self.plugin, self.vector.options)
 
     def lists(self, data: bytes) -> bool:
-        """Whether the vectors list this telegram as a sound one."""
+        """Whether the vectors list these bytes as a valid telegram."""
         return (self.vector.direction, data) in self.listed
 
 
 def decoded(codec: Codec, data: bytes, direction: Direction) -> Message | None:
-    """Return what a codec decodes these bytes to, None where it refuses them."""
+    """Return the message that a codec decodes from these bytes, or None if it refuses them."""
     try:
         return codec.decode(data, direction)
     except TelegramError:
@@ -155,12 +158,12 @@ def decoded(codec: Codec, data: bytes, direction: Direction) -> Message | None:
 
 
 def with_flips(data: bytes, place: int) -> Iterator[bytes]:
-    """Yield the bytes with one wrong bit in the byte at this place, from the lowest bit to the highest."""
+    """Yield the bytes with one bit flipped in the byte at this index, from the lowest bit to the highest."""
     return (data[:place] + bytes([data[place] ^ 1 << bit]) + data[place + 1 :] for bit in range(8))
 
 
 def codec_for(plugin: Protocol, options: Mapping[str, Any]) -> Codec:
-    """Return a protocol's codec with these options. Raises CheckFailure for one that the protocol does not have."""
+    """Return a protocol's codec with these options. Raises CheckFailure for options that the protocol does not have."""
     known = sorted(field.name for field in dataclass_fields(plugin.options))
     unknown = sorted(set(options) - set(known))
     if unknown:
@@ -169,5 +172,5 @@ def codec_for(plugin: Protocol, options: Mapping[str, Any]) -> Codec:
 
 
 def known_model(plugin: Protocol, name: str) -> Model:
-    """Return a model of the protocol. Raises as `load_model` does."""
+    """Return a model of the protocol by name. Raises as `load_model` does."""
     return load_model(plugin.package, plugin.name, name)

@@ -1,15 +1,15 @@
-"""Run the conformance tests of a protocol: all checks, in the order in which a mistake is found soonest.
+"""Conformance run of a protocol: all checks, ordered so that mistakes are found as early as possible.
 
     from drivecomm.testing import run_conformance
     report = run_conformance(plugin)
     assert report.ok, str(report)
 
-or, as tests of pytest that `-k` chooses among, each named as in the report:
+or as pytest tests that `-k` can select, each named as in the report:
 
     from drivecomm.testing import conformance_tests
     test_conformance = conformance_tests("toy")
 
-A check touches nothing but its own objects, so checks may be run in any order and by several processes.
+A check touches nothing but its own objects, so checks can run in any order and in several processes.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Extent:
-    """How much is tried.
+    """Depth of a conformance run.
 
-    examples: of each property. costly_every: every how many vectors the checks that cost most are run on: all flips,
-    all truncations in a stream, compiled against interpreted. every_way: whether an exchange is played in all ways.
-    live: how many exchanges are played in real time, in each way. every_model: whether parameters and commands are
-    tried with all models of the package, or with its default one; a model without commands is only monitored.
+    examples: number of examples for each property. costly_every: the slowest checks (all bit flips, all truncations in
+    a stream, compiled against interpreted) run on one vector out of this many. every_way: play an exchange in all ways,
+    not just one. live: number of exchanges played in real time, in each way. every_model: run the parameter and command
+    checks on all models of the package, not just the default one; a model without commands is only monitored.
     """
 
     examples: int
@@ -55,28 +55,28 @@ class Extent:
 
 
 FULL = Extent(examples=40, costly_every=1, every_way=True, live=2, every_model=True)
-"""Everything: what a maintainer runs before a release, some twenty seconds for each protocol."""
+"""Everything: for use before a release; about twenty seconds for each protocol."""
 
 QUICK = Extent(examples=12, costly_every=4, every_way=False, live=0, every_model=False)
-"""A few seconds: what a maintainer runs at every change, and what mutants are tried with."""
+"""A few seconds: for use at every change, and for testing mutants."""
 
 
 def run_conformance(plugin: Protocol, extent: Extent = FULL, *, only: str = "") -> Report:
-    """Run all checks of a protocol, or those whose name contains a text. Raises UsageError if there is none.
+    """Run all checks of a protocol, or those whose name contains a text. Raises UsageError if none match.
 
-    A protocol that is not installed is, for as long as it takes; one whose name another has is refused.
+    A protocol that is not installed counts as installed during the run; if its name is already taken, it is refused.
     """
     return reported(plugin, results(plugin, extent, only=only), only=only)
 
 
 def reported(plugin: Protocol, found: Iterable[CheckResult], *, only: str = "") -> Report:
-    """Return the report of some results; what is unproven is looked for where all checks are run."""
+    """Return the report of these results; unproven commands are listed only if all checks were run."""
     results = tuple(found)
     return Report(results=results, left_out=left_out(), unproven=() if only else unproven(plugin))
 
 
 def results(plugin: Protocol, extent: Extent = FULL, *, only: str = "") -> Iterator[CheckResult]:
-    """Run the checks one by one, as `run_conformance` does; stop asking when you have heard enough."""
+    """Run the checks one by one, as `run_conformance` does, and yield each result; stop iterating to stop early."""
     with _installed(plugin):
         chosen = [check for check in all_checks(plugin, extent) if only in check.name]
         if not chosen:
@@ -85,19 +85,19 @@ def results(plugin: Protocol, extent: Extent = FULL, *, only: str = "") -> Itera
 
 
 def first_failure(plugin: Protocol, extent: Extent = FULL) -> CheckResult | None:
-    """Run the checks up to the first that fails; None when all hold."""
+    """Run the checks up to the first failure and return it; None if all pass."""
     return next((result for result in results(plugin, extent) if not result.passed), None)
 
 
 def run_checks(plugin: Protocol, vectors: VectorFile) -> Report:
-    """Put a protocol through all checks that a vector file gives rise to. Raises nothing that a codec does."""
+    """Run all checks that a vector file gives rise to. Errors of a codec are reported, not raised."""
     return carry_out(checks_of(plugin, vectors))
 
 
 def conformance_tests(protocol: str, extent: Extent = FULL) -> Callable[[Check], None]:
-    """Return a test function that runs every check of an installed protocol as a test of its own.
+    """Return a test function that runs every check of an installed protocol as a separate test.
 
-    extent: how much is tried, `FULL` or `QUICK`. Raises UnknownProtocolError for a protocol that is not installed.
+    extent: depth of the run, `FULL` or `QUICK`. Raises UnknownProtocolError if the protocol is not installed.
     """
     import pytest
 
@@ -111,12 +111,12 @@ def conformance_tests(protocol: str, extent: Extent = FULL) -> Callable[[Check],
 
 
 def left_out() -> tuple[str, ...]:
-    """Return what cannot be checked here, and why."""
+    """Return the checks that cannot run on this machine, each with the reason."""
     return () if HAS_PROPERTIES else ("properties need hypothesis; install drivecomm[test]",)
 
 
 def all_checks(plugin: Protocol, extent: Extent = FULL) -> Iterator[Check]:
-    """Yield every check of a protocol that is installed, the quick ones that find most first."""
+    """Yield every check of an installed protocol; quick checks that find most mistakes come first."""
     name = plugin.name
     for theme in ("contract", "documents"):
         yield from (each.on(f"{name}/{theme}", plugin) for each in registered(theme))
@@ -139,10 +139,10 @@ def all_checks(plugin: Protocol, extent: Extent = FULL) -> Iterator[Check]:
 
 
 def checks_of(plugin: Protocol, vectors: VectorFile, extent: Extent = FULL) -> Iterator[Check]:
-    """Yield every check of every vector, stream, refusal and exchange, and those of the protocol's schemas.
+    """Yield every check of the vectors, streams, refusals, exchanges and schemas of a protocol.
 
-    Where the extent is less than full, the costly ones are run on some of the vectors only. Raises FileFormatError for
-    vectors of another protocol.
+    If the extent is less than full, costly checks run on some of the vectors only. Raises FileFormatError for vectors
+    of another protocol.
     """
     if vectors.protocol != plugin.name:
         raise FileFormatError(f"{vectors.name}: holds vectors of {vectors.protocol!r}, not of {plugin.name!r}")
@@ -191,7 +191,7 @@ def _properties(plugin: Protocol, extent: Extent) -> Iterator[Check]:
 
 
 def _with_model(each: Registered, plugin: Protocol, model: str) -> Callable[[], None]:
-    # A model that cannot be read is a failure of each of its checks, and not of all of them at once.
+    # An unreadable model must fail each of its checks, instead of stopping the whole run.
     return lambda: each.function(plugin, known_model(plugin, model))
 
 
@@ -199,7 +199,7 @@ def _vectors(plugin: Protocol) -> VectorFile:
     try:
         return packaged_vectors(plugin)
     except FileFormatError:
-        # The checks of the documents say so; all that needs no vectors is checked all the same.
+        # The document checks report the missing file; all checks that need no vectors still run.
         return VectorFile(name="vectors.toml", protocol=plugin.name)
 
 

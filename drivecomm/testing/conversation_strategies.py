@@ -1,7 +1,7 @@
 """Hypothesis strategies for whole conversations with a drive of any installed protocol.
 
-A model says which parameters there are, and hardly ever all of what a drive takes. So each call is tried out on a
-virtual drive once, before the first example: what is read must be answered, what is written must be taken.
+A model lists parameters, but rarely everything that a drive accepts. So each call is tried once on a virtual drive
+before the first example: reads must be answered, and writes must be accepted.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class VerbCall:
-    """A call of one of a drive's verbs: `carry_out(drive)` makes it, and returns what the verb returns."""
+    """A call of one verb of a drive: `carry_out(drive)` makes the call and returns the verb's result."""
 
     verb: str
     values: tuple[Any, ...] = ()
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def carry_out(self, drive: Any) -> Any:
-        """Call the verb of a Drive, or of an AsyncDrive, where the result is to be awaited."""
+        """Call the verb of a Drive, or of an AsyncDrive, whose result must be awaited."""
         return getattr(drive, self.verb)(*self.values, **self.options)
 
     def __repr__(self) -> str:
@@ -45,12 +45,12 @@ class VerbCall:
 
 
 def verb_calls(protocol: str, *, model: str | None = None) -> SearchStrategy[VerbCall]:
-    """Calls with arguments that a drive of this protocol can be given.
+    """Return a strategy for calls with arguments that a drive of this protocol accepts.
 
-    A drive that has just been switched on refuses none of the reads and writes. Later it may, by DriveError: a motor
-    that runs, a parameter that locks another. None raises UsageError, and none goes without a reply on a sound line.
-    Verbs that only one protocol has are not among them. model: the model of the package that the drive is of; its
-    protocol's default if absent.
+    A drive that has just been switched on refuses none of the reads and writes. Later it may refuse them with
+    DriveError: a running motor or another parameter can lock a parameter. None raises UsageError, and none goes without
+    a reply on an undisturbed line. Verbs that only one protocol has are not included. model: the drive's model in the
+    package; the protocol's default model if absent.
     """
     plugin = installed[protocol]
     return st.deferred(lambda: _verb_calls(plugin.name, model or plugin.default_model))
@@ -59,17 +59,17 @@ def verb_calls(protocol: str, *, model: str | None = None) -> SearchStrategy[Ver
 def conversations(
     protocol: str, *, model: str | None = None, min_size: int = 1, max_size: int = 12
 ) -> SearchStrategy[list[VerbCall]]:
-    """Lists of such calls, to be carried out one after the other."""
+    """Return a strategy for lists of such calls, to be carried out in order."""
     return st.lists(verb_calls(protocol, model=model), min_size=min_size, max_size=max_size)
 
 
-# Trying out a hundred parameters takes longer than drawing from them.
+# Trying a hundred parameters takes longer than drawing examples, so the result is cached.
 @lru_cache
 def _verb_calls(protocol: str, model: str) -> SearchStrategy[VerbCall]:
     plugin = installed[protocol]
     known = load_model(plugin.package, plugin.name, model)
     groups = [list(_reads(plugin, known)), list(_writes(plugin, known)), list(_commands(plugin, known))]
-    # As often commanded as read and written, however many parameters there are.
+    # Draw commands as often as reads and writes, however many parameters the model has.
     return st.sampled_from([st.one_of(group) for group in groups if group]).flatmap(lambda group: group)
 
 
@@ -84,7 +84,7 @@ def _reads(plugin: Protocol, model: Model) -> Iterator[SearchStrategy[VerbCall]]
 def _writes(plugin: Protocol, model: Model) -> Iterator[SearchStrategy[VerbCall]]:
     for info in model.parameters.values():
         if "r" in info.access and "w" in info.access:
-            # One of its own: a drive that was given another address answers nobody who asks on.
+            # A new bench for each parameter: after a change of address, a drive no longer answers later calls.
             with bench(plugin, model) as on:
                 yield from _writes_of(info, on.drive)
 
@@ -111,7 +111,7 @@ def _writes_of(info: ParameterInfo, drive: Drive) -> Iterator[SearchStrategy[Ver
         values = st.sampled_from(named or [held])
     else:
         lowest, highest = _steps(info, held, takes)
-        # One that a drive takes and is not heard of again is an address, say.
+        # A drive that accepts a value and then stops answering has changed its address, for example.
         if not _answers(drive):
             return
         values = st.integers(lowest, highest).map(lambda step: held + step * info.factor)
@@ -119,11 +119,11 @@ def _writes_of(info: ParameterInfo, drive: Drive) -> Iterator[SearchStrategy[Ver
 
 
 _FLOAT_HOLDS_ALL = 1 << 23
-"""Up to twice as many steps a binary float of 32 bits holds each of them."""
+"""Number of steps up to which a 32-bit float represents every integer, with a factor of two to spare."""
 
 
 def _steps(info: ParameterInfo, held: int | Decimal, takes: Callable[[Value], bool]) -> tuple[int, int]:
-    """Return how many steps of its factor a parameter may go down and up from what it holds."""
+    """Return how many steps the parameter can go down and up from its present value."""
     if info.minimum is not None and info.maximum is not None and takes(info.minimum) and takes(info.maximum):
         return int((info.minimum - held) / info.factor), int((info.maximum - held) / info.factor)
 
@@ -134,7 +134,7 @@ def _steps(info: ParameterInfo, held: int | Decimal, takes: Callable[[Value], bo
             return False
         if abs(step) + steps_held < _FLOAT_HOLDS_ALL:
             return True
-        # Of larger numbers a binary float holds every second one at most, so one next to it is tried, too.
+        # A larger 32-bit float represents only every second number, so try the neighbouring step as well.
         beside = step - 1 if step > 0 else step + 1
         return takes(held + beside * info.factor)
 
@@ -145,7 +145,7 @@ def _commands(plugin: Protocol, model: Model) -> Iterator[SearchStrategy[VerbCal
     with bench(plugin, model) as on:
         can = on.drive.capabilities
         asking = [VerbCall(verb) for verb in ("status", "probe", "identify")]
-        # A model that is monitored only may tell no status.
+        # A drive whose model is monitoring only may not report a status.
         yield st.sampled_from([call for call in asking if _takes(on.drive, call)])
         if can.monitoring_only:
             return
@@ -179,11 +179,11 @@ def _answers(drive: Drive) -> bool:
 
 
 FARTHEST = 1 << 33
-"""No field of a drive telegram has more than 32 bits."""
+"""Search limit: no field of a drive telegram has more than 32 bits."""
 
 
 def limits(start: int, accepts: Callable[[int], bool]) -> tuple[int, int]:
-    """Return the lowest and the highest number that is accepted, as far as all between them are.
+    """Return the lowest and the highest accepted number, if all numbers in between are accepted as well.
 
     start: a number that is accepted.
     """

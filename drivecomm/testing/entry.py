@@ -1,4 +1,4 @@
-"""One table of a vector file, read strictly; whatever is wrong is named with file, line and id."""
+"""One table of a vector file, read strictly; errors name the file, the line and the id."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ if TYPE_CHECKING:
 
 
 class Entry:
-    """A table of a vector file that has these keys and no others. Raises FileFormatError, as all that it does.
+    """A table of a vector file that accepts only known keys. All methods raise FileFormatError.
 
-    given: what the table holds. error: makes the error that says what is wrong with it, or with one key of it.
+    given: the content of the table. error: creates the error for the whole table, or for one of its keys.
     """
 
     def __init__(self, table: Table, known: Mapping[str, Kind], *needed: str) -> None:
@@ -24,38 +24,38 @@ class Entry:
                 self.filled(key)
 
     def only(self, owner: str, *keys: str, allowed: bool) -> None:
-        """Refuse keys that make no sense in an entry of this sort."""
+        """Refuse keys that do not belong in an entry of this kind."""
         for key in keys:
             if key in self.given and not allowed:
                 raise self.error(f"{owner} has no {key}", key)
 
     def filled(self, key: str) -> str:
-        """Return a text that must not be empty."""
+        """Return a text; it must not be empty."""
         text: str = self.given[key]
         if not text.strip():
             raise self.error(f"{key} is empty", key)
         return text
 
     def choice(self, key: str, allowed: Sequence[str]) -> Any:
-        """Return one of these words."""
+        """Return a text that must be one of the allowed words."""
         word = self.filled(key)
         if word not in allowed:
             raise self.error(f"{key} {word!r} is not one of {', '.join(allowed)}", key)
         return word
 
     def seconds(self, key: str) -> float | None:
-        """Return a time that is not negative, None where it is absent."""
+        """Return a time in seconds that is not negative, or None if it is absent."""
         value = self.given.get(key)
         if value is not None and not 0 <= value < 1e9:
             raise self.error(f"{key} cannot be {value!r}; write seconds from 0 to 1e9", key)
         return None if value is None else float(value)
 
     def data(self, key: str) -> bytes:
-        """Take out hexadecimal digits in any spacing, and return the bytes; there is at least one."""
+        """Remove a text of hexadecimal digits in any spacing, and return its bytes; at least one is required."""
         return self._data(key, self.given.pop(key))
 
     def data_list(self, key: str) -> tuple[bytes, ...]:
-        """Take out a list of such texts, which may be empty."""
+        """Remove a list of hexadecimal texts, which may be empty, and return the bytes of each."""
         values = self.given.pop(key)
         if not all(isinstance(value, str) for value in values):
             raise self.error(f"{key} is not a list of texts", key)
@@ -65,7 +65,7 @@ class Entry:
         try:
             data = bytes.fromhex(digits)
         except ValueError as error:
-            raise self.error(f"{key} is no hexadecimal: {error}", key) from None
+            raise self.error(f"{key} is not hexadecimal: {error}", key) from None
         if not data:
             raise self.error(f"{key} is empty", key)
         return data

@@ -1,4 +1,4 @@
-"""Exchange vectors: a conversation with one drive, as calls on this side and steps on the wire.
+"""Exchange vectors: a conversation with one drive, as calls of the master and steps on the wire.
 
 [[exchange]]
 id = "read-481"
@@ -27,16 +27,16 @@ Action: TypeAlias = Literal["send", "reply", "silence", "garbage", "pause_s"]
 
 _CLASSES = ((name, kind) for name, kind in vars(errors).items() if isinstance(kind, type))
 ERROR_NAMES = tuple(sorted(name for name, kind in _CLASSES if issubclass(kind, errors.DriveCommError)))
-"""The error tree by name."""
+"""Names of all classes of the error tree."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WireStep:
-    """What happens on the wire next.
+    """The next event on the wire.
 
-    action: who does what. data: the bytes of a send, reply or garbage. seconds: for a reply and garbage how long after
-    the end of the step before they begin; for a pause how long the master must be silent; for silence how long the
-    reply time is, None for the drive's own.
+    action: kind of event. data: the bytes of a send, reply or garbage. seconds: for a reply and garbage the delay
+    between the end of the previous step and their start; for a pause the time for which the master must be silent; for
+    silence the reply timeout, None for the drive's own.
     """
 
     action: Action
@@ -46,10 +46,11 @@ class WireStep:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Expected:
-    """What must come of a call.
+    """Expected outcome of a call.
 
-    result: the fields that must be in it, an empty mapping for None, None where it is not judged. error: the name of
-    the class that must be raised instead, empty for a call that must succeed. error_text: a part of its text.
+    result: fields that the result must contain; an empty mapping if the result must be None; None if the result is not
+    checked. error: class name of the error that must be raised instead, empty for a call that must succeed. error_text:
+    a part of the error's text.
     """
 
     result: Mapping[str, Any] | None = None
@@ -59,7 +60,7 @@ class Expected:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Call:
-    """One call of a verb of the drive: its name, its arguments by name, and what must come of it."""
+    """One call of a verb of the drive: its name, its arguments by name, and its expected outcome."""
 
     call: str
     arguments: Mapping[str, Any] = field(default_factory=dict)
@@ -68,11 +69,11 @@ class Call:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExchangeVector:
-    """A conversation with the drive, or at the broadcast address with all drives.
+    """A conversation with one drive, or with all drives at the broadcast address.
 
-    model: of the protocol's package, empty for none. options: what `Bus.drive` takes besides. watched_s: how long the
-    drive's watchdog is known to wait, None where none is known to be on. steps: all that happens on the wire, over all
-    calls. printed: every telegram stands in the source.
+    model: name of a model of the protocol's package, or empty. options: further arguments of `Bus.drive`. watched_s:
+    known timeout of the drive's watchdog in seconds, None if no watchdog is known to be on. steps: all events on the
+    wire, for all calls. printed: every telegram is printed in the source.
     """
 
     id: str
@@ -116,7 +117,7 @@ def read_exchange(table: Table) -> ExchangeVector:
     calls = [_call(each) for each in table.tables("calls")]
     if not calls:
         raise entry.error("calls is empty", "calls")
-    # What the whole is judged by stands beside it and not inside its last call.
+    # The outcome of the whole vector belongs beside the calls, not inside the last one.
     if calls[-1].expected != Expected():
         raise entry.error("the last call's result and error stand beside calls, not in it", "calls")
     calls[-1] = replace(calls[-1], expected=_expected(entry))
@@ -139,7 +140,7 @@ def _expected(entry: Entry) -> Expected:
 
 
 def _steps(tables: Sequence[Table]) -> tuple[WireStep, ...]:
-    # Nothing on the wire is a conversation too: a call that must be refused before anything is sent.
+    # A conversation may have no steps: a call that must be refused before anything is sent.
     steps = tuple(map(_step, tables))
     for step, table, following in zip(steps, tables, [*steps[1:], None][: len(steps)], strict=True):
         if step is steps[0] and step.action in ("reply", "silence"):

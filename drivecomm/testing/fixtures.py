@@ -1,4 +1,4 @@
-"""What the pytest fixtures make: watched virtual lines, each closed with the others."""
+"""Makers behind the pytest fixtures: watched virtual lines, all closed together."""
 
 from __future__ import annotations
 
@@ -27,27 +27,27 @@ if TYPE_CHECKING:
 
 _LINE = "line"
 _MOST_TRACES = 8
-"""Property tests make a line for each example, and the last ones are those that failed."""
+"""Limit of printed traces: a property test makes a line for each example, and the last ones are those that failed."""
 
 
 MakesLine: TypeAlias = "Callable[..., WatchedLine]"
-"""The fixture `virtual_line`: see `LineMaker.line`."""
+"""Type of the fixture `virtual_line`: see `LineMaker.line`."""
 
 MakesDrive: TypeAlias = "Callable[..., WatchedDrive]"
-"""The fixture `virtual_drive`: see `LineMaker.drive`."""
+"""Type of the fixture `virtual_drive`: see `LineMaker.drive`."""
 
 MakesPlant: TypeAlias = "Callable[..., WatchedPlant]"
-"""The fixture `virtual_plant`: see `LineMaker.plant`."""
+"""Type of the fixture `virtual_plant`: see `LineMaker.plant`."""
 
 MakesServer: TypeAlias = "Callable[..., WatchedServer]"
-"""The fixture `served_plant`: see `LineMaker.server`."""
+"""Type of the fixture `served_plant`: see `LineMaker.server`."""
 
 
 class LineMaker:
-    """Makes watched lines and closes all of them when it is left; what the fixtures use, for tests without pytest.
+    """Maker of watched lines, which closes all of them on exit; used by the fixtures, and by tests without pytest.
 
-    seed: the course of faults that are given as a rate; the second line of a test has the next seed, and so on. folder:
-    makes a new folder for a pseudo-terminal's name; a temporary one if absent.
+    seed: random seed of faults that are given as a rate; each further line of a test has the next higher seed. folder:
+    makes a new folder for the name of a pseudo-terminal; a temporary one if absent.
     """
 
     def __init__(self, seed: int = 0, *, folder: Callable[[], Path] | None = None) -> None:
@@ -67,17 +67,22 @@ class LineMaker:
         echo: bool = False,
         paced: bool = False,
     ) -> WatchedLine:
-        """Make a line with these virtual drives on it.
+        """Make a line with these virtual drives.
 
         drives: as the command line names them, `PROTOCOL:ADDRESS` with options after commas:
-        "vabus:1,model=act,reply_delay_s=0.2". listen: None for a line in this process, in virtual time; "pty", "tcp" or
-        "rfc2217" for a line that is served to any program on this machine, in real time; or a place, as
-        `drivecomm simulate --listen` takes it; "virtual" is as None, and port is a URL that
-        `serial.serial_for_url` opens in this process. faults: the share of transmissions that are disturbed, 0 to 1, a
-        plan, or faults as a plant file has them, one or several: {"kind": "drop", "of": "reply to a write",
-        "every": 3}. echo: the master hears itself. paced: on a served line, characters take the time that they take at
-        the drive's baud rate; in virtual time they always do. Raises UsageError for anything that cannot be,
-        and PortError when the place is taken.
+        "vabus:1,model=act,reply_delay_s=0.2".
+
+        listen: None for a line in this process, in virtual time; "pty", "tcp" or "rfc2217" for a line that is served to
+        any program on this machine, in real time; or an address as for `drivecomm simulate --listen`. "virtual" is the
+        same as None, except that the port is a URL that `serial.serial_for_url` opens in this process.
+
+        faults: the share of transmissions that are disturbed, 0 to 1; or a fault plan; or one or several faults as in a
+        plant file: {"kind": "drop", "of": "reply to a write", "every": 3}.
+
+        echo: the master receives its own bytes. paced: on a served line, characters take as long as at the drive's baud
+        rate; in virtual time they always do.
+
+        Raises UsageError for invalid arguments, and PortError if the address is in use.
         """
         names = [parse_drive(text) for text in drives]
         return self._line(names, listen=listen, faults=faults, echo=echo, paced=paced)
@@ -95,8 +100,8 @@ class LineMaker:
     ) -> WatchedDrive:
         """Make a line with one virtual drive on it, and return the drive.
 
-        model, options: as `drivecomm.virtual.virtual_drive` takes them, and the keys of a virtual drive in a plant
-        file: needs_pause_s, reply_delay_s, values, motor. The rest is as with `line`.
+        model, options: as `drivecomm.virtual.virtual_drive` takes them, plus the keys of a virtual drive in a plant
+        file: needs_pause_s, reply_delay_s, values, motor. The other arguments are those of `line`.
         """
         named = parse_drive(name)
         named = named.with_options(**(options if model is None else {"model": model, **options}))
@@ -105,9 +110,9 @@ class LineMaker:
     def plant(self, plant: str | Path | Plant, *, listen: str | None = None) -> WatchedPlant:
         """Make a whole plant: the lines, drives and fault script of a file, or of a `Plant`.
 
-        listen: None for lines in this process, in virtual time; "pty", "tcp" or "rfc2217" for lines that are served, in
-        real time, each at a place of its own; where the file says to listen is ignored. Raises FileFormatError and
-        UsageError for what cannot be.
+        listen: None for lines in this process, in virtual time; "pty", "tcp" or "rfc2217" for lines that are served in
+        real time, each at an address of its own; the addresses in the file are ignored. Raises FileFormatError and
+        UsageError for an invalid plant.
         """
         known = plant if isinstance(plant, Plant) else read_plant(Path(plant))
         if listen is not None:
@@ -123,8 +128,8 @@ class LineMaker:
     def server(self, plant: str | Path) -> WatchedServer:
         """Make the plant of a file, in real time, and serve it to this process and others as `drivecomm serve` does.
 
-        Its lines are served at places of their own, and its HTTP door at a free port. Raises FileFormatError,
-        UsageError and PortError for what cannot be.
+        Each line is served at an address of its own, and the HTTP door at a free port. Raises FileFormatError,
+        UsageError and PortError.
         """
         if not self._has_folders:
             self._open.enter_context(folders_of_servers())
@@ -136,7 +141,7 @@ class LineMaker:
         return Path(self._open.enter_context(TemporaryDirectory(prefix="drivecomm-")))
 
     def traces(self) -> Iterator[tuple[str, str]]:
-        """Yield a title and the decoded trace of each line; of more than eight, of the last eight."""
+        """Yield a title and the decoded trace of each line; at most the last eight lines."""
         for name, line, again in self._last:
             where = line.port if isinstance(line.port, str) else "in virtual time"
             drives = ", ".join(drive.name for drive in line.drives) or "no drives"
@@ -193,7 +198,7 @@ class LineMaker:
         return line
 
     def _place(self, listen: str) -> str:
-        """Return a new place of a kind; any other text is a place itself."""
+        """Return a new listening address of a kind; any other text is returned as the address itself."""
         if listen == "pty":
             return f"pty:{self._folder() / 'port'}"
         return f"{listen}:127.0.0.1:0" if listen in ("tcp", "rfc2217") else listen

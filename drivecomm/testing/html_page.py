@@ -1,4 +1,4 @@
-"""The page on which a report stands: one file, no scripts, nothing from elsewhere, fit for a screen and for paper."""
+"""HTML page of a report: one file without scripts or external parts, for screen and paper."""
 
 from __future__ import annotations
 
@@ -58,12 +58,12 @@ $body
 
 
 def made_with() -> str:
-    """Return what made a report: the versions of this program and of Python."""
+    """Return the versions of drivecomm and of Python that made a report."""
     return f"drivecomm {__version__}, Python {platform.python_version()}"
 
 
 def html_page(*, title: str, kind: str, about: str, good: bool, result: str, notes: Iterable[str], body: str) -> str:
-    """Return a page. about and body are HTML, the rest is text; kind stands behind the title in that of the window."""
+    """Return a page. about and body are HTML, the rest is text; kind follows the title in the window title."""
     return _PAGE.substitute(
         title=escape(title),
         kind=escape(kind),

@@ -1,4 +1,4 @@
-"""The other end of a real port, played from a script by a thread: for runners that live in real time."""
+"""Scripted drive at a real port, played by a thread in real time."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ if TYPE_CHECKING:
 PortKind: TypeAlias = Literal["pty", "tcp", "rfc2217"]
 
 _TICK_S = 0.02
-# A thread that reads a port may be told of bytes some time after they were sent, and never before.
+# A reading thread may learn of bytes some time after they were sent, but never before.
 _SLACK_S = 0.005
-# What was sent last may still be on its way when the call is over.
+# The last bytes may still be on their way when the call returns.
 _LAST_BYTES_S = 2.0
 _QUIET_S = 0.03
 
 
 class LivePartner:
-    """Plays the steps of a vector at a listener, in real time. One script, then it is over."""
+    """Player of one vector's steps at a listener, in real time. Each instance plays one script."""
 
     def __init__(self, vector: ExchangeVector, listener: Listener) -> None:
         self._vector = vector
@@ -41,25 +41,25 @@ class LivePartner:
         self._script: Script | None = None
         self._failure: CheckFailure | None = None
         self._coming: list[Arriving] = []
-        # It begins at once: some ports want to be talked to before a master can open them.
+        # The thread starts now: some ports need to exchange data before a master can open them.
         self._thread = Thread(target=self._serve, name="conformance")
         self._thread.start()
 
     @property
     def address(self) -> str:
-        """The port that a master opens."""
+        """Address of the port, for the master to open."""
         return self._listener.address
 
     def begin(self, reply_time_s: float) -> None:
-        """Play from now on."""
+        """Start to play the steps. reply_time_s: the drive's reply timeout."""
         script = Script(self._vector.steps, reply_time_s=reply_time_s, wire_s=lambda _: 0.0, slack_s=_SLACK_S)
         self._coming = script.begin(time.monotonic())
         self._script = script
 
     def end(self) -> None:
-        """Wait until all steps are through, a little at most, and judge them. Raises CheckFailure."""
+        """Wait a short time until all steps are played, and check them. Raises CheckFailure."""
         self._done.wait(_LAST_BYTES_S)
-        # Behind the last step nothing may come.
+        # Nothing may arrive after the last step.
         self._stop.wait(_QUIET_S)
         self.stop()
         self.blame()
@@ -67,19 +67,19 @@ class LivePartner:
             self._script.over(time.monotonic())
 
     def blame(self) -> None:
-        """Raise CheckFailure if the master has deviated so far."""
+        """Raise CheckFailure if the master has deviated from the script so far."""
         if self._failure is not None:
             raise self._failure
 
     def stop(self) -> None:
-        """End the thread."""
+        """Stop the thread."""
         self._stop.set()
         self._thread.join()
 
     def _serve(self) -> None:
         came = b""
         while self._script is None and not self._stop.is_set():
-            # The first request may come while this waits.
+            # Keep the first request if it arrives during this wait.
             came += self._listener.receive(_TICK_S)
         if self._script is not None:
             self._play(self._script, came)
@@ -107,7 +107,7 @@ class LivePartner:
 
 @contextmanager
 def live_partner(kind: PortKind, vector: ExchangeVector) -> Iterator[LivePartner]:
-    """Give a partner at a port of this kind; nothing is left of it afterwards."""
+    """Yield a partner at a port of this kind; thread and port are closed afterwards."""
     with tempfile.TemporaryDirectory(prefix="drivecomm-") as folder:
         place = f"pty:{Path(folder) / 'line'}" if kind == "pty" else f"{kind}:127.0.0.1:0"
         listener = parse_listen(place)

@@ -1,4 +1,4 @@
-"""A virtual drive that writes down what it hears, and can be looked at while another thread serves it."""
+"""Recording virtual drive: stores the telegrams it receives, and can be inspected while another thread serves it."""
 
 from __future__ import annotations
 
@@ -22,38 +22,38 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 MOST_KEPT = 50_000
-"""How many telegrams are kept; a test of a million exchanges must not fill the memory with them."""
+"""Limit of stored telegrams; a test of a million exchanges must not fill the memory."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Received:
-    """A sound telegram for a drive, and when its last character was there, in seconds of the line's clock."""
+    """A valid telegram for a drive, and the end of its last character in seconds of the line's clock."""
 
     time_s: float
     telegram: Telegram
 
     @property
     def kind(self) -> str:
-        """Which of the protocol's telegrams it is."""
+        """Kind of the telegram in its protocol."""
         return self.telegram.kind
 
     @property
     def fields(self) -> dict[str, Any]:
-        """Its decoded fields by name."""
+        """Decoded fields by name."""
         return self.telegram.fields
 
     @property
     def data(self) -> bytes:
-        """Its bytes."""
+        """Bytes of the telegram."""
         return self.telegram.data
 
 
 class Record:
-    """What one drive has heard; of all, the last 50 000 are kept.
+    """Telegrams that one drive has received; of each kind, the last 50 000 are stored.
 
-    received: the sound telegrams that were for it, broadcasts included. damaged: what had the shape of a telegram and
-    was none, whoever it was meant for. alone: held by whoever works with the drive, so that it can be looked at while
-    another thread serves it.
+    received: valid telegrams for the drive, including broadcasts. damaged: invalid telegrams on the line, for any
+    drive. alone: lock that is held during every access to the drive, so that a test can inspect it while another thread
+    serves it.
     """
 
     def __init__(self) -> None:
@@ -71,7 +71,7 @@ def _alone(act: Callable[Concatenate[RecordingDrive, P], T]) -> Callable[Concate
 
 
 class RecordingDrive(DriveProxy):
-    """Stands in place of a virtual drive and does what it does; what is for it is written down before."""
+    """Wrapper of a virtual drive that records each telegram before the drive acts on it."""
 
     def __init__(self, plugin: Protocol, drive: VirtualDrive, record: Record) -> None:
         super().__init__(drive)
@@ -79,7 +79,7 @@ class RecordingDrive(DriveProxy):
         self.record = record
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
-        """Write down what is for the drive, and let it act."""
+        """Record a telegram if it is for this drive, and pass it on to the drive."""
         with self.record.alone:
             if not isinstance(find, Framed):
                 self.record.damaged.append(find)
@@ -106,7 +106,7 @@ def matches(received: Received, wanted: Mapping[str, Any]) -> bool:
 
 
 def closest(received: Sequence[Received], wanted: Mapping[str, Any]) -> str:
-    """Return the latest of those telegrams that differ in the fewest fields, and in which."""
+    """Describe the latest of the telegrams that differ in the fewest fields, with the differences."""
     nearest = min(reversed(received), key=lambda each: len(_differing(each, wanted)))
     fields = nearest.fields
     reasons = [
@@ -117,7 +117,7 @@ def closest(received: Sequence[Received], wanted: Mapping[str, Any]) -> str:
 
 
 def listing(received: Sequence[Received]) -> str:
-    """Return telegrams one a line, the latest ones if they are many."""
+    """Return a list of telegrams, one a line; only the latest ones if there are many."""
     left_out = len(received) - _MOST_LISTED
     head = [f"  ({left_out} earlier ones are left out)"] if left_out > 0 else []
     shown = [f"  {each.time_s:.4f}  {fields_text(each.telegram.message)}" for each in received[-_MOST_LISTED:]]
@@ -125,14 +125,14 @@ def listing(received: Sequence[Received]) -> str:
 
 
 def violation_list(found: Sequence[Violation]) -> str:
-    """Return violations one a line, the latest ones if they are many."""
+    """Return a list of violations, one a line; only the latest ones if there are many."""
     left_out = len(found) - _MOST_LISTED
     head = [f"  ({left_out} earlier ones are left out)"] if left_out > 0 else []
     return "\n".join([*head, *(f"  {each.at_s:.4f}  {each}" for each in found[-_MOST_LISTED:])])
 
 
 def in_words(number: int, wanted: Mapping[str, Any]) -> str:
-    """Return how many telegrams of which sort, in words."""
+    """Return a number of telegrams with these fields in words."""
     fields = [f"{name}={value!r}" for name, value in wanted.items() if name != "kind"]
     sort = f"{wanted['kind']} telegram" if "kind" in wanted else "telegram"
     counted = f"no {sort}" if not number else f"{number} {sort}{'s' if number != 1 else ''}"
@@ -144,17 +144,17 @@ def _differing(received: Received, wanted: Mapping[str, Any]) -> list[str]:
     return [
         name
         for name, value in wanted.items()
-        # A field that is a tuple or a decimal in Python is a list or a text where it is written down; both will do.
+        # A tuple or Decimal in Python is written as a list or text in a test; accept both.
         if fields.get(name, _ABSENT) != value and (name not in fields or getattr(message, name, _ABSENT) != value)
     ]
 
 
 def held_form(another: VirtualDrive, parameter: str, raw: int | str) -> int | str:
-    """Return what a drive shows that holds this raw value; the value itself where that cannot be tried out.
+    """Return a raw value in the form in which the drive shows it; the value itself if that cannot be tried.
 
-    A VABus drive holds eight hexadecimal characters, and the raw number is 1000: so another drive of the same sort is
-    set to 1000 and shows what it then holds. It cannot be tried where the drive refuses the value, and where it does
-    not heed it: what it measures cannot be set.
+    A VABus drive shows eight hexadecimal characters for the raw number 1000. So another drive of the same kind is set
+    to 1000, and what it shows is returned. That is impossible if the drive refuses the value, or ignores it as it does
+    for measured values.
     """
 
     def after(value: int | str) -> int | str | None:
@@ -170,6 +170,6 @@ def held_form(another: VirtualDrive, parameter: str, raw: int | str) -> int | st
         return raw
     if shown != before:
         return shown
-    # It held this before, or it does not heed what it is set to.
+    # Either the parameter had this value before, or the drive ignores what is set.
     others = (after(raw + step) for step in (1, -1)) if isinstance(raw, int) else ()
     return shown if any(other not in (None, shown) for other in others) else raw

@@ -1,4 +1,4 @@
-"""The results of checks: one of each, a report of many, and the report by theme."""
+"""Results of checks: one result each, a report of many, and the report by theme."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """What came of one check. reason: why it does not hold, empty when it does. seconds: what it took."""
+    """Result of one check. reason: why the check failed, or empty. seconds: duration of the check."""
 
     check: Check
     reason: str = ""
@@ -29,21 +29,21 @@ class CheckResult:
 
     @property
     def name(self) -> str:
-        """The name of the check."""
+        """Name of the check."""
         return self.check.name
 
     @property
     def passed(self) -> bool:
-        """Whether it holds."""
+        """Whether the check passed."""
         return not self.reason
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
-    """The results of a number of checks.
+    """Results of a number of checks.
 
-    left_out: what could not be checked here, and why. unproven: what no printed telegram shows, so that master and
-    virtual drive may be wrong together; that is no failure.
+    left_out: checks that could not run on this machine, and why. unproven: features that no printed telegram shows, so
+    that master and virtual drive may be wrong in the same way; they do not count as failures.
     """
 
     results: tuple[CheckResult, ...]
@@ -52,22 +52,22 @@ class Report:
 
     @property
     def passed(self) -> tuple[str, ...]:
-        """The names of the checks that held."""
+        """Names of the checks that passed."""
         return tuple(result.name for result in self.results if result.passed)
 
     @property
     def failed(self) -> tuple[CheckResult, ...]:
-        """The checks that did not hold."""
+        """Results of the checks that failed."""
         return tuple(result for result in self.results if not result.passed)
 
     @property
     def seconds(self) -> float:
-        """What all of it took."""
+        """Total duration of the checks in seconds."""
         return sum(result.seconds for result in self.results)
 
     @property
     def ok(self) -> bool:
-        """Whether all checks held; a report about nothing is not good news."""
+        """Whether all checks passed; an empty report is not ok."""
         return bool(self.results) and all(result.passed for result in self.results)
 
     def __str__(self) -> str:
@@ -77,19 +77,19 @@ class Report:
 
 
 class Reasons:
-    """The reasons of failures as they are told: one that was told before is only pointed at."""
+    """Reasons of failures for printing; a repeated reason refers to the first check that gave it."""
 
     def __init__(self) -> None:
         self._first: dict[str, str] = {}
 
     def of(self, failure: CheckResult) -> str:
-        """Return why it does not hold, or which other check says so."""
+        """Return why a check failed, or the name of an earlier check that failed for the same reason."""
         first = self._first.setdefault(failure.reason, failure.name)
         return failure.reason if first == failure.name else f"as {first}"
 
 
 def try_out(check: Check) -> CheckResult:
-    """Run one check and return what came of it; whatever a protocol raises is a reason."""
+    """Run one check and return its result; any error that the protocol raises becomes the reason of a failure."""
     began = time.perf_counter()
     try:
         check.run()
@@ -106,13 +106,13 @@ def try_out(check: Check) -> CheckResult:
 
 
 def carry_out(checks: Iterable[Check]) -> Report:
-    """Run checks and return what came out."""
+    """Run checks and return their report."""
     return Report(results=tuple(map(try_out, checks)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """One thing that is checked, on however many vectors or models. failed: those on which it does not hold."""
+    """One kind of check on any number of vectors or models. failed: the results that failed."""
 
     kind: str
     meaning: str
@@ -122,30 +122,30 @@ class Row:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Section:
-    """What belongs together, such as the contract, the vectors of a file, or one model."""
+    """Results of one theme, such as the contract, the vectors of a file, or one model."""
 
     title: str
     rows: tuple[Row, ...]
 
     @property
     def number(self) -> int:
-        """How many checks there are."""
+        """Number of checks."""
         return sum(row.number for row in self.rows)
 
     @property
     def failed(self) -> int:
-        """How many of them do not hold."""
+        """Number of failed checks."""
         return sum(len(row.failed) for row in self.rows)
 
 
 def notes_of(report: Report) -> list[str]:
-    """Return what a report says beside its results, a sentence each."""
+    """Return the notes of a report beside its results, one sentence each."""
     left_out = [f"left out: {what}" for what in report.left_out]
     return left_out + [f"unproven: {what}" for what in report.unproven]
 
 
 def sections_of(report: Report) -> list[Section]:
-    """Return a report by theme, in the order in which it was made."""
+    """Return a report by theme, in the order of its results."""
     themes: dict[str, list[CheckResult]] = {}
     for result in report.results:
         parts = result.name.split("/")

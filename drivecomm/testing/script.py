@@ -1,6 +1,6 @@
-"""The steps of an exchange vector against what a master does, and messages against what an exchange does.
+"""Scripts: the steps of an exchange vector compared with a master, and messages compared with an exchange.
 
-No I/O, no clock: the time is told.
+This module does no I/O and has no clock: the caller passes the time.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-# Sums of character times are not exact.
+# Tolerance: sums of character times are not exact.
 _TINY_S = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class Arriving:
-    """Bytes for the master, from their first character's beginning to their last one's end."""
+    """Bytes for the master, with the times at which their first character begins and their last one ends."""
 
     begins: float
     ends: float
@@ -35,11 +35,12 @@ class Arriving:
 
 
 class Script:
-    """Tells what comes to the master and judges what it sends.
+    """Scripted line: returns the bytes that reach the master, and checks the bytes that it sends.
 
-    reply_time_s: how long the master must wait for a reply that does not come, 0 where none is expected. wire_s:
-    seconds that so many characters take. slack_s: by how much a master may be early, where clocks are real. A deviation
-    raises CheckFailure at once, and again at the end, since what is tested could have caught it on its way.
+    reply_time_s: how long the master must wait for a missing reply, 0 if no reply is expected. wire_s: returns the
+    seconds that a number of characters take. slack_s: how much too early a master may be where clocks are real. A
+    deviation raises CheckFailure immediately, and again at the end, because the code under test could have caught the
+    first one.
     """
 
     def __init__(
@@ -61,16 +62,16 @@ class Script:
         self._deviation = ""
 
     def begin(self, now: float) -> list[Arriving]:
-        """Return what comes before the master has said anything."""
+        """Start the script at this time, and return the bytes that arrive before the master's first request."""
         self._over_at = now
         return self._until_next_send(now, sent_at=None)
 
     def expected(self) -> bytes:
-        """Return what must be sent next, nothing at the end."""
+        """Return the bytes that the master must send next, or b"" at the end of the script."""
         return self._steps[self._place].data if self._place < len(self._steps) else b""
 
     def sent(self, data: bytes, began: float) -> list[Arriving]:
-        """Take note of what the master sends and when it begins; returns what comes then. Raises CheckFailure."""
+        """Check what the master sends and when; return the bytes that arrive next. Raises CheckFailure."""
         expected = self.expected()
         if not expected:
             raise self._deviates(f"the steps are over, and the master sends {shown(data)}")
@@ -86,7 +87,10 @@ class Script:
         return self._until_next_send(ended, sent_at=ended)
 
     def over(self, now: float, unread: bytes = b"") -> None:
-        """Judge the end, with what came and was not read. Raises CheckFailure."""
+        """Check that the script was played to its end. Raises CheckFailure.
+
+        unread: bytes that the master has not read.
+        """
         if self._deviation:
             raise CheckFailure(self._deviation)
         if expected := self.expected():
@@ -108,10 +112,10 @@ class Script:
             self._place += 1
             if step.action == "silence":
                 reply_time_s = self._reply_time_s if step.seconds is None else step.seconds
-                # The first character of what comes then is over when the reply time is.
+                # The first character after the silence ends when the reply timeout has passed.
                 time = max(time, (sent_at or 0.0) + reply_time_s)
                 if just_sent and reply_time_s:
-                    # Behind damage or noise the master may see earlier than this that nothing will come of it.
+                    # After damage or noise the master may know before the timeout that no reply will follow.
                     self._patient_until = not_before = time
                     self._why_not_before = f": the reply time of step {self._place} is {reply_time_s * 1000:g} ms"
             elif step.action == "pause_s":
@@ -133,15 +137,15 @@ class Script:
 
 
 Expectation: TypeAlias = "tuple[Message, Message | ReplyError | None]"
-"""What the exchange must send next, and what it then gets: a reply, an error thrown in, or None for a `Tell`."""
+"""The next expected message of the exchange and its answer: a reply, an error to throw in, or None for a `Tell`."""
 
 
 class ScriptError(AssertionError):
-    """The exchange did something other than the script says."""
+    """The exchange deviates from its script."""
 
 
 def play(exchange: Exchange[T], script: Iterable[Expectation]) -> T:
-    """Play an exchange to its end and return its result. Pauses are skipped. Raises ScriptError when it deviates."""
+    """Play an exchange to its end and return its result. Pauses are skipped. Raises ScriptError if it deviates."""
     steps = iter(script)
 
     def answer(command: Ask | Tell) -> Message | None:
@@ -169,10 +173,10 @@ class _Character(NamedTuple):
 
 
 class ScriptedPort:
-    """The master's end of a line on which a script is played.
+    """The master's port on a line that is played from a script.
 
-    echo: it hears what it sends. in_lumps: bytes are handed over when the last one of a telegram is there, as by an
-    adapter that collects them. The script is given before the first byte is sent.
+    echo: the master receives its own bytes. in_lumps: bytes are delivered when a telegram is complete, as by an adapter
+    that collects them. `follow` must be called before the first byte is sent.
     """
 
     paced = True
@@ -194,26 +198,26 @@ class ScriptedPort:
         self._come(self._script.begin(self._time))
 
     def over(self) -> None:
-        """Judge the end; what has come or is still to come was not read. Raises CheckFailure."""
+        """Check that the script was played and that no bytes are left unread. Raises CheckFailure."""
         if self._script is not None:
             unread = bytes(character.byte for character in self._coming if not character.echo)
             self._script.over(self._time, unread)
 
     def now(self) -> float:
-        """Return the time in seconds since the beginning."""
+        """Return the time in seconds since the start."""
         return self._time
 
     def wall_time(self) -> float:
-        """Return the same time."""
+        """Return the same time as `now`."""
         return self._time
 
     def configure(self, settings: LineSettings) -> str:
-        """Set the line settings, by which characters take their time."""
+        """Set the line settings, which determine the duration of a character."""
         self._settings = settings
         return ""
 
     def write(self, data: bytes) -> None:
-        """Let the script judge what is sent, and answer it. Raises CheckFailure for anything that is not in it."""
+        """Check the bytes against the script, and queue its reply. Raises CheckFailure for any other bytes."""
         began = max(self._time, self._sending_until)
         self._sending_until = began + self._wire_s(len(data))
         if self._echo:
@@ -222,27 +226,27 @@ class ScriptedPort:
             self._come(self._script.sent(data, began))
 
     def read(self, until: float, at_least: int) -> bytes:
-        """Let time pass until this many bytes have come, or until then."""
+        """Advance the time until this many bytes have arrived, at most to `until`, and return them."""
         wanted = max(1, at_least)
         ready = self._coming[wanted - 1].ends if len(self._coming) >= wanted else until
         self._time = max(self._time, min(ready, until))
         return self.take()
 
     def take(self) -> bytes:
-        """Return what has come by now."""
+        """Return the bytes that have arrived so far."""
         came = [character.byte for character in self._coming if character.ends <= self._time]
         self._coming = self._coming[len(came) :]
         return bytes(came)
 
     def hold_back(self, at_least: int) -> None:
-        """Nothing to hold back: there is no descriptor."""
+        """Do nothing: there is no descriptor."""
 
     def wait(self, until: float) -> None:
-        """Let time pass."""
+        """Advance the time."""
         self._time = max(self._time, until)
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Do nothing: there is nothing to release."""
 
     def _wire_s(self, characters: float) -> float:
         return self._settings.wire_s(characters)

@@ -1,17 +1,17 @@
 """Hypothesis strategies for any installed protocol. Needs the `test` extra; import it from tests only.
 
-    telegrams, messages, telegram_fields     sound telegrams, as bytes, as messages and as fields
-    field_values                             the values of one field of them
-    near_telegrams, junk_fields, line_noise  what is none
-    verb_calls, conversations                what a program does with a drive
-    fault_plans                              what goes wrong on a virtual line
+    telegrams, messages, telegram_fields     valid telegrams, as bytes, as messages and as fields
+    field_values                             the values of one of their fields
+    near_telegrams, junk_fields, line_noise  invalid input
+    verb_calls, conversations                calls of a program to a drive
+    fault_plans                              faults on a virtual line
     pieces                                   the same bytes in any pieces
 
 A protocol is named, or given as its plug-in.
 
-A protocol's dataclasses do not say which values its telegrams can carry, and its encoder does. So the limits of each
-field are asked of the encoder, starting from a vector that is known to be sound, and a drawn value stays only if the
-encoder takes it together with the others.
+A protocol's dataclasses do not say which values its telegrams can carry; only its encoder knows them. So the limits of
+each field are found by trying the encoder, starting from a valid vector. A drawn value stays only if the encoder
+accepts it together with the others.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ __all__ = [
 
 
 def telegram_fields(protocol: Protocol | str, direction: Direction) -> SearchStrategy[dict[str, Any]]:
-    """Fields of telegrams that the protocol's encoder accepts, over the whole range of each of them."""
+    """Return a strategy for fields that the protocol's encoder accepts, over the whole range of each field."""
     plugin = _plugin(protocol)
     if plugin is installed.get(plugin.name):
         return st.deferred(lambda: _fields_of_installed(plugin.name, direction))
@@ -62,21 +62,21 @@ def telegram_fields(protocol: Protocol | str, direction: Direction) -> SearchStr
 
 
 def messages(protocol: Protocol | str, direction: Direction) -> SearchStrategy[Message]:
-    """Messages that the protocol's encoder accepts."""
+    """Return a strategy for messages that the protocol's encoder accepts."""
     plugin = _plugin(protocol)
     return telegram_fields(plugin, direction).map(lambda fields: plugin.message(fields, direction))
 
 
 def telegrams(protocol: Protocol | str, direction: Direction) -> SearchStrategy[bytes]:
-    """Sound telegrams as bytes."""
+    """Return a strategy for valid telegrams as bytes."""
     plugin = _plugin(protocol)
     return messages(plugin, direction).map(plugin.codec(plugin.options()).encode)
 
 
 def field_values(protocol: Protocol | str, direction: Direction, name: str) -> SearchStrategy[Any]:
-    """Values of one field, such as "parameter", as they stand in sound telegrams of every kind that has it.
+    """Return a strategy for the values of one field, such as "parameter", in valid telegrams of every kind that has it.
 
-    Raises UsageError when no telegram of this direction has it.
+    Raises UsageError if no telegram of this direction has the field.
     """
     plugin = _plugin(protocol)
     known = {
@@ -93,7 +93,7 @@ def field_values(protocol: Protocol | str, direction: Direction, name: str) -> S
 def fault_plans(
     *, highest_rate: float = 0.3, kinds: Sequence[Fault] = TRANSMISSION_FAULTS, delay_s: float = 1.0
 ) -> SearchStrategy[FaultPlan]:
-    """Fault plans for virtual lines: how often something goes wrong, what of these kinds, and in which course."""
+    """Return a strategy for fault plans of virtual lines: a rate, some of these kinds of fault, and a random seed."""
     return st.builds(
         FaultPlan,
         rate=st.floats(0, highest_rate),
@@ -104,13 +104,16 @@ def fault_plans(
 
 
 def near_telegrams(protocol: Protocol | str, direction: Direction) -> SearchStrategy[bytes]:
-    """Bytes that are hardly ever a telegram: arbitrary ones, and telegrams cut, lengthened and damaged."""
+    """Return a strategy for bytes that are rarely valid: arbitrary ones, and telegrams cut, lengthened or damaged."""
     sound = telegrams(protocol, direction)
     return st.one_of(st.binary(max_size=64), sound, sound.flatmap(_damaged))
 
 
 def junk_fields(protocol: Protocol | str, direction: Direction) -> Any:
-    """Mappings that name the protocol's fields and hold anything: wrong types, wrong ranges, too many, too few."""
+    """Return a strategy for mappings with the protocol's field names and invalid content.
+
+    The values have wrong types or ranges, and fields are missing or superfluous.
+    """
     plugin = _plugin(protocol)
     entries = [
         vector.fields for vector in packaged_vectors(plugin).vectors if vector.fields and vector.direction == direction
@@ -133,13 +136,13 @@ def junk_fields(protocol: Protocol | str, direction: Direction) -> Any:
 
 
 def pieces(data: bytes) -> SearchStrategy[list[bytes]]:
-    """The same bytes, cut anywhere any number of times."""
+    """Return a strategy that cuts the bytes anywhere, any number of times."""
     cuts = st.lists(st.integers(0, len(data)), max_size=12).map(sorted)
     return cuts.map(lambda places: [data[a:b] for a, b in zip([0, *places], [*places, len(data)], strict=True)])
 
 
 def line_noise(codec: Codec, direction: Direction) -> SearchStrategy[bytes]:
-    """Bytes none of which begins a telegram."""
+    """Return a strategy for bytes none of which begins a telegram."""
     silent = [byte for byte in range(256) if codec.measure(bytes([byte]), direction) == 0]
     return st.lists(st.sampled_from(silent), max_size=20).map(bytes) if silent else st.just(b"")
 
@@ -148,7 +151,7 @@ def _plugin(protocol: Protocol | str) -> Protocol:
     return installed[protocol] if isinstance(protocol, str) else protocol
 
 
-# Asking the encoder for the limits of every field takes longer than drawing from them.
+# Finding the limits of every field with the encoder takes longer than drawing examples, so the result is cached.
 @lru_cache
 def _fields_of_installed(name: str, direction: Direction) -> SearchStrategy[dict[str, Any]]:
     return _fields(installed[name], direction)
@@ -192,7 +195,7 @@ def _damaged(data: bytes) -> SearchStrategy[bytes]:
 def _mutations(
     draw: DrawFn, base: dict[str, Any], values: Mapping[str, SearchStrategy[Any]], accepts: _Accepts
 ) -> dict[str, Any]:
-    """Draw new values for some fields, one after the other; each stays if the encoder takes it."""
+    """Draw new values for some fields in turn; each stays if the encoder accepts it."""
     fields = dict(base)
     for name in draw(st.permutations(sorted(values))):
         if draw(st.integers(0, 3)):
@@ -220,7 +223,7 @@ def _values(
 
 
 def _texts(like: str) -> SearchStrategy[str]:
-    """Texts of the sort that this one is: decimal numbers, hexadecimal digits, letters with a number, words."""
+    """Return a strategy for similar texts: decimal numbers, hexadecimal digits, letters with a number, words."""
     digits = len(like)
     hexadecimal = st.text("0123456789ABCDEF", min_size=digits, max_size=digits)
     decimal = st.tuples(st.integers(-99999, 99999), st.integers(0, 5)).map(lambda number: _decimal(*number))

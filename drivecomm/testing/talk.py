@@ -1,4 +1,4 @@
-"""A master's operations and a virtual drive without a line between them: each question with what is said of it."""
+"""A master's operations and a virtual drive without a line between them: all requests with their replies."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import Exchange, Message, Model, Operations, Protocol, Tell, VirtualDrive
 
-# Longer than a drive takes to store a value.
+# Longer than a drive needs to store a value.
 _BETWEEN_S = 5.0
 
 
 class Asked(NamedTuple):
-    """A question and its answer. verb: in which operation it was asked. moved: whether it changed what the motor does.
+    """A request and its reply.
 
-    It counts as moved when the motor's command, fault or target frequency is another one behind it.
+    verb: the operation that sent the request. moved: whether the request changed the motor's command, fault or target
+    frequency.
     """
 
     verb: str
@@ -31,7 +32,7 @@ class Asked(NamedTuple):
 
 @dataclass
 class Talk:
-    """A master's operations and the drive that they are for. now: the drive's time."""
+    """A master's operations and their virtual drive. now: the drive's time in seconds."""
 
     plugin: Protocol
     model: Model
@@ -47,7 +48,7 @@ class Talk:
         self.drive = plugin.virtual(plugin.addresses[0], options, self.model)
 
     def over(self, verb: str, begin: Callable[[], Exchange[object]]) -> tuple[list[Asked], bool]:
-        """Carry out an exchange; return its questions with their answers, and whether it came to its end."""
+        """Run an exchange; return its requests with their replies, and whether it completed without an error."""
         pairs: list[Asked] = []
 
         def passing(command: Ask | Tell | Pause) -> Ask | Tell | Pause:

@@ -1,4 +1,4 @@
-"""What no printed telegram shows: master and virtual drive come from one package, and may be wrong together there."""
+"""Unproven features: master and virtual drive come from one package, and only a printed telegram proves both right."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ _COMMANDS = ("start", "stop", "reset", "set_reference", "write", "read", "status
 
 
 def unproven(plugin: Protocol) -> tuple[str, ...]:
-    """Return what no exchange with a printed source shows: commands, kinds of address, and what is asked before a read.
+    """Return the commands, kinds of address and preparing requests that no exchange with a printed source shows.
 
-    An exchange counts as printed where it is marked so, or where one of its requests stands in a printed vector.
+    An exchange counts as printed if it is marked so, or if one of its requests is in a printed vector.
     """
     try:
         file = packaged_vectors(plugin)
@@ -55,7 +55,7 @@ def _is_printed(file: VectorFile, exchange: ExchangeVector) -> bool:
 
 
 def _shape_of(plugin: Protocol, exchange: ExchangeVector, parameter: str) -> str:
-    """Return the form of the address that an exchange names, nothing where it names none."""
+    """Return the form of the address that an exchange names, or "" if it names none."""
     model = known_model(plugin, exchange.model) if exchange.model else None
     info = model.find(parameter) if model and parameter else None
     return _shape(info.address if info else parameter)
@@ -73,13 +73,13 @@ def _request(plugin: Protocol, exchange: ExchangeVector, data: bytes) -> frozens
 
 
 def _bare(message: Message) -> frozenset[tuple[str, str]]:
-    """Return what a request says, whichever drive it is for."""
+    """Return the fields of a request without the drive's address."""
     names = {"kind", *(each.name for each in fields(message))} - {"address"}
     return frozenset((name, repr(getattr(message, name))) for name in names)
 
 
 def _preparing(plugin: Protocol) -> Iterator[Message]:
-    """Yield the requests that are asked before the one that tells the value, such as the choice of a page."""
+    """Yield the requests that precede the reading request itself, such as the selection of a page."""
     model = known_model(plugin, plugin.default_model)
     talk = Talk(plugin, model)
     for address in (info.address for info in model.parameters.values()):

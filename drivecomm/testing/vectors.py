@@ -3,12 +3,12 @@
     format = 2
     protocol = "vabus"
 
-    [[vector]]            one telegram, its fields, and what is special about it
+    [[vector]]            one telegram, its fields and its special properties
     [[stream]]            bytes as they arrive, and the telegrams that must be found in them
     [[refuse]]            fields that an encoder must refuse
-    [[exchange]]          a conversation: calls on this side, steps on the wire, and what comes of it
+    [[exchange]]          a conversation: calls of the master, steps on the wire, and the result
 
-A file that says something a reader does not know is refused, so that a misspelt key never makes a check disappear.
+A file with an unknown key is refused, so that a misspelt key never disables a check.
 """
 
 from __future__ import annotations
@@ -32,19 +32,20 @@ if TYPE_CHECKING:
     from drivecomm.tomlfile import Table
 
 FORMAT = 2
-"""The format of vector files that is read and written."""
+"""Format version of the vector files that this module reads."""
 
 CATEGORIES: tuple[Category, ...] = get_args(Category)
-"""The categories in which an invalid telegram is refused."""
+"""Reasons for which an invalid telegram can be refused."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Vector:
-    """One telegram and what a decoder and an encoder must make of it.
+    """One telegram, and the result that a decoder and an encoder must produce.
 
-    canonical: an encoder gives exactly these bytes. options: the protocol's, for the decoder. reply_expected: for
-    requests. answers_to: for replies, the request; answers: whether this is its answer; mismatch: why not. error: the
-    category in which an invalid one is refused. meaning: what the layers above make of it. The rest is for the reader.
+    canonical: an encoder produces exactly these bytes. options: the protocol's options for the decoder. reply_expected:
+    whether a request expects a reply. answers_to: the request of a reply. answers: whether this reply answers that
+    request. mismatch: the reason if it does not. error: the category in which an invalid telegram is refused. meaning:
+    how the higher layers interpret the telegram. The other fields are for the reader.
     """
 
     id: str
@@ -96,7 +97,7 @@ class Refuse:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VectorFile:
-    """The content of one vector file. name: as checks and messages call it."""
+    """Content of one vector file. name: as in checks and messages."""
 
     name: str
     protocol: str
@@ -107,17 +108,17 @@ class VectorFile:
 
 
 def load_vectors(path: str | Path, *, protocol: str | None = None) -> VectorFile:
-    """Return what a vector file holds. protocol: the one that it must be for, any if absent.
+    """Return the content of a vector file. protocol: the protocol that the file must be for; any if absent.
 
-    Raises FileFormatError that names the file, the entry and what is wrong with it.
+    Raises FileFormatError that names the file, the entry and the mistake.
     """
     return _read(Path(path), str(path), protocol)
 
 
 def packaged_vectors(plugin: Protocol) -> VectorFile:
-    """Return the vectors that a protocol package ships, read once.
+    """Return the vectors that a protocol package ships; they are read once and cached.
 
-    Raises FileFormatError when it ships none or they are wrong.
+    Raises FileFormatError if there are none or they are invalid.
     """
     return _packaged(plugin.package, plugin.name)
 
@@ -144,7 +145,7 @@ def _read(place: Path | Traversable, shown: str, protocol: str | None) -> Vector
 
 
 def _with_id(table: Table, kind: str, seen: set[str]) -> Table:
-    """Return a table that messages call by its id, which no other one has."""
+    """Return a table whose id names it in messages; the id must be unique."""
     found = table.content.get("id")
     if isinstance(found, str) and found.strip():
         if found in seen:

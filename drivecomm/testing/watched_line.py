@@ -1,4 +1,4 @@
-"""A virtual line and its drives as a test sees them: what was received, what is held, what was on the line."""
+"""A virtual line and its drives as a test sees them: received telegrams, held values, and the trace of the line."""
 
 from __future__ import annotations
 
@@ -20,20 +20,21 @@ if TYPE_CHECKING:
     from drivecomm.virtual import LineServer, LineTrace, Violation, VirtualLine
 
 WITHIN_S = 1.0
-"""How long an assertion waits, in the time of the line: another program's telegram may still be on its way."""
+"""Timeout of an assertion in seconds of the line's time: another program's telegram may still be on its way."""
 
 _STEP_S = 0.005
-"""How often an assertion looks, in the time of the line."""
+"""Poll interval of an assertion in seconds of the line's time."""
 
 SILENT_S = 0.1
-"""How long nothing must have come, in the time of the line."""
+"""Time in seconds of the line's time for which an assertion requires silence."""
 
 
 class WatchedLine:
     """A line with virtual drives on it.
 
-    port: what a master opens. Without listen= it is for `drivecomm.open_bus`, and the line's time is virtual; with it,
-    it is a path or a URL for any program, and time is real. drives: the drives, in the order in which they were named.
+    port: the port for a master to open. Without listen= it is for `drivecomm.open_bus`, and the line's time is virtual;
+    with it, it is a path or a URL for any program, and time is real. drives: the drives, in the order in which they
+    were named.
     """
 
     def __init__(
@@ -57,12 +58,12 @@ class WatchedLine:
 
     @property
     def port(self) -> Any:
-        """What a master opens: a path, a URL, or what `open_bus` calls to open a port."""
+        """The port for a master to open: a path, a URL, or a callable for `open_bus`."""
         return self._address or self._line.port
 
     @property
     def virtual(self) -> VirtualLine:
-        """The virtual line itself. Raises UsageError when it is served in real time."""
+        """The virtual line itself. Raises UsageError if the line is served in real time."""
         if self._thread is not None:
             raise UsageError(
                 f"the line at {self.port} is served in real time; make it without listen= for a VirtualLine"
@@ -70,15 +71,15 @@ class WatchedLine:
         return self._line
 
     def clock(self) -> AbstractContextManager[None]:
-        """Let `time.sleep` and the clocks of `time` follow this line, in virtual time, for the time of a block."""
+        """Make `time.sleep` and the clocks of `time` follow this line's virtual time for the duration of a block."""
         return clock_of(self.virtual)
 
     def now(self) -> float:
-        """Return the time on the line's clock, in seconds; it begins with 0."""
+        """Return the time on the line's clock, in seconds; the clock starts at 0."""
         return self._line.time if self._thread is None else self._thread.server.now()
 
     def advance(self, seconds: float) -> None:
-        """Let time pass: at once in virtual time, by waiting in real time."""
+        """Advance the time: immediately in virtual time, by waiting in real time."""
         if self._thread is None:
             advance(self._line, seconds)
         else:
@@ -86,32 +87,35 @@ class WatchedLine:
             time.sleep(seconds)
 
     def call_at(self, time_s: float, action: Callable[[], None]) -> None:
-        """Do something at a time of the line's clock, in the middle of an exchange perhaps; at once if it is past.
+        """Call a function at a time of the line's clock, even during an exchange; immediately if the time is past.
 
-        Raises UsageError when the line is served in real time.
+        Raises UsageError if the line is served in real time.
         """
         self.virtual.call_at(time_s, action)
 
     def inject(self, data: bytes) -> None:
-        """Inject foreign bytes. Raises UsageError when it is served in real time."""
+        """Inject foreign bytes. Raises UsageError if the line is served in real time."""
         self.virtual.inject(data)
 
     def unplug(self) -> None:
-        """Let the port fail as a port whose adapter is pulled out. Raises UsageError when it is served in real time."""
+        """Make the port fail as if its adapter were pulled out.
+
+        Raises UsageError if the line is served in real time.
+        """
         self.virtual.broken = True
 
     def plug_in(self) -> None:
-        """Put the adapter back. Raises UsageError when it is served in real time."""
+        """Plug the adapter in again. Raises UsageError if the line is served in real time."""
         self.virtual.broken = False
 
     def drive(self, name: str) -> WatchedDrive:
-        """Return the drive with this name, such as "vabus:1". Raises UsageError for one that is not on this line."""
+        """Return the drive with this name, such as "vabus:1". Raises UsageError if it is not on this line."""
         if name not in self._drives:
             raise UsageError(f"no {name} is on this line; there are {', '.join(self._drives) or 'no drives'}")
         return self._drives[name]
 
     def comes_about(self, condition: Callable[[], bool], within_s: float) -> bool:
-        """Return whether this is so, or becomes so within a time of the line."""
+        """Return whether a condition holds, or becomes true within this many seconds of the line's time."""
         until = self.now() + within_s
         while not condition():
             left = until - self.now()
@@ -122,28 +126,28 @@ class WatchedLine:
 
     @property
     def violations(self) -> tuple[Violation, ...]:
-        """What the master did wrong on this line: its timing and its line settings; the last 1000."""
+        """Violations of timing and line settings by the master on this line; the last 1000."""
         return self._log.found
 
     def forget_violations(self, drive: str) -> None:
-        """Forget what the master did wrong with this drive so far."""
+        """Clear the violations that the master has committed with this drive so far."""
         self._log.forget(drive)
 
     @property
     def scripted(self) -> list[str]:
-        """The faults of telegrams in its script, each with how often it happened."""
+        """Telegram faults in the script of the line, each with the number of times it occurred."""
         return [str(each) for each in self._line.disturbances]
 
     def opened_as(self, url: str) -> None:
-        """Say what a master opens."""
+        """Set the URL that a master opens."""
         self._address = url
 
     def trace(self) -> str:
-        """Return what was on the line, decoded, one line for each telegram: the last 80 of them."""
+        """Return the decoded traffic of the line, one telegram a line: the last 80 of them."""
         return self._trace.text()
 
     def close(self) -> None:
-        """Stop serving; what was received can still be looked at. The end of the test does it anyway."""
+        """Stop serving; received telegrams stay available. Called automatically at the end of the test."""
         if self._thread is not None:
             self._thread.close()
 
@@ -154,8 +158,8 @@ class WatchedLine:
 class WatchedDrive:
     """A virtual drive on a watched line.
 
-    name: as in "vabus:1". line: the line that it is on. Assertions wait a second of the line's time at most for what
-    they want to see, or as long as `within_s` says.
+    name: as in "vabus:1". line: the line of the drive. Assertions wait for at most one second of the line's time, or as
+    long as `within_s` says.
     """
 
     line: WatchedLine
@@ -168,36 +172,36 @@ class WatchedDrive:
 
     @property
     def port(self) -> Any:
-        """What a master opens to reach it: the port of its line."""
+        """The port for a master to open: that of the drive's line."""
         return self.line.port
 
-    # What it received
+    # Received telegrams
 
     @property
     def received(self) -> tuple[Received, ...]:
-        """The sound telegrams that were for it, broadcasts included, in their order."""
+        """Valid telegrams for this drive, including broadcasts, in order of arrival."""
         with self._record.alone:
             return tuple(self._record.received)
 
     @property
     def damaged(self) -> tuple[Damaged, ...]:
-        """What it heard that had the shape of a telegram and was none, whoever it was for."""
+        """Invalid telegrams that the drive received, for any drive."""
         with self._record.alone:
             return tuple(self._record.damaged)
 
     def forget_received(self) -> None:
-        """Forget what was received so far, and what was wrong with it."""
+        """Clear the telegrams received so far, valid and invalid."""
         with self._record.alone:
             self._record.received.clear()
             self._record.damaged.clear()
         self.line.forget_violations(self.name)
 
     def received_with(self, **fields: Any) -> tuple[Received, ...]:
-        """Return those telegrams that have these fields, `kind` among them, with these values."""
+        """Return the telegrams that have these fields, including `kind`, with these values."""
         return tuple(each for each in self.received if matches(each, fields))
 
     def assert_received(self, *, times: int | None = None, within_s: float = WITHIN_S, **fields: Any) -> None:
-        """Fail unless it received a telegram with these fields, or as many of them as `times` says.
+        """Fail unless the drive received a telegram with these fields, or exactly `times` of them.
 
         `drivecomm decode` shows the names of the fields, and `WatchedDrive.received` those of your telegrams.
         """
@@ -209,32 +213,35 @@ class WatchedDrive:
             raise AssertionError(self._reason(fields, found, times))
 
     def assert_nothing_received(self, *, for_s: float = SILENT_S, **fields: Any) -> None:
-        """Fail if it received anything, or anything with these fields, by now and within this time of the line."""
+        """Fail if the drive has received any telegram with these fields, or receives one within `for_s` seconds.
+
+        Without fields, any telegram fails. The time is that of the line.
+        """
         __tracebackhide__ = True
         if self.line.comes_about(lambda: bool(self.received_with(**fields)), for_s):
             found = self.received_with(**fields)
             raise AssertionError(f"{self.name} received {in_words(len(found), fields)}:\n{listing(found)}")
 
-    # How the master behaves
+    # Behaviour of the master
 
     @property
     def violations(self) -> tuple[Violation, ...]:
-        """What the master did wrong with it: its timing and its line settings, notes included; see `Violation`."""
+        """Violations of timing and line settings by the master with this drive, including notes; see `Violation`."""
         return tuple(each for each in self.line.violations if each.drive == self.name)
 
     def assert_timing(self, *, for_s: float = SILENT_S) -> None:
-        """Fail if the master broke a time that is demanded, by now or within this time of the line.
+        """Fail if the master has violated a required time, or does so within `for_s` seconds of the line's time.
 
-        Times that are only defaults of drivecomm are notes among the `violations`, and let nothing fail.
+        Times that are only defaults of drivecomm are notes among the `violations`, and never fail.
         """
         __tracebackhide__ = True
         self._assert_none(lambda each: each.rule != "line settings" and each.demanded, for_s)
 
     def assert_settings(self, *, for_s: float = SILENT_S) -> None:
-        """Fail if the master used other line settings than the drive, by now or within this time of the line.
+        """Fail if the master has used line settings other than the drive's, or does so within `for_s` seconds.
 
-        On a pseudo-terminal speed and stop bits can be seen; over RFC 2217 and in virtual time data bits and parity,
-        too. Raises UsageError over plain TCP, which carries no line settings.
+        A pseudo-terminal shows speed and stop bits; RFC 2217 and virtual time show data bits and parity as well. The
+        time is that of the line. Raises UsageError over plain TCP, which carries no line settings.
         """
         __tracebackhide__ = True
         if str(self.port).startswith("socket:"):
@@ -262,19 +269,19 @@ class WatchedDrive:
         damaged = len(self.damaged)
         return said + (f", but it heard {damaged} damaged ones" if damaged else ", nor anything else")
 
-    # What it holds
+    # Held values
 
     def holds(self, parameter: str) -> int | str:
-        """Return what it holds, as `Reading.raw` shows it; without asking over the line.
+        """Return a parameter's value as `Reading.raw` shows it, without a telegram on the line.
 
         parameter: its address in the protocol's form, or its name in the drive's model. Raises ParameterAddressError.
         """
         return self._drive.peek(parameter, self.line.now())
 
     def assert_holds(self, parameter: str, raw: int | str, *, within_s: float = WITHIN_S) -> None:
-        """Fail unless it holds this, or comes to hold it.
+        """Fail unless a parameter has this raw value, or takes it within `within_s` seconds of the line's time.
 
-        raw: the raw number, as `poke` takes it, or what `holds` returns. Raises ParameterAddressError.
+        raw: the raw number, as `poke` takes it, or a return value of `holds`. Raises ParameterAddressError.
         """
         __tracebackhide__ = True
         if self.holds(parameter) == raw:
@@ -288,27 +295,27 @@ class WatchedDrive:
     def _another(self) -> VirtualDrive:
         return self._make_another()
 
-    # What happens to it
+    # Events at the drive
 
     @property
     def motor(self) -> Motor:
-        """The motor that it turns; set its load or its mains voltage, and the readings follow."""
+        """The drive's motor; set its load or its mains voltage to change the readings."""
         return self._drive.motor
 
     def poke(self, parameter: str, raw: int | str) -> None:
-        """Set what it holds as if at its keypad. Raises ParameterAddressError."""
+        """Set a parameter as if at the drive's keypad. Raises ParameterAddressError."""
         self._drive.poke(parameter, raw)
 
     def trip(self, code: int) -> None:
-        """Make it trip with this fault code."""
+        """Trip the drive with this fault code."""
         self._drive.trip(code, self.line.now())
 
     def power_off(self) -> None:
-        """Switch it off. Raises UsageError when it is served in real time."""
+        """Switch the drive off. Raises UsageError if the line is served in real time."""
         self.line.virtual.power_off(self._drive)
 
     def power_on(self) -> None:
-        """Switch it on again. Raises UsageError when it is served in real time."""
+        """Switch the drive on again. Raises UsageError if the line is served in real time."""
         self.line.virtual.power_on(self._drive)
 
     def __repr__(self) -> str:
@@ -316,7 +323,7 @@ class WatchedDrive:
 
 
 class ServingThread:
-    """Serves from the beginning until it is closed. Raises PortError when a port cannot be had."""
+    """Thread that serves lines from its creation until it is closed. Raises PortError if a port cannot be opened."""
 
     def __init__(self, server: LineServer) -> None:
         self.server = server
@@ -327,12 +334,12 @@ class ServingThread:
         self._thread.start()
 
     def check(self) -> None:
-        """Raise RuntimeError when serving has come to an end by an error."""
+        """Raise RuntimeError if serving has ended with an error."""
         if self._error is not None:
             raise RuntimeError(f"the virtual line is not served any more: {self._error!r}") from self._error
 
     def close(self) -> None:
-        """End the thread and close the ports; raise the error that ended serving before. May be called again."""
+        """Stop the thread and close the ports; raise the error that ended serving, if any. May be called again."""
         self._stop.set()
         self._thread.join()
         self.server.__exit__(None, None, None)
@@ -343,5 +350,5 @@ class ServingThread:
     def _serve(self) -> None:
         try:
             self.server.run(self._stop)
-        except BaseException as error:  # noqa: BLE001 - told to the test, whose thread is another one
+        except BaseException as error:  # noqa: BLE001 - raised in the test's thread
             self._error = error

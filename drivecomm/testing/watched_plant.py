@@ -1,4 +1,4 @@
-"""A virtual plant and its drives as a test sees them: lines, drives, and the script of what goes wrong."""
+"""A virtual plant as a test sees it: its lines, its drives and its fault script."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 
 class WatchedPlant:
-    """Lines with virtual drives on them, and the script of what goes wrong.
+    """Lines with virtual drives on them, and the script of their faults.
 
-    lines, drives: all of them by name. In virtual time each line has a clock of its own.
+    lines, drives: by name. In virtual time each line has a clock of its own.
     """
 
     def __init__(
@@ -33,29 +33,29 @@ class WatchedPlant:
 
     @property
     def plant(self) -> VirtualPlant:
-        """The plant itself, to steer it and to add to its script. Raises UsageError when it is served in real time."""
+        """The virtual plant itself. Raises UsageError if it is served in real time."""
         if self._thread is not None:
             raise UsageError("this plant is served in real time; make it without listen= to steer it")
         return self._plant
 
     def line(self, name: str) -> WatchedLine:
-        """Return the line with this name. Raises UsageError."""
+        """Return the line with this name. Raises UsageError if there is none."""
         return self.lines[self._plant.plant.line(name).name]
 
     def drive(self, name: str) -> WatchedDrive:
-        """Return the drive with this name. Raises UsageError."""
+        """Return the drive with this name. Raises UsageError if there is none."""
         return self.drives[self._plant.plant.drive(name).name]
 
     def close(self) -> None:
-        """Stop serving; what was received can still be looked at. The end of the test does it anyway."""
+        """Stop serving; received telegrams stay available. Called automatically at the end of the test."""
         if self._thread is not None:
             self._thread.close()
 
 
 def watched_plant(plant: Plant, *, in_real_time: bool, faults: FaultPlan | None = None) -> WatchedPlant:
-    """Make a plant, served where its lines say to listen or in virtual time. Raises UsageError, PortError.
+    """Make a plant, served at the addresses of its lines or in virtual time. Raises UsageError, PortError.
 
-    faults: of all its lines, in place of their noise.
+    faults: for all its lines, in place of their noise.
     """
     protocols = {drive.name: installed[drive.protocol] for drive in plant.drives}
     records: defaultdict[str, Record] = defaultdict(Record)

@@ -1,4 +1,4 @@
-"""A virtual plant and the server that serves it, in threads of this process, for tests of whoever talks to a server."""
+"""A virtual plant and its server in threads of this process, for tests of programs that use a server."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ _PATIENCE_S = 30.0
 
 
 class WatchedServer:
-    """A server over virtual drives that answer in real time, from the beginning until it is closed.
+    """A running server over virtual drives that answer in real time; closed by `close`.
 
-    file: the plant file that it serves. plant: the virtual drives: what they received, and what happens to them. url:
-    of its HTTP API on a free loopback port, whatever port the file says. socket: its local one.
+    file: the plant file of the server. plant: the virtual drives, their telegrams and events. url: address of the HTTP
+    API on a free loopback port, whatever port the file gives. socket: path of the local socket.
     """
 
     def __init__(self, file: Path, plant: WatchedPlant) -> None:
@@ -45,11 +45,11 @@ class WatchedServer:
 
     @cached_property
     def client(self) -> OpenPlant:
-        """The plant as `drivecomm.open_plant` gives it to any program: its drives by name, through the server."""
+        """The plant as `drivecomm.open_plant` gives it to any program: drives by name, through the server."""
         return self._stack.enter_context(open_plant(self.file))
 
     def close(self) -> None:
-        """End the server. The end of the test does it anyway."""
+        """Stop the server. Called automatically at the end of the test."""
         self._stack.close()
 
     def __repr__(self) -> str:
@@ -78,7 +78,7 @@ class WatchedServer:
     def _run(self) -> None:
         try:
             asyncio.run(self._serving.run(lambda _: self._ready.set()))
-        except BaseException as error:  # noqa: BLE001 - told to the test, whose thread is another one
+        except BaseException as error:  # noqa: BLE001 - raised in the test's thread
             self._error = error
         finally:
             self._ready.set()
@@ -89,9 +89,10 @@ class WatchedServer:
 
 @contextmanager
 def folders_of_servers() -> Iterator[None]:
-    """Let the servers of this process have state and runtime folders that are empty, and gone afterwards.
+    """Give the servers of this process empty temporary state and runtime folders, and remove them afterwards.
 
-    Programs that it starts look for servers there, too. Not in the folder of a test: paths of sockets must be short.
+    Programs started by this process look for servers there as well. The test's own folder is not used, because paths of
+    sockets must be short.
     """
     names = ("STATE_DIRECTORY", "RUNTIME_DIRECTORY")
     before = {name: os.environ.get(name) for name in names}

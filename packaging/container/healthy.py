@@ -1,6 +1,6 @@
-"""Ask the servers of this container whether they are well: exit code 0 if all that listen here say so, else 1.
+"""Health check of the servers in this container: exit code 0 if all servers are healthy, else 1.
 
-Each has a socket in $RUNTIME_DIRECTORY, which carries HTTP.
+Each server has a socket in $RUNTIME_DIRECTORY, which carries HTTP.
 """
 
 import os
@@ -11,7 +11,7 @@ from pathlib import Path
 
 
 def is_well(server: Path) -> bool:
-    """Whether the server behind a socket answers /healthz with 200."""
+    """Return whether the server behind a socket answers /healthz with 200."""
     with socket.socket(socket.AF_UNIX) as asked:
         asked.settimeout(3)
         try:

@@ -1,4 +1,4 @@
-"""Commanders on a broker, by MQTT and by Sparkplug, whose orders are written into the book with what came of them."""
+"""Commanders on a broker, by MQTT and by Sparkplug; their orders and the outcomes are recorded in the book."""
 
 import asyncio
 import json
@@ -22,7 +22,7 @@ _HEARD += ("spBv1.0/plant/NBIRTH/#",)
 
 
 class OnBroker:
-    """Somebody on the broker: a panel that commands by MQTT, and a primary host of Sparkplug."""
+    """Client of the broker: a panel that commands by MQTT, and a primary host of Sparkplug."""
 
     def __init__(self, bench, book):
         self._bench, self._book, self._numbers = bench, book, count(1)
@@ -120,7 +120,7 @@ class OnBroker:
         return {"id": f"m{next(self._numbers)}", "token": TOKENS["otto"], "session": self.session, **content}
 
     async def replay(self):
-        """Publish the last start once more as it was, as a broker or a logger might."""
+        """Publish the last start again unchanged, as a broker or a logger might."""
         if self._last is not None:
             await self._publish(f"drivecomm/plant/{self._last[0]}/command", self._whole(self._last[1]))
 
@@ -137,7 +137,7 @@ class OnBroker:
                 order.answered, order.outcome = time.monotonic(), "open"
 
     async def stop_by_its_topic(self, drive):
-        """Stop a drive by the topic that is listened to whatever comes to that of commands."""
+        """Stop a drive by its stop topic, which the door serves independently of the command topic."""
         order = Stop(time.monotonic(), "mqtt", drive)
         self._book.stops.append(order)
         note_answer(order, await self._ask(f"drivecomm/plant/{drive}/stop", {"how": "ramp"}))
@@ -148,7 +148,7 @@ class OnBroker:
         said = {"online": online, "timestamp": round((time.time() + ahead_s) * 1000)}
         published = await self._publish("spBv1.0/STATE/scada", said, retain=True)
         if published and not online:
-            # A door whose broker is lost hears of it later, and gives it up by itself after a while.
+            # A door whose broker is lost notices it later, and drops the demand by itself after a while.
             now = time.monotonic()
             gone = max([now, *(at + _WITHOUT_BROKER_S for at in self._book.broker_lost if at <= now)])
             for each in self._book.starts:

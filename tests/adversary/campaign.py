@@ -1,9 +1,9 @@
-"""Random short scripts of command lines against a simulated plant, disturbed by everything that can be, and judged.
+"""Random short scripts of command lines against a disturbed simulated plant, judged by the behaviour of its motors.
 
     python tests/adversary/campaign.py --scripts 500 --seed 1 --at-once 4
 
-`--only N` repeats one script, `--keep` leaves its files. Prints each script that fails, line by line, and at the end
-what was done.
+`--only N` repeats one script, `--keep` keeps its files. Prints each failed script line by line, and a summary at the
+end.
 """
 
 import argparse
@@ -28,17 +28,17 @@ from simulated_plant import SimulatedPlant
 
 BOUND_S = 40
 LONGEST_WAIT_S = 6
-# Longer than any watchdog of a script waits.
+# Longer than the longest watchdog timeout of a script.
 QUIET_S = 3.2
 LONGEST_RAMP_S = 8
 _STEADY_S = 0.15
-# A simulator that other programs keep waiting answers too late, and a stop says so.
+# If other programs delay the simulator, it answers too late, and a stop reports that it is not confirmed.
 _STOP_TRIES = 3
 _LOOK_S = 0.01
 
 
 class Script:
-    """One script, from a plant that stands still to one that stands still."""
+    """One script, from a standing plant to a standing plant."""
 
     def __init__(self, seed, number):
         self.seed, self.number = seed, number
@@ -106,7 +106,7 @@ class Script:
     def _disturb(self, what, how):
         self.did[what] += 1
         if what in {"trip", "power", "fault"}:
-            # The control door of a plant that is silent is as silent.
+            # A silenced plant does not answer its control door either.
             self.plant.wake()
             if "lasts" in how:
                 now = self.plant.order("show")["lines"][0]["time_s"]
@@ -117,7 +117,7 @@ class Script:
         self.happened.append((time.monotonic(), what, how.get("drive", how.get("line", ""))))
 
     def _mend(self):
-        """Let everything be there again."""
+        """Restore all ports and the power of all drives."""
         self.plant.wake()
         for line in self.plant.ports:
             self.plant.come_back(line)
@@ -156,7 +156,7 @@ class Script:
                 until += BOUND_S
 
     def _settle(self):
-        """Wait until no output changes."""
+        """Wait until the motors' outputs are steady."""
         before, until = None, time.monotonic() + LONGEST_RAMP_S
         while (now := self.plant.states()) != before and time.monotonic() < until:
             before = now
@@ -178,7 +178,7 @@ class Script:
                 each.signal(self.chance.choice(SIGNALS))
         self._pass(1.0)
         for each in staying:
-            # It may have been before its start when the stop came.
+            # When the stop came, this command may not have started its motor yet.
             each.signal(self.chance.choice(STOPPING))
         self._wait(staying)
 
@@ -206,7 +206,7 @@ class Script:
                 self.failures.append(f"{name} runs after {stop.name}")
 
     def story(self):
-        """Return what happened, in lines."""
+        """Return the events of the script as lines of text."""
         lines = [f"script {self.number} of seed {self.seed}:"]
         things = [(each.began, each.told_of(self.began)) for each in self.commands]
         things += [(at, f"  {at - self.began:5.2f}  {what} {whom}") for at, what, whom in self.happened]
@@ -225,7 +225,7 @@ def _work(seed, numbers, folder, results, *, keep, verbose):
         one = Script(seed, number)
         try:
             one.run()
-        except Exception as error:  # noqa: BLE001 - told as a failure of the script
+        except Exception as error:  # noqa: BLE001 - reported as a failure of the script
             one.failures.append(f"the campaign itself: {traceback.format_exc()} {error}")
         did = one.did + Counter(name for each in one.commands for _, name in each.signalled)
         did += Counter(scripts=1, commands=len(one.commands), failed=bool(one.failures))

@@ -1,6 +1,6 @@
-"""Virtual lines that live by the clock of an event loop, and what their motors really did.
+"""Virtual lines on the clock of an event loop, with a record of their motors' real behaviour.
 
-A port of them is one that an event loop waits for, as for a serial port; what stands in between is only memory.
+An event loop waits for their ports as for serial ports, but all data stays in memory.
 """
 
 import asyncio
@@ -13,14 +13,14 @@ from drivecomm.plant import read_fault
 from drivecomm.virtual import VirtualPlant
 
 LOOK_S = 0.2
-"""How often motors are looked at."""
+"""Sampling interval of the motors in seconds."""
 _TICK_S = 1e-6
-"""Time has to pass before what is due, however near it is."""
+"""Smallest delay of a due event: time must pass before it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """A motor from this moment on, by the clock of the loop."""
+    """State of a motor from this time on, by the clock of the loop."""
 
     at: float
     running: bool
@@ -30,7 +30,7 @@ class Seen:
 
 
 class ClockedPlant:
-    """The lines of a plant. truth: by drive, each change of what its motor does, the oldest first."""
+    """The lines of a plant. truth: each change of a motor's state by drive, the oldest first."""
 
     def __init__(self, plant):
         self.virtual = VirtualPlant(plant)
@@ -45,7 +45,7 @@ class ClockedPlant:
         return self._loop.time() - self._began
 
     def looked(self):
-        """Take down what changed."""
+        """Record the changes since the last sample."""
         now = self._loop.time()
         for state in self.virtual.states():
             seen = Seen(now, state.running, round(state.output_hz, 1), state.powered, state.fault)
@@ -60,7 +60,7 @@ class ClockedPlant:
         return self.truth[drive][-1].running
 
     def add_fault(self, seconds, **keys):
-        """Disturb telegrams for some seconds, as a [[fault]] of a plant file says."""
+        """Disturb telegrams for some seconds, as a [[fault]] of a plant file does."""
         now = self.line_time()
         said = {**keys, "from_s": now, "until_s": now + seconds}
         self.virtual.add(read_fault("\n".join(f"{name} = {_toml(value)}" for name, value in said.items())))
@@ -83,7 +83,7 @@ def _toml(value):
 
 
 class ClockedLine:
-    """One line. away: there is nothing to be opened."""
+    """One line. away: the port cannot be opened."""
 
     def __init__(self, plant, line):
         self.line, self.away = line, False
@@ -100,7 +100,7 @@ class ClockedLine:
         return self._port
 
     def cut(self):
-        """Lose the connection that there is."""
+        """Break the present connection."""
         port, self._port = self._port, None
         if port is not None:
             port.lose()
@@ -128,7 +128,7 @@ class ClockedLine:
 
 
 class ClockedPort:
-    """The master's end."""
+    """The master's end of a line."""
 
     real_time, paced = True, False
 

@@ -1,4 +1,4 @@
-"""Command lines as processes, each with its streams, its limits and its signals, of which nobody waits for the end."""
+"""Command lines as processes with their own streams, limits and signals; nothing waits for their end."""
 
 import contextlib
 import faulthandler
@@ -14,7 +14,7 @@ from pathlib import Path
 
 import drivecomm.cli.stop.command
 
-# All that commands load by themselves.
+# Load all modules that commands would load themselves.
 import drivecomm.cli.stop.everything
 import drivecomm.cli.stop.one_drive
 import drivecomm.plant.files  # noqa: F401
@@ -29,7 +29,7 @@ _AS_INSTALLED = "import sys; from drivecomm_command import main; sys.exit(main()
 
 
 def load():
-    """Load what commands load, so that what is forked from here need not."""
+    """Load all modules of commands, so that forked processes start quickly."""
     list(installed.working())
     for each in app.commands.values():
         for command in getattr(each, "commands", {"": each}).values():
@@ -41,7 +41,7 @@ def load():
 
 
 def fork(*what, keep=()):
-    """Start a function, or a command line whose output nobody wants, and return its process number."""
+    """Start a function, or a command line without output, in a forked process; return its process number."""
     child = os.fork()
     if not child:
         try:
@@ -53,7 +53,7 @@ def fork(*what, keep=()):
                 what[0]()
             else:
                 _become(what, ("null", "null", "null"), spawned=False)
-        except BaseException:  # noqa: BLE001 - nothing of the parent's is carried out by this process
+        except BaseException:  # noqa: BLE001 - this process must not return to the parent's code
             traceback.print_exc()
         finally:
             os._exit(1)
@@ -61,10 +61,11 @@ def fork(*what, keep=()):
 
 
 class CommandLine:
-    """A running command line. stdout: file, gone (nobody reads it), leaves (who reads it does not go on), full, closed.
+    """A running command line.
 
-    kind, drive: what it is for the judge. after_s: signals and when they come. largest: the size to which its files can
-    grow. spawned: a new interpreter, which has all to load, as a shell would start it.
+    stdout: file; gone (no reader); leaves (the reader closes early); full (disk); or closed. kind, drive: its meaning
+    for the judge. after_s: signals with their times. largest: limit for the size of its files. spawned: start a new
+    interpreter, which loads everything, as from a shell.
     """
 
     _count = 0
@@ -84,7 +85,7 @@ class CommandLine:
         where = [file.fileno() for file in files]
         if stdout == "leaves":
             reader, where[0] = os.pipe()
-        # What comes while it is not yet a command line comes to one that has just begun.
+        # Block signals until the child is a command line, so that they arrive at its start and not before.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
         self._process = os.fork()
         if not self._process:
@@ -103,13 +104,13 @@ class CommandLine:
                 with contextlib.suppress(OSError):
                     os.close(number)
             if not self.spawned:
-                # For whoever has to find out why one hangs.
+                # SIGUSR2 writes the stack traces of a hanging command.
                 faulthandler.register(signal.SIGUSR2, file=open(f"{self.name}.hang", "w"))  # noqa: PTH123, SIM115
             if self.largest is not None:
                 resource.setrlimit(resource.RLIMIT_FSIZE, (self.largest, self.largest))
             out = self.stdout if self.stdout in {"gone", "full", "closed"} else where[0]
             _become(self.words, ("null", out, where[1]), spawned=self.spawned)
-        except BaseException:  # noqa: BLE001 - nothing of the parent's is carried out by this process
+        except BaseException:  # noqa: BLE001 - this process must not return to the parent's code
             traceback.print_exc()
         finally:
             os._exit(99)
@@ -119,7 +120,7 @@ class CommandLine:
         return self.ended is None
 
     def attend(self):
-        """Send what is due, and see whether it has ended."""
+        """Send due signals, and check whether the process has ended."""
         if not self.running:
             return
         now = time.monotonic()
@@ -143,7 +144,7 @@ class CommandLine:
             os.kill(self._process, signal.Signals[name])
 
     def stack(self):
-        """Return where its threads are."""
+        """Return the stack traces of its threads."""
         if self.spawned:
             return ""
         os.kill(self._process, signal.SIGUSR2)
@@ -159,7 +160,7 @@ class CommandLine:
         return self.err.read_text(errors="replace")
 
     def told_of(self, since):
-        """Say what it was and what became of it, in a line."""
+        """Return a line with the command and its outcome."""
         given = [
             word for word, said in (("new interpreter", self.spawned), (self.stdout, self.stdout != "file")) if said
         ]
@@ -204,7 +205,7 @@ def _become(words, streams, *, spawned):
     except SystemExit as end:
         code = end.code
     try:
-        # As an interpreter that ends does.
+        # Flush the streams as an interpreter does at its end.
         for stream in (sys.stdout, sys.stderr):
             if stream is not None:
                 stream.flush()

@@ -1,9 +1,8 @@
-"""An event loop whose time passes only while it has nothing to do: hours of a server take as long as its work.
+"""Event loop whose time passes only while it is idle: hours of a server take only as long as its work.
 
-All that a program asks of the time it gets from here: `time.monotonic`, `time.time`, and with them every event loop.
-What would be done in a thread is done in the loop, after a while that chance chooses: so the same script goes the same
-way each time. Threads of which the loop awaits something all the same are waited for before time passes, and so is
-what was put into a socket, whose other end is in the same loop.
+A program gets all its time from here: `time.monotonic`, `time.time`, and through them every event loop. Work for a
+thread is done in the loop after a random delay, so the same script runs the same way each time. Before time passes, the
+loop waits for real threads that it still awaits, and for data sent into a socket, whose other end is in the same loop.
 """
 
 import asyncio
@@ -17,10 +16,10 @@ from contextlib import contextmanager
 import drivecomm.line.own_thread as own_thread_module
 
 _LONGEST_THREAD_S = 5.0
-"""A thread that takes longer than this, by the real clock, is left behind by time."""
+"""Limit in real seconds for a thread; time passes without a thread that takes longer."""
 
 _ARRIVES_S, _LOOKS = 0.0003, 3
-"""What was put into a socket arrives within this, by the real clock."""
+"""Time in real seconds within which data sent into a socket arrives, and the number of checks in it."""
 _LOOK_S = 1e-6
 _THREADS_S = (0.0002, 0.0002, 0.001, 0.001, 0.005, 0.02, 0.2)
 
@@ -29,14 +28,14 @@ _real_monotonic, _real_sleep = time.monotonic, time.sleep
 
 
 class Clocks:
-    """The monotonic clock and the one on the wall, which may be set."""
+    """The monotonic clock, and the wall clock, which can be set."""
 
     def __init__(self, seed="", begins=1000.0, wall=1_750_000_000.0):
         self.now, self._wall = begins, wall - begins
         self._chance = random.Random(seed)
 
     def monotonic(self):
-        # Some wait for a few microseconds by looking at the clock.
+        # Some code waits a few microseconds by polling the clock.
         self.now += _LOOK_S
         return self.now
 
@@ -44,16 +43,16 @@ class Clocks:
         return self.now + self._wall
 
     def thread_s(self):
-        """Return how long something takes that is done in a thread."""
+        """Return a random duration in seconds for work in a thread."""
         return self._chance.choice(_THREADS_S)
 
     def step_wall(self, seconds):
-        """Set the clock on the wall forward or back."""
+        """Step the wall clock forward or back."""
         self._wall += seconds
 
 
 class _Selector:
-    """Looks for what has come; where that is nothing, lets time pass to the loop's next timer."""
+    """Selector that, if nothing is ready, advances the time to the loop's next timer."""
 
     def __init__(self, clocks):
         self._selector, self._clocks = selectors.DefaultSelector(), clocks
@@ -68,7 +67,7 @@ class _Selector:
             return ready
         if self.on_its_way:
             for _ in range(_LOOKS):
-                # A selector waits for a millisecond at least.
+                # A timeout of a selector is at least one millisecond, so sleep instead.
                 _real_sleep(_ARRIVES_S / _LOOKS)
                 if ready := self._selector.select(0):
                     return ready
@@ -78,7 +77,7 @@ class _Selector:
             if ready := self._selector.select(0.05):
                 return ready
         if timeout is None:
-            # Only a thread can end this, such as one that ends itself.
+            # Without timers, only a real thread can wake the loop, such as one that ends by itself.
             if ready := self._selector.select(_LONGEST_THREAD_S):
                 return ready
             raise RuntimeError("nothing would ever happen again in this loop")
@@ -110,7 +109,7 @@ class CompressedLoop(asyncio.SelectorEventLoop):
 
 
 class InLoopThread:
-    """Stands for an executor with one thread."""
+    """Replacement of an executor with one thread."""
 
     def __init__(self, *_, **__):
         self._loop = asyncio.get_running_loop()
@@ -130,7 +129,7 @@ def _carry_out(future, call, values, options):
         return
     try:
         result = call(*values, **options)
-    except Exception as error:  # noqa: BLE001 - for whoever awaits it
+    except Exception as error:  # noqa: BLE001 - raised where the future is awaited
         future.set_exception(error)
     else:
         future.set_result(result)
@@ -138,7 +137,7 @@ def _carry_out(future, call, values, options):
 
 @contextmanager
 def _noting_what_is_sent():
-    """Have the loop that runs look once more where something was put into a socket."""
+    """Make the running loop check its sockets again after data was sent into one."""
     before = {name: getattr(socket.socket, name) for name in _SENDS}
     own = set(_SENDS) & set(vars(socket.socket))
 
@@ -164,13 +163,13 @@ def _noting_what_is_sent():
 
 
 def run(clocks, work):
-    """Run a coroutine by these clocks."""
+    """Run a coroutine with these clocks."""
     before = time.monotonic, time.time, time.thread_time, asyncio.wrap_future, asyncio.futures.wrap_future
     wrap, threadsafe = asyncio.wrap_future, asyncio.run_coroutine_threadsafe
 
     def wrap_future(future, *, loop=None):
         wrapped = wrap(future, loop=loop)
-        # Only what the loop itself completes is awaited as time passes.
+        # Time must not pass while a real thread works; futures completed by the loop itself are not counted.
         if wrapped is not future and not hasattr(future, "of_the_loop"):
             wrapped.get_loop().handed(wrapped)
         return wrapped

@@ -1,4 +1,4 @@
-"""Work in processes that are forked from this one, so that each begins with all that is loaded here."""
+"""Work in forked processes, so that each starts with all modules already loaded."""
 
 import faulthandler
 import json
@@ -9,9 +9,9 @@ import traceback
 
 
 def result_of(call, limit_s):
-    """Return what a call returns in a process of its own, as JSON carries it.
+    """Return the result of a call in a forked process, transferred as JSON.
 
-    Where it takes longer than this by the real clock, or ends its process, raises RuntimeError that tells where it was.
+    Raises RuntimeError with a stack trace if the call exceeds its limit in real seconds, or ends its process.
     """
     read, write = os.pipe()
     child = os.fork()
@@ -25,7 +25,7 @@ def result_of(call, limit_s):
             with os.fdopen(write, "w") as result:
                 result.write(text)
             os._exit(0)
-        except BaseException:  # noqa: BLE001 - nothing of the parent's is carried out by this process
+        except BaseException:  # noqa: BLE001 - this process must not return to the parent's code
             traceback.print_exc()
         finally:
             os._exit(1)
@@ -39,7 +39,7 @@ def result_of(call, limit_s):
 
 
 def workers(count, work):
-    """Yield what this many processes write while they work, a line at a time. work: called with a number and a file."""
+    """Yield the lines that this many processes write. work: called with a number and a file."""
     begun = []
     for number in range(count):
         read, write = os.pipe()

@@ -1,4 +1,4 @@
-"""A commander at the HTTP door or the local socket, whose orders are written into the book with what came of them."""
+"""Commander at the HTTP door or the local socket; its orders and their outcomes are recorded in the book."""
 
 import asyncio
 import json
@@ -10,14 +10,14 @@ from server_bench import PATIENCE_S, TOKENS
 
 
 class Http:
-    """Requests of one user, each on a connection of its own; without a user, by the local socket."""
+    """Requests of one user, each on a new connection; without a user, through the local socket."""
 
     def __init__(self, bench, book, user=""):
         self._bench, self._book, self._user, self._numbers = bench, book, user, count(1)
         self.door = "http" if user else "local"
 
     async def ask(self, method, path, content=None, *, leaves=False):
-        """Return the answer; None where none came. leaves: does not wait for it."""
+        """Return the answer, or None if none came. leaves: disconnect without waiting for it."""
         body = b"" if content is None else json.dumps(content).encode()
         head = f"{method} /api/v1/{path} HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n"
         head += f"Content-Type: application/json\r\nContent-Length: {len(body)}\r\n"
@@ -45,7 +45,7 @@ class Http:
         return f"{self.door} {self._user} {next(self._numbers)}"
 
     async def start(self, drive, *, lease_s=2.0, there_s=3.0, repeats=False, **arguments):
-        """Start a motor under a lease and renew it for a while; without one where lease_s is 0."""
+        """Start a motor under a lease and renew it for a while; lease_s = 0 starts it without a lease."""
         order = Start(time.monotonic(), self.door, drive, present_until=0.0)
         self._book.starts.append(order)
         content = {"id": self._id(), "arguments": {"percent": 60, **arguments}}
@@ -61,7 +61,7 @@ class Http:
         await self._ordered(order, drive, "start", content)
         if repeats:
             await asyncio.sleep(there_s)
-            # The same order once more: it was answered, so that it starts nothing.
+            # Repeat the answered order, which must not start anything again.
             await self.ask("POST", f"drives/{drive}/start", content)
         if not lease_s or self._is_hold(drive):
             order.present_until = FOREVER if self._is_hold(drive) else 0.0
@@ -77,7 +77,7 @@ class Http:
                 return
 
     async def start_here(self, drive):
-        """Start a motor as a program of the server's machine does that lets it run on without anybody."""
+        """Start a motor with the policy hold, as a program on the server's machine can."""
         order = Start(time.monotonic(), self.door, drive, local=True)
         self._book.starts.append(order)
         await self._ordered(order, drive, "keep", {"id": self._id(), "policy": "hold", "percent": 60})

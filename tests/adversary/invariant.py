@@ -1,8 +1,8 @@
-"""What may be, from what was typed and how it ended; what else the plant does is a failure.
+"""Invariant of the campaign: the permitted states of the plant, given the commands and how they ended.
 
-A motor may run by a start with hold that is confirmed, or open because nobody was told how it ended, and by a start
-that lives and keeps it; not after a confirmed stop, a trip or a power cut that came later. No command ends with 0 for
-what did not happen.
+A motor may run after a confirmed start with hold, after such a start with an unknown outcome, and while a start that
+keeps it is alive. It must not run after a later confirmed stop, trip or power cut. No command exits with 0 unless it
+had its effect.
 """
 
 import signal
@@ -15,7 +15,7 @@ NOT_SENT = 2
 INTERRUPTED = {129, 130, 143}
 CODES = {0, 1, 2, 3, 4, 5, *INTERRUPTED}
 NOT_READ = 141
-# On a machine that has other things to do.
+# Time for loading on a busy machine.
 _LOADS_S = 10.0
 _FORKS_S = 1.0
 REFUSED = ("was told to stop, because its start was interrupted",)
@@ -23,14 +23,14 @@ HZ_FOR_PERCENT = 0.5
 
 
 class Judge:
-    """Compares commands, and what else happened to the drives (time, what, drive or line), with what is."""
+    """Judge of commands and other events (time, kind, drive or line) against the state of the plant."""
 
     def __init__(self, commands, happened):
         self.commands = commands
         self.happened = happened
 
     def failures(self, plant, *, quiet):
-        """Return sentences. quiet: nobody has spoken for longer than watchdogs wait."""
+        """Return violations as sentences. quiet: all watchdogs have had time to act."""
         found = []
         for name, state in plant.states().items():
             if state["running"]:
@@ -55,7 +55,7 @@ class Judge:
                 yield f"{command.name} ended with {command.code}"
 
     def _may_end_by_a_signal(self, command):
-        """Whether the interpreter had not come to the first line of the program, or was told so before."""
+        """Whether the signal came before the program's first line could run, or was a repetition."""
         for number, (at, name) in enumerate(command.signalled):
             early = at - command.began < (_LOADS_S if command.spawned else _FORKS_S)
             if command.code == -signal.Signals[name] and (early or number):
@@ -66,7 +66,7 @@ class Judge:
         return [each for each in self.commands if each.drive == drive and each.kind in kinds]
 
     def _stops(self, drive):
-        """Return when stops began that were carried out, or when power or a fault took the motor."""
+        """Yield the start times of successful stops, and the times of power cuts and trips."""
         yield from (at for at, what, whom in self.happened if what in {"trip", "power"} and whom == drive)
         for each in self.commands:
             if each.kind == "stop all" or (each.kind == "stop" and each.drive == drive):
@@ -91,7 +91,7 @@ class Judge:
         return False
 
     def _touched(self, drive, since, *kinds):
-        """Whether anything of these kinds was at work on a drive after a time."""
+        """Whether a command of these kinds, a trip or a power cut affected a drive after a time."""
         protocol = DRIVES[drive][1].partition(":")[0]
         for each in self.commands:
             at_it = each.drive == drive or each.kind == "stop all"
@@ -114,7 +114,7 @@ class Judge:
                 yield f"{drive} does not run, and {each.name} said that it started it"
 
     def _overlaps(self, one, other):
-        """Whether another one was at work at the same time, or later without success."""
+        """Whether another command ended without success during this one or later."""
         return other is not one and other.ended is not None and other.ended > one.began and other.code != 0
 
     def _at_another_reference(self, drive, state):
@@ -141,7 +141,7 @@ class Judge:
         last = max(done, key=lambda each: each.ended)
         others = [each for each in self._of(drive, "write", "restore") if each is not last]
         if last.kind == "restore":
-            # Its file may have been replaced while it was being read.
+            # A backup may have replaced the file while it was being read.
             others += self._of(drive, "backup")
         if any(each.ended is None or each.ended > last.began for each in others):
             return
@@ -153,12 +153,12 @@ class Judge:
 
 
 def in_the_set(drive):
-    """Return the value of the writable parameter in the drive's parameter set; None where there is none."""
+    """Return the value of the writable parameter in the drive's parameter set, or None."""
     parameter = WRITABLE[DRIVES[drive][1].partition(":")[0]][0]
     try:
         settings = tomllib.loads(Path(f"{drive}.toml").read_text())["settings"]
     except (OSError, ValueError, KeyError):
-        # There is none, or one that was cut off.
+        # The file is missing or incomplete.
         return None
     each = settings.get(parameter) or settings.get(f"{parameter}[1]")
     return None if each is None else each["value"]

@@ -1,4 +1,4 @@
-"""A commander at the OPC UA door, who locks a drive, starts it, stays for a while and goes without a word."""
+"""Commander at the OPC UA door that locks a drive, starts it, stays for a while and then disconnects abruptly."""
 
 import asyncio
 import time
@@ -28,7 +28,7 @@ class OpcuaUser:
             order.outcome = answer[0] if answer else "refused"
             order.answered = time.monotonic()
             await asyncio.sleep(there_s)
-        except (Exception, asyncio.CancelledError):  # noqa: BLE001 - it may have been done
+        except (Exception, asyncio.CancelledError):  # noqa: BLE001 - the order may have been carried out
             order.outcome = order.outcome or "open"
         finally:
             if not hold:
@@ -56,11 +56,11 @@ class OpcuaUser:
             await asyncio.wait_for(client.disconnect(), 5.0)
 
     async def close(self):
-        """Nobody stays connected."""
+        """Do nothing: no connection stays open."""
 
 
 async def connected(bench):
-    """Return a client of somebody who may operate; None where the door takes none."""
+    """Return a client of a user who may operate, or None if the door refuses the connection."""
     client = Client(f"opc.tcp://127.0.0.1:{bench.doors['opcua'].port}/", timeout=10)
     client.set_user("otto")
     client.set_password(TOKENS["otto"])
@@ -72,7 +72,7 @@ async def connected(bench):
 
 
 async def call(client, method, *arguments, on):
-    """Call a method of a node, and return what it gives."""
+    """Call a method of a node, and return its output values."""
     request = ua.CallMethodRequest(
         ObjectId=ua.NodeId(on, 2),
         MethodId=ua.NodeId(f"methods/{method}", 2),

@@ -1,4 +1,4 @@
-"""What was asked of a plant in a script, by whom and when, and what they were answered: the other half of the truth."""
+"""Record of a script's orders with their times, callers and outcomes, to be compared with the motors."""
 
 import time
 from dataclasses import dataclass, field
@@ -8,9 +8,9 @@ FOREVER = float("inf")
 
 @dataclass
 class Start:
-    """An order that may let a motor run. local: from the server's own machine, where a policy may be chosen.
+    """An order that may run a motor. local: from the server's own machine, which may choose a policy.
 
-    present_until: until when its commander is there; for ever where nobody has to be.
+    present_until: time until which its commander is present; infinite if none is needed.
     """
 
     at: float
@@ -24,7 +24,7 @@ class Start:
 
 @dataclass
 class Stop:
-    """An order that ends what was started before it. drive: empty for all. stands_until: of one that is a level."""
+    """An order that ends earlier starts. drive: empty for all drives. stands_until: end of a demand held by a PLC."""
 
     at: float
     door: str
@@ -37,7 +37,7 @@ class Stop:
 
 @dataclass
 class Trouble:
-    """What a script did to a line or a drive. dead: nothing reaches the drive meanwhile."""
+    """A disturbance of a line or a drive by a script. dead: nothing reaches the drive during it."""
 
     at: float
     until: float
@@ -49,7 +49,7 @@ class Trouble:
 
 @dataclass
 class Removal:
-    """A drive that left the plant file, or was changed in it. back: when it was in it again."""
+    """A drive that was removed from the plant file, or changed in it. back: time of its return."""
 
     at: float
     drive: str
@@ -58,7 +58,7 @@ class Removal:
 
 @dataclass
 class Book:
-    """All of a script. deaths: when the server was gone, how, and when there was one again."""
+    """Record of a whole script. deaths: end of the server, its kind, and the time of the next server."""
 
     starts: list = field(default_factory=list)
     stops: list = field(default_factory=list)
@@ -70,7 +70,7 @@ class Book:
 
 
 def note_answer(order, answer):
-    """Note what came of an order; nothing where nobody answered."""
+    """Record the outcome of an order; None if no answer came."""
     if isinstance(answer, dict) and "outcome" in answer:
         order.answered, order.outcome = time.monotonic(), answer["outcome"]
     elif isinstance(answer, dict):

@@ -1,8 +1,8 @@
-"""Mistakes for the search over the server to find: each takes away what keeps a motor from running, or from stopping.
+"""Planted mistakes for the search over the server: each removes a protection that stops a motor.
 
     python tests/adversary/planted_mistakes.py --scripts 300
 
-says for each after how many scripts it is found.
+prints for each mistake the number of scripts after which it is found.
 """
 
 import argparse
@@ -16,7 +16,7 @@ CAMPAIGN = Path(__file__).with_name("server_campaign.py")
 
 
 def _put(owner, name, value):
-    """Put a mistake in the place of what is there."""
+    """Replace an attribute by a faulty one."""
     assert hasattr(owner, name), f"{owner.__name__} has no {name} any more; plant the mistake elsewhere"
     setattr(owner, name, value)
 
@@ -199,12 +199,12 @@ MISTAKES = {
 
 
 def plant(name):
-    """Plant one of them in this process."""
+    """Plant a mistake in this process."""
     MISTAKES[name]()
 
 
 def found_after(name, seed, scripts):
-    """Return after how many scripts it is found, and how; None where it is not."""
+    """Return the number of scripts after which a mistake is found, and the failure; None if it is not."""
     words = [sys.executable, str(CAMPAIGN), "--plant", name, "--seed", seed, "--scripts", str(scripts)]
     done = subprocess.run(
         [*words, "--until-found", "--plain", "--at-once", "1"], capture_output=True, text=True, check=False

@@ -1,4 +1,4 @@
-"""A PLC at the Modbus TCP door, whose orders are written into the book with what came of them."""
+"""PLC at the Modbus TCP door; its orders and their outcomes are recorded in the book."""
 
 import asyncio
 import struct
@@ -45,7 +45,7 @@ class Plc:
         self.connect()
 
     def stop(self, standing):
-        """Set the stop of the image, or take it away."""
+        """Set or clear the stop of the image."""
         self.stopping = int(standing)
         if not standing and self._standing is not None:
             self._standing.stands_until = time.monotonic()
@@ -59,7 +59,7 @@ class Plc:
             reader, writer = await asyncio.open_connection("127.0.0.1", self._bench.doors["modbus-tcp"].port)
             while True:
                 if self._command:
-                    # Who only stops takes no lease.
+                    # A heartbeat acquires a lease, which a mere stop does not need.
                     self._heartbeat = self._heartbeat % 65535 + 1
                 wrote = self.stopping
                 words = (wrote, self._heartbeat, self._sequence, self._command, 1, 0, 0x4248, 0)

@@ -1,10 +1,10 @@
-"""Random scripts: what is typed, when, with which disturbances; the same seed gives the same script."""
+"""Random scripts of command lines with their times and disturbances; the same seed gives the same script."""
 
 from simulated_plant import DRIVES, LINES, REACHED, WRITABLE
 
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGKILL")
 STOPPING = ("SIGINT", "SIGTERM", "SIGHUP")
-# What is in hand for the watchdog's time is fed several times in it, on a machine that has other things to do, too.
+# Keepers feed the watchdog several times in this time, even on a busy machine.
 WATCHDOG_S = 1.5
 POLICIES = {"vabus": ("trip",), "danfoss-fc": ("ramp", "trip"), "fuji": ("trip",), "vlt3500": ()}
 _IN_PEACE = {"stdout": "file", "signals": [], "spawned": False, "largest": None}
@@ -32,10 +32,10 @@ KINDS = {
 
 
 def script(chance, ports):
-    """Return what happens, as (pause, what, how), one after the other; what: `command`, or a disturbance.
+    """Return the events of a script in order, as (pause, what, how); what: `command`, or a disturbance.
 
-    A command with `waits` is typed when the one before it has ended, or keeps its drive; the others at once. What
-    ends a disturbance is told with it: `later`, how many seconds.
+    A command with `waits` starts when the previous one has ended or keeps its drive; others start immediately. The end
+    of a disturbance is part of it: `later`, after so many seconds.
     """
     line = chance.choice(list(LINES))
     focus = chance.sample(list(LINES[line]), chance.choice((1, 1, 2)))
@@ -52,7 +52,7 @@ def script(chance, ports):
             continue
         drive = chance.choice(focus) if chance.random() < 0.85 else chance.choice(list(DRIVES))
         kind = chance.choices(list(KINDS), list(KINDS.values()))[0]
-        # Two programs at once, or one after the other.
+        # Programs run concurrently, or one after the other.
         waits = chance.random() < patient
         happens.append((pause, "command", {**_command(chance, kind, drive, ports), "waits": waits}))
         commands += 1
@@ -128,7 +128,7 @@ def _watchdog(protocol):
 
 
 def _disturbed(chance, kind):
-    """Return what is done to a command: signals, its output, the disk; most are left in peace."""
+    """Return the disturbance of a command by signals, its output or the disk; most commands get none."""
     told = {"stdout": "file", "signals": [], "spawned": chance.random() < 0.1}
     if chance.random() < 0.3:
         first = chance.choice((0.0, 0.02, 0.1, 0.3, 0.8)) * chance.random() * 2

@@ -1,4 +1,4 @@
-"""Who commands a server that is a process: its requests, looked at while others are on their way."""
+"""Clients of a server process, whose requests are polled while others are in progress."""
 
 import json
 import os
@@ -11,7 +11,7 @@ from server_bench import DRIVES, PATIENCE_S, TOKENS
 
 
 class Asked:
-    """A request that is on its way; what comes of it is noted when it comes."""
+    """A request in progress; its outcome is recorded when it arrives."""
 
     def __init__(self, place, path, content, user, order, *, method="POST"):
         self.order, self._told, self.answer, self.over = order, b"", None, False
@@ -56,7 +56,7 @@ class Asked:
 
 
 class Lease:
-    """A commander by HTTP: takes a lease, starts, renews it for a while, and is gone."""
+    """A commander by HTTP: acquires a lease, starts a motor, renews the lease for a while, and disappears."""
 
     SECONDS = 1.5
 

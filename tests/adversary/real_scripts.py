@@ -1,4 +1,4 @@
-"""Random scripts over a simulator and a server that are processes, with real signals, limits and sockets."""
+"""Random scripts over a simulator process and a server process, with real signals, limits and sockets."""
 
 import os
 import random
@@ -26,7 +26,7 @@ _DESCRIPTORS, _STRANGERS = 128, 160
 
 
 class RealScript:
-    """One script: a simulator and a server of its own, in the folder that is the working one."""
+    """One script with its own simulator and server, in the working folder."""
 
     def __init__(self, seed, number):
         self.chance = random.Random(f"real {seed}-{number}")
@@ -136,7 +136,7 @@ class RealScript:
         return {each["drive"] for each in good if each["name"] == "output_frequency"} == set(DRIVES)
 
     def answer_to(self, path):
-        """Return what the server says, when it has."""
+        """Wait for the server's answer, and return it."""
         asked = Asked(("127.0.0.1", self.http), path, {}, "vera", None, method="GET")
         while not asked.over:
             self.pass_time(_LOOK_S)
@@ -249,7 +249,7 @@ class RealScript:
                 stranger = socket.create_connection(("127.0.0.1", self.http), timeout=0.2)
                 stranger.sendall(b"GET /healthz HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
                 self.strangers.append(stranger)
-        # The stop of somebody who is known, while they are there.
+        # Meanwhile, a known local caller requests a stop.
         self.pass_time(0.5)
         drive = self.drive()
         order = Stop(time.monotonic(), "local", drive)
@@ -259,7 +259,7 @@ class RealScript:
         while not asked.over:
             self.pass_time(0.05)
         if asked.answer is None:
-            # It counts as given: a stop has to go out whatever strangers do.
+            # The stop must be sent whatever strangers do, so it counts as ordered even without an answer.
             order.answered, order.outcome = order.at, "open"
         for each in self.strangers:
             each.close()

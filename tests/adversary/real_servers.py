@@ -1,9 +1,9 @@
-"""Random scripts over servers that are processes, with real signals, limits and sockets; judged as the others are.
+"""Random scripts over server processes, with real signals, limits and sockets; judged as the simulated ones.
 
     python tests/adversary/real_servers.py --seed 1 --scripts 60 --at-once 4
     python tests/adversary/real_servers.py --seed 1 --script 7
 
-Simulator and servers are forked from this process, which has loaded all that they need.
+Simulator and servers are forked from this process, which has loaded all modules that they need.
 """
 
 import argparse
@@ -33,7 +33,7 @@ def _work(seed, numbers, folder, results):
         try:
             one = RealScript(seed, number)
             failures = one.run()
-        except Exception as error:  # noqa: BLE001 - told as a failure of the script
+        except Exception as error:  # noqa: BLE001 - reported as a failure of the script
             failures = [f"the campaign itself: {type(error).__name__}: {error}"]
         story = [f"  {at:8.2f} {text}" for at, text in (one.story if one else ())]
         text = "\n".join([f"real script {number} of seed {seed}:", *story, *(f"  FAILED {each}" for each in failures)])

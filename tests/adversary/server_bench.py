@@ -1,4 +1,4 @@
-"""A whole server with all its doors in the event loop of a script, over simulated lines; begun, killed, begun again."""
+"""A whole server with all its doors in a script's event loop, over simulated lines; it can be killed and restarted."""
 
 import asyncio
 import os
@@ -27,9 +27,9 @@ ROLES = {"vera": "view", "otto": "operate", "olga": "operate"}
 ALL_DOORS = ("http", "mqtt", "modbus-tcp", "opcua", "sparkplug")
 WATCHDOG_S = 2
 PATIENCE_S = 20.0
-"""How long who commands waits for an answer."""
+"""Timeout of a commander's request in seconds."""
 UNITS = {"pump": 1, "fan": 2, "saw": 3, "mill": 4}
-# The line, the drive, its model, and what its motor does when nobody is there any more.
+# Line, drive, model, and the policy of its motor.
 DRIVES = {
     "pump": ("hall", "vabus:1", "agile", "trip"),
     "fan": ("hall", "danfoss-fc:3", "fc300", "ramp"),
@@ -46,7 +46,7 @@ _kind_of_door = cache(kind_of_door)
 
 
 def plant_text(broker="mqtt://127.0.0.1:1", *, doors=ALL_DOORS, without=(), more="", listen="127.0.0.1:0"):
-    """Return a plant file. without: drives that it has not. more: keys of the server."""
+    """Return a plant file. without: drives to leave out. more: further keys of the server."""
     text = [f'format = 1\nserver = {{ users = "users.toml", status_period_s = 1, history = false }}\n{more}']
     text += [f'[[door]]\nkind = "{kind}"\n{_DOOR_KEYS[kind].format(broker=broker, listen=listen)}' for kind in doors]
     text += [f'[[line]]\nname = "{line}"\nport = "{line}"\n{_LISTENS}' for line in ("hall", "yard")]
@@ -75,7 +75,7 @@ _DOOR_KEYS = {
 
 
 class InLoopDoor:
-    """Stands for `OpenDoor`: the door is in the loop of the core. A script looks at what happens, not at threads."""
+    """Replacement of `OpenDoor` that runs the door in the loop of the core: scripts test behaviour, not threads."""
 
     def __init__(self, door, plant, told):
         self.door, self.opened, self.failed = door, Event(), ""
@@ -91,7 +91,7 @@ class InLoopDoor:
         while True:
             try:
                 await self.door.run(self._plant, self.opened.set)
-            except (Exception, SystemExit) as error:  # noqa: BLE001 - as the server has it
+            except (Exception, SystemExit) as error:  # noqa: BLE001 - as in the server
                 self.failed = str(error)
                 self._told(f"door {self.door.name} failed: {error}")
             self.opened.clear()
@@ -104,14 +104,14 @@ async def _nothing_to_report(*_):
 
 @contextmanager
 def in_this_loop():
-    """Have servers made inside keep to one event loop, and to its clock."""
+    """Keep servers created in this block in one event loop, on the loop's clock."""
     before = serving_module.OpenDoor, runner_module.open_alarm, logins_module.password_hash, os.environ.copy()
     report_overload = serving_module.report_overload
     folder = Path(tempfile.mkdtemp(prefix="dc"))
     serving_module.OpenDoor, runner_module.open_alarm = InLoopDoor, lambda: None
-    # It is another process, by the real clock.
+    # The overload report runs in another process, on the real clock.
     serving_module.report_overload = _nothing_to_report
-    # Nobody here has a password, and what is compared with instead takes long to make.
+    # No user here has a password, and computing the dummy hash takes long.
     logins_module.password_hash = lambda _: _NO_PASSWORD
     for name in ("STATE_DIRECTORY", "RUNTIME_DIRECTORY"):
         own = folder / name[0]
@@ -128,7 +128,7 @@ def in_this_loop():
 
 
 class ServerBench:
-    """A plant of simulated drives, and its server when it runs. doors: by their kind. over: commanders go away."""
+    """A plant of simulated drives, and its server while it runs. doors: by kind. over: tells commanders to leave."""
 
     def __init__(self, folder, clocks, doors=ALL_DOORS):
         self.folder, self.clocks, self.kinds = folder, clocks, doors
@@ -156,7 +156,7 @@ class ServerBench:
         self.write(plant_text(self.broker.url, doors=self.kinds, **further))
 
     def write(self, text):
-        """Write the plant file, as another program does that has the limits of this process not."""
+        """Write the plant file without the limits of this process, as another program would."""
         limits = {which: resource.getrlimit(which) for which in (resource.RLIMIT_FSIZE, resource.RLIMIT_NOFILE)}
         for which, (_, most) in limits.items():
             resource.setrlimit(which, (most, most))
@@ -165,7 +165,7 @@ class ServerBench:
             resource.setrlimit(which, limit)
 
     async def serve(self):
-        """Begin to serve, and return when everything can be reached."""
+        """Start the server, and return when all doors can be reached."""
         self.doors = {kind: _kind_of_door(kind)(table) for kind, table in read_settings(self.file).doors}
         self.serving = Serving(self.file, port_of=lambda line: self._open(line.name), doors=list(self.doors.values()))
         ready = asyncio.get_running_loop().create_future()
@@ -177,7 +177,7 @@ class ServerBench:
         self.for_doors = ready.result()
 
     async def serve_again(self):
-        """Serve once more as a service manager lets a server, which may find the disk full."""
+        """Restart the server until it succeeds, as a service manager does; the disk may be full."""
         while True:
             try:
                 return await self.serve()
@@ -189,12 +189,12 @@ class ServerBench:
         return opened.open
 
     async def end(self):
-        """End it as SIGTERM does."""
+        """End the server as SIGTERM does."""
         self.serving.end()
         await asyncio.wait([self._running])
 
     async def kill(self):
-        """Let it be gone from one moment to the next; what it would still do reaches nobody."""
+        """Remove the server from one moment to the next; none of its later actions has an effect."""
         for line in self.plant.lines.values():
             line.cut()
             line.away = True

@@ -1,12 +1,12 @@
-"""Random scripts over a server and all its doors, disturbed by everything that can be, and judged by what motors did.
+"""Random scripts over a disturbed server with all its doors, judged by the behaviour of the motors.
 
     python tests/adversary/server_campaign.py --seed 1 --scripts 2000 --at-once 2
     python tests/adversary/server_campaign.py --seed 1 --script 17
     python tests/adversary/server_campaign.py --seed 1 --scripts 300 --plant forgets_unconfirmed_stops
 
-Each script has a server of its own, in a clock that passes as fast as its work is done. Prints each script that fails,
-made as short as it stays failing, and at the end what was done. `--plant` plants a mistake first; then it is a success
-that a script fails.
+Each script has its own server, with a clock that passes as fast as its work is done. Prints each failed script,
+shortened as far as it still fails, and a summary at the end. `--plant` plants a mistake first; then a failed script is
+the success.
 """
 
 import argparse
@@ -34,11 +34,11 @@ from server_steps import random_steps
 
 WITHOUT_OPCUA = tuple(kind for kind in ALL_DOORS if kind != "opcua")
 OPCUA_EVERY = 100
-"""Its address space takes as long to build as five scripts take; so many have it."""
+"""One in this many scripts includes OPC UA, whose address space takes as long to build as five scripts."""
 LONGEST_S = 60.0
-"""A script that takes longer than this by the real clock is told as one that hangs."""
+"""Limit in real seconds; a script that takes longer is reported as hanging."""
 _SHORTENED_S = 60.0
-"""How long a script that fails is made shorter, at most."""
+"""Limit in seconds for shortening a failed script."""
 
 
 def script_of(seed, number):
@@ -63,9 +63,9 @@ async def _played(folder, clocks, kinds, steps):
 
 
 def play(kinds, steps, chance="", mistake=""):
-    """Play a script in a process and a clock of its own; return what may not be, and what happened.
+    """Play a script in a separate process with its own clock; return the violations, and the story.
 
-    chance: seeds what is random. mistake: planted there first.
+    chance: random seed. mistake: planted first.
     """
     try:
         return forked.result_of(lambda: _play(kinds, steps, chance, mistake), LONGEST_S)
@@ -75,7 +75,7 @@ def play(kinds, steps, chance="", mistake=""):
 
 def _play(kinds, steps, chance, mistake):
     gc.disable()
-    # While no server is there, nobody else would be ended by what is meant for it.
+    # A SIGHUP for the server must not end this process while no server runs.
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     if mistake:
         planted_mistakes.plant(mistake)
@@ -83,7 +83,7 @@ def _play(kinds, steps, chance, mistake):
     with in_this_loop() as folder:
         try:
             return compressed_time.run(clocks, _played(folder, clocks, kinds, steps))
-        except Exception:  # noqa: BLE001 - told as a failure of the script
+        except Exception:  # noqa: BLE001 - reported as a failure of the script
             return [f"the campaign itself: {traceback.format_exc()}"], ""
 
 
@@ -123,7 +123,7 @@ def _story(book, bench):
 
 
 def told(seed, number, kinds, steps, failures):
-    """Return what failed, for people."""
+    """Return the report of a failed script."""
     chance = f"{seed}-{number}"
     fewer = shortened(kinds, steps, chance)
     again, story = play(kinds, fewer, chance)
@@ -140,7 +140,7 @@ def _work(given, numbers, results):
         chance = f"{given.seed}-{number}"
         failures, story = play(kinds, steps, chance, given.plant)
         if failures and given.plant and play(kinds, steps, chance)[0]:
-            # It fails without the mistake as well.
+            # The script also fails without the mistake.
             failures = []
         did = Counter(what for _, what, _ in steps)
         did.update({"scripts": 1, "failed": bool(failures)})
@@ -156,7 +156,7 @@ def _work(given, numbers, results):
 
 
 def _warm_up():
-    """Load what scripts need, so that their processes need not."""
+    """Load everything that scripts need before forking their processes."""
     logging.disable(logging.CRITICAL)
     _play(WITHOUT_OPCUA, [], "warm", "")
     gc.collect()
@@ -180,7 +180,7 @@ def main():
     did = Counter()
     _warm_up()
     at_once = min(given.at_once, len(numbers))
-    # A run that is cut short tells what it did.
+    # An interrupted run still prints its summary.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with suppress(KeyboardInterrupt):
         for text in forked.workers(at_once, lambda first, file: _work(given, numbers[first::at_once], file)):

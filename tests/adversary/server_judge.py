@@ -1,21 +1,20 @@
-"""What must hold after each script over a server, judged by what the simulated motors did.
+"""Judge of a script over a server: what must hold afterwards, given the behaviour of the simulated motors.
 
-A motor may run from the moment at which its start was asked for until something ends that: a stop, the commander's
-absence, the server's end. How long it may run on after that, in seconds:
+A motor may run from the time of its start order until an event ends that: a stop, the commander's absence, or the
+server's end. The table bounds how long, in seconds, the motor may keep running after the event:
 
-| what ended it                                             | bound                          |
+| event                                                     | bound                          |
 |-----------------------------------------------------------|--------------------------------|
-| a stop, where the drive can be reached                    | AFTER_STOP_S                   |
+| a stop, if the drive can be reached                       | AFTER_STOP_S                   |
 | a stop, or an absence, while the drive cannot be reached  | AFTER_SILENCE_S from its return|
 | the commander does not renew, and the policy is not hold  | AFTER_ABSENCE_S from the last  |
-| nothing reaches a drive that is kept, by anybody          | watchdog + AFTER_WATCHDOG_S    |
+| nothing reaches a kept drive                              | watchdog + AFTER_WATCHDOG_S    |
 | the server is gone, and the policy is not hold            | watchdog + AFTER_WATCHDOG_S    |
 | the server was told to end, and the policy is not hold    | AFTER_END_S                    |
 | the drive left the plant file, and the policy is not hold | AFTER_END_S                    |
 
-And: no stop by the ramp of a drive of the plant is refused to anybody who is known; no motor begins to run unless a
-start was asked for that nobody has refused and that no stop has followed; no value is told as good that was not on the
-drive about then.
+Further rules: no known caller is refused a ramp stop of a drive of the plant. No motor starts without an order that was
+not refused and that no stop has followed. No value is published as good that the drive did not have at about that time.
 """
 
 from orders import FOREVER
@@ -23,25 +22,25 @@ from server_bench import DRIVES, WATCHDOG_S
 
 AFTER_STOP_S = 3.0
 AFTER_SILENCE_S = 15.0
-"""A silent drive is asked every nine seconds, a lost port opened every two; then a stop goes out."""
+"""Bound in seconds after the return of a drive: a silent drive is probed every nine seconds, a lost port every two."""
 AFTER_ABSENCE_S = 3.0
 AFTER_WATCHDOG_S = 2.0
 AFTER_END_S = 8.0
 IN_FLIGHT_S = 1.0
-"""A start and a stop that are asked for so close to each other may pass each other on their way."""
+"""A start and a stop within this many seconds may overtake each other."""
 LONGEST_ORDER_S = 12.0
-"""How long an order that nobody answered may still be carried out: ten seconds at most, and the telegrams."""
+"""Seconds in which an unanswered order may still be carried out: ten at most, plus its telegrams."""
 LEVEL_S = 1.0
-"""How long it takes until a demand in the image of a PLC stands."""
+"""Seconds until a demand in the image of a PLC takes effect."""
 QUIET = 3
-"""For how many seconds nothing may be owed before a script is over."""
+"""Number of seconds without any pending stop before a script is over."""
 NEAR_HZ, NEAR_S = 1.5, 1.5
 
 
 class Judge:
-    """Judges one script. truth: as `ClockedPlant` saw it. ended: the clock at the end.
+    """Judge of one script. truth: as recorded by `ClockedPlant`. ended: the clock at the end.
 
-    late_s: added to each bound, where processes share their machine with others.
+    late_s: added to each bound if processes share their machine with others.
     """
 
     def __init__(self, book, truth, ended, *, late_s=0.0):
@@ -54,7 +53,7 @@ class Judge:
         yield from self._of_values()
 
     def owes(self):
-        """Return whether a motor runs that will have to stand."""
+        """Return whether a motor runs that has to stop."""
         return any(seen and seen[-1].running and not self._may_stay(drive) for drive, seen in self._truth.items())
 
     def _may_stay(self, drive):
@@ -110,7 +109,7 @@ class Judge:
         ]
 
     def _may_until(self, start):
-        """Return until when a motor may run because of this order, and why not longer."""
+        """Return the time until which a motor may run because of this order, and the reason for this end."""
         drive, policy = start.drive, DRIVES[start.drive][3]
         kept = policy != "hold" and not start.local
         ends = [(FOREVER, "")]
@@ -144,7 +143,7 @@ class Judge:
                 yield self._reached(drive, each.at, AFTER_END_S), f"left the plant file at {each.at:.2f}"
 
     def _forgotten(self, at, drive):
-        """Whether the server that was to send a stop was gone before it could, or did not know the drive."""
+        """Whether the server that had to send a stop died before it could, or did not know the drive."""
         until = self._reached(drive, at, AFTER_STOP_S)
         return any(died <= until and at - 0.1 <= back for died, _, back in self._book.deaths) or any(
             each.drive == drive and each.at <= until and at - 0.1 <= each.back + LEVEL_S for each in self._book.removals
@@ -156,7 +155,7 @@ class Judge:
         return sorted(found, key=lambda each: each.at)
 
     def _reached(self, drive, at, bound):
-        """Return by when something has happened for which the drive has to be reached."""
+        """Return the latest time of an event that requires the drive to be reachable."""
         changed = True
         while changed:
             changed = False

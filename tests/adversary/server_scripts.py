@@ -1,4 +1,4 @@
-"""Carries out scripts over a server: orders at all its doors, and what happens to it, its files and its lines."""
+"""Runner of scripts over a server: orders at all doors, and disturbances of the server, its files and its lines."""
 
 import asyncio
 import os
@@ -20,7 +20,7 @@ _LAST_S, _ATTEMPTS = 30.0, 5
 
 
 class Script:
-    """Carries out the steps. bench: with its server open."""
+    """Runner of the steps of a script. bench: with its server running."""
 
     def __init__(self, bench):
         self.bench, self.book = bench, Book()
@@ -42,16 +42,16 @@ class Script:
             task = asyncio.create_task(getattr(self, what)(**how), name=what)
             self._under_way.add(task)
             task.add_done_callback(self._under_way.discard)
-            # It is asked for before the next step is.
+            # Let the order start before the next step.
             await asyncio.sleep(0)
 
     async def settle(self):
-        """Let everybody go who is still there, mend everything, and wait until nothing is owed any more."""
+        """Let all clients leave, end all disturbances, and wait until no stop is pending."""
         self.bench.over = True
         if self._under_way:
             await asyncio.wait(self._under_way, timeout=_LAST_S)
         if any(plc.stopping for plc in self.plcs.values()):
-            # What stands still stands for a while.
+            # Hold the standing stops a little longer.
             await asyncio.sleep(AFTER_STOP_S + LEVEL_S + 1.0)
         for plc in self.plcs.values():
             plc.stop(standing=False)
@@ -81,7 +81,7 @@ class Script:
             await self.opcua.close()
 
     async def note_values(self):
-        """Write down what is told of the drives; return whether all of them are heard."""
+        """Record the published values of the drives; return whether all drives have a good one."""
         drives = await self.vera.ask("GET", "values")
         heard, at = set(), time.monotonic()
         for each in drives if isinstance(drives, list) else ():

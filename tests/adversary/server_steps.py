@@ -1,4 +1,4 @@
-"""What random scripts over a server consist of: orders at all its doors, and what happens to it and its lines."""
+"""Steps of random scripts over a server: orders at all doors, and disturbances of the server and its lines."""
 
 from server_bench import DRIVES
 
@@ -8,7 +8,7 @@ _HOWS = ("ramp", "ramp", "coast", "quick")
 
 
 def random_steps(chance, kinds):
-    """Return 4 to 18 steps: how long to wait, what is done, and how."""
+    """Return 4 to 18 steps as (pause, step, arguments)."""
     able = [each for each in STEPS if _is_able(each, kinds)]
     weights = [WEIGHTS.get(each, 2) for each in able]
     patterns = [each for each in PATTERNS if all(_is_able(what, kinds) for _, what, _ in each)]
@@ -105,28 +105,28 @@ STEPS = {
 }
 _STAYS, _SILENT = {"lease_s": 4.0, "there_s": 8.0}, {"seconds": 5.0}
 PATTERNS = (
-    # What was carried out once is asked for again, by itself or by others.
+    # Orders are repeated after they were carried out, by the same or another client.
     [(1.0, "http_start_twice", {"lease_s": 4.0, "there_s": 3.0}), (1.0, "http_stop", {})],
     [(1.0, "mqtt_start", {"lease_s": 4.0, "there_s": 0.0}), (1.0, "mqtt_stop", {}), (6.0, "mqtt_replay", {})],
     [(0.3, "mqtt_start_kept", {}), (0.3, "broker_cut", {})],
     [(0.3, "mqtt_start_kept", {}), (0.3, "server_killed", {"pause": 0.0})],
-    # A motor runs, its line is silent, and it is stopped.
+    # A motor runs, its line falls silent, and the motor is stopped.
     [(1.0, "http_start", _STAYS), (1.0, "requests_lost", _SILENT), (0.3, "http_stop", {})],
     [(1.0, "local_start", {}), (1.0, "power_cut", {"seconds": 2.0}), (0.3, "local_stop", {})],
     [(1.0, "local_start", {}), (1.0, "line_away", _SILENT), (0.3, "mqtt_stop", {})],
     [(1.0, "local_start", {}), (1.0, "replies_lost", _SILENT), (0.3, "http_stop_all", {})],
-    # A stop stands, and others want to start.
+    # A stop stands while other clients request a start.
     [(0.3, "modbus_stop", {"standing": True}), (1.0, "mqtt_start", _STAYS), (1.0, "local_start", {})],
     [(0.3, "requests_lost", _SILENT), (0.3, "modbus_stop", {"standing": True}), (1.0, "http_start", _STAYS)],
-    # Who commands is gone.
+    # A commander disappears.
     [(0.3, "sparkplug_online", {"ahead_s": 0.0}), (1.0, "sparkplug_start", {}), (1.0, "sparkplug_offline", {})],
     [(0.3, "modbus_start", {}), (2.5, "modbus_leave", {})],
     [(1.0, "http_start", _STAYS), (1.0, "remove", {"seconds": 5.0})],
     [(1.0, "http_start", _STAYS), (1.0, "server_killed", {"pause": 3.0})],
-    # All that run are stopped at once.
+    # All running motors are stopped together.
     [(0.3, "local_start", {"drive": "saw"}), (0.0, "local_start", {"drive": "pump"}), (1.0, "http_stop_all", {})],
 )
-"""What orders in this sequence do that few by chance would."""
+"""Sequences of orders that rarely occur by chance."""
 _PATTERN_SHARE = 0.12
 DOOR_OF = {
     each: "modbus-tcp" if each.startswith("modbus") else each.partition("_")[0]

@@ -1,7 +1,7 @@
-"""A plant of three lines, served by a process of its own and seen through its control door: what the drives do is the
-truth that commands are compared with.
+"""Simulated plant of three lines in a separate process; its control door shows the true state of the drives.
 
-The TCP lines are reached through a cable, a process that can be cut; the pseudo-terminal by a link that can vanish.
+The TCP lines are reached through a cable, a process that can be cut; the pseudo-terminal through a link that can be
+removed.
 """
 
 import contextlib
@@ -21,23 +21,23 @@ LINES = {
     "dock": {"f": ("danfoss-fc:6", "fc302"), "g": ("vlt3500:4", "vlt3000"), "h": ("fuji:9", "frenic")},
 }
 DRIVES = {name: (line, *drive) for line, drives in LINES.items() for name, drive in drives.items()}
-# The kind of the master's end, and of the line's.
+# Address prefixes of the master's end and of the line's end.
 REACHED = {"hall": ("", "pty:"), "yard": ("socket://", "tcp:"), "dock": ("rfc2217://", "rfc2217:")}
-# A parameter of each protocol that does not move anything, what it takes to write it, and how many raw ones are 1.
+# A parameter of each protocol that moves nothing, the options for writing it, and its raw value for 1.
 WRITABLE = {
     "vabus": ("481", (), lambda raw: int(raw, 16) / 100),
     "danfoss-fc": ("3-10[3]", (), lambda raw: int(raw) / 100),
     "fuji": ("C05", ("--store",), lambda raw: int(raw) / 100),
     "vlt3500": ("205", (), float),
 }
-# Ramps of 0.2 s, where the drive has them as parameters.
+# Parameters for ramps of 0.2 s, if the drive has them.
 RAMPS = {
     "vabus": "{ }",
     "danfoss-fc": '{ "3-41" = 20, "3-42" = 20 }',
     "fuji": '{ "F07" = 20, "F08" = 20 }',
     "vlt3500": '{ "215" = "0.20", "216" = "0.20" }',
 }
-# For a simulator that other programs keep waiting.
+# Reply timeout in seconds for a simulator that other programs delay.
 REPLY_S = 0.4
 MOTOR = "{ ramp_up_s = 0.2, ramp_down_s = 0.2, quick_ramp_s = 0.1, coast_s = 0.2, rated_hz = 50, maximum_hz = 50 }"
 _READY_S = 20
@@ -45,7 +45,7 @@ _CHUNK = 4096
 
 
 class SimulatedPlant:
-    """Serves it below the folder, which is the working folder."""
+    """Simulated plant in the working folder."""
 
     def __init__(self, fork):
         free = iter(_free_places(4))
@@ -89,7 +89,7 @@ class SimulatedPlant:
         return physical(self.order("show", drive=drive, parameters=[parameter])["values"][parameter])
 
     def vanish(self, line):
-        """Take a port away as an adapter that is pulled out; what had it open loses it where there is a cable."""
+        """Remove a port like an unplugged adapter; open connections through a cable are cut."""
         if line in self._cables:
             self._cables[line].tell(b"x")
         else:
@@ -104,7 +104,7 @@ class SimulatedPlant:
                 Path(f"{line} pulled out").rename(line)
 
     def silence(self):
-        """Let all lines and drives stand still, as serial servers that hang do."""
+        """Suspend all lines and drives, like hanging serial servers."""
         os.kill(self.simulator, signal.SIGSTOP)
 
     def wake(self):
@@ -120,7 +120,7 @@ class SimulatedPlant:
 
 
 class _Cable:
-    """Carries connections from one port of this machine to another one, until it is told to cut them."""
+    """Forwarder of connections from one local port to another, which can be cut."""
 
     def __init__(self, fork, reached, listens):
         door = socket.create_server(("127.0.0.1", reached))

@@ -1,6 +1,7 @@
-"""An MQTT broker in the event loop of whoever asks it, so that its messages take no time of the real clock.
+"""MQTT broker in the event loop of its clients, so that messages take no real time.
 
-It knows what the doors and their peers use of MQTT 5: QoS 0 and 1, kept messages, wills, and a client id taken over.
+It supports the parts of MQTT 5 that the doors and their peers use: QoS 0 and 1, retained messages, wills, and takeover
+of a client id.
 """
 
 import asyncio
@@ -13,7 +14,7 @@ _TAKEN_OVER, _WITH_WILL = 0x8E, 0x04
 
 
 class SmallBroker:
-    """deaf: takes what is sent and neither answers nor passes anything on."""
+    """An MQTT broker. deaf: accept all data without answering or forwarding anything."""
 
     def __init__(self):
         self.kept, self.clients, self.port, self.deaf = {}, {}, 0, False
@@ -28,7 +29,7 @@ class SmallBroker:
         self.port = self._server.sockets[0].getsockname()[1]
 
     async def end(self):
-        """Be gone; what was kept is there again when it is started again."""
+        """Stop the broker; retained messages survive until it is restarted."""
         self._server.close()
         self.cut_all()
         await asyncio.sleep(0)
@@ -88,7 +89,7 @@ class _Client:
             self.will = read.text(), read.bytes_of(read.two()), bool(flags & 0x20)
 
     def took(self, kind, flags, body):
-        """Do what a packet wants; return whether the connection goes on."""
+        """Process a packet; return whether the connection stays open."""
         read = _Reader(body)
         if kind == PUBLISH:
             topic, qos = read.text(), flags >> 1 & 3
@@ -124,7 +125,7 @@ class _Client:
 
     def offer(self, topic, payload, retain):
         if any(_fits(each, topic) for each in self._filters):
-            # All who subscribe here want the mark as it was published.
+            # All subscribers here use "retain as published".
             self._deliver(topic, payload, retained=retain)
 
     def _deliver(self, topic, payload, *, retained):

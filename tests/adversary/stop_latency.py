@@ -1,10 +1,11 @@
-"""How many telegrams of its line go out between a stop that is asked for and its own first one, under each flood.
+"""Number of telegrams between the request for a stop and its own first telegram, for each kind of flood.
 
-A flood that reaches the line keeps it busy, which is looked at; what others read at doors comes from what is known.
+A flood that reaches the line must keep it busy, which is checked; reads at doors may be answered from known values.
 
     python tests/adversary/stop_latency.py
 
-prints the table. A stop is asked for over a real connection to each door, while others ask for as much as they can.
+prints the table. A stop is requested over a real connection to each door, while other clients send as many requests as
+they can.
 """
 
 import asyncio
@@ -24,13 +25,13 @@ from drivecomm.server import ended
 DOORS = ("local", "http", "mqtt", "sparkplug", "modbus-tcp", "opcua")
 _WARM_S = 1.0
 _AT_DOORS_S = 0.02
-"""Between reads that need no line; without it no time of the script would pass."""
+"""Pause between reads that need no line; without it, the script's time would not pass."""
 _CONTROL_VALID = 0x0400
 _MANY = ("output_frequency", "output_current", "output_voltage", "dc_link_voltage", "3-41", "3-42", "1-20", "1-23")
 
 
 class Wire:
-    """What the master sends on the line of the fan."""
+    """Record of the master's telegrams on the line of the fan."""
 
     def __init__(self, bench):
         self.sent, self.heard = [], []
@@ -42,7 +43,7 @@ class Wire:
         self.heard.append((transmission.began, transmission.ended, transmission.sender is None))
 
     def busy(self, began, ended):
-        """Return the share of this time in which a telegram is under way, or its answer is awaited."""
+        """Return the share of this time in which a telegram is under way or its reply is awaited."""
         idle, free_since = 0.0, began
         for first, last, is_request in self.heard:
             if first >= began and last <= ended:
@@ -52,13 +53,13 @@ class Wire:
         return 1 - (idle + (ended - free_since if free_since is not None else 0.0)) / (ended - began)
 
     def since(self, began):
-        """Return how many telegrams went out before the first stop of the fan since then, and how many ms it took."""
+        """Return the number of telegrams and the milliseconds until the next stop of the fan."""
         others = 0
         for at, data in self.sent:
             if at > began:
                 if _stops_the_fan(data):
                     return others, 1000 * (at - began)
-                # An end of an exchange in VABus is no telegram of its own.
+                # The closing EOT of a VABus exchange does not count as a telegram.
                 others += len(data) > 1
         return None
 
@@ -105,7 +106,7 @@ async def a_full_poll_plan(script):
     script.bench.write(before + name + fan)
     os.kill(os.getpid(), signal.SIGHUP)
     await asyncio.sleep(2.0)
-    # The change of the plant has stopped it.
+    # The change of the plant file has stopped the fan.
     await script.here.start_here("fan")
     return []
 
@@ -166,7 +167,7 @@ FLOODS = (
     stops_of_another_drive,
 )
 OF_MANY = (a_full_poll_plan, a_backup)
-"""These ask for many things, which no telegram answers together, so that the line is always busy."""
+"""Floods of requests that cannot share a telegram, so that the line is always busy."""
 
 
 def _asked(script, door, user):
@@ -217,7 +218,7 @@ async def _measured(folder, clocks, flood, door):
 
 
 def measured(flood, door):
-    """Return how many telegrams went first, how many milliseconds that took, and how busy the line was before."""
+    """Return the number of telegrams before the stop, the milliseconds until it, and how busy the line was before."""
     clocks = compressed_time.Clocks(f"{flood.__name__} {door}")
     with in_this_loop() as folder:
         return compressed_time.run(clocks, _measured(folder, clocks, flood, door))

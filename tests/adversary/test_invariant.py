@@ -1,4 +1,4 @@
-"""The judge of the campaign sees what may not be; on commands and a plant that are made up."""
+"""The campaign's judge finds violations in invented commands and states."""
 
 from types import SimpleNamespace
 
@@ -52,7 +52,7 @@ KEPT = command("keep", 1, None, None, said_at=2)
         ((command("start", 1, 2, 130, complaint="was told to stop, because its start was interrupted"),), ()),
     ],
 )
-def test_a_motor_that_nothing_lets_run_is_seen(commands, happened):
+def test_motor_running_without_permission_is_found(commands, happened):
     assert failures(RUNS, *commands, happened=happened) == ["a runs at 25.0 Hz, and nothing lets it"]
 
 
@@ -67,11 +67,11 @@ def test_a_motor_that_nothing_lets_run_is_seen(commands, happened):
         (KEPT,),
     ],
 )
-def test_a_motor_that_something_lets_run_is_left_in_peace(commands):
+def test_motor_running_with_permission_is_not_reported(commands):
     assert failures(RUNS, *commands, quiet=False) == []
 
 
-def test_what_succeeded_and_did_not_happen_is_seen():
+def test_success_without_effect_is_found():
     assert failures(STANDS, START) == ["a does not run, and the start said that it started it"]
     assert failures(STANDS, START, STOP) == []
     assert failures(RUNS, START, command("reference", 3, 4, 0, percent=80)) == [
@@ -83,6 +83,6 @@ def test_what_succeeded_and_did_not_happen_is_seen():
     assert failures(STANDS, command("write", 1, 2, 3, value=12)) == []
 
 
-def test_a_traceback_and_an_end_by_a_signal_are_seen():
+def test_traceback_and_end_by_a_signal_are_found():
     commands = [command("read", 1, 2, 1, complaint="Traceback"), command("read", 1, 2, -11)]
     assert list(Judge(commands, ()).of_the_processes()) == ["the read shows a traceback", "the read ended with -11"]

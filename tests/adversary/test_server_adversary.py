@@ -1,4 +1,4 @@
-"""The search over the server: a sample at each change, two thousand scripts where a night is spent on it."""
+"""Search over the server: a sample at each change, two thousand scripts in a long run."""
 
 import subprocess
 import sys
@@ -18,7 +18,7 @@ SCRIPTS, REAL_SCRIPTS = (2000, 80) if LONG else (30, 3)
 PLANTED_SCRIPTS = 100
 PATIENCE_S = 1800 if LONG else 300
 SOON = ("leases_never_expire", "a_stop_goes_to_the_first_drive_of_the_line")
-"""Mistakes that a few scripts find; all others where a night is spent on it."""
+"""Mistakes that a few scripts find; the others are planted only in a long run."""
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="it needs forks, signals and limits of processes")
 
@@ -34,14 +34,14 @@ def campaign(program, *words):
 @linux
 @pytest.mark.soak
 @pytest.mark.timeout(PATIENCE_S + 30)
-def test_no_motor_runs_longer_than_it_may_whatever_is_done_to_its_server():
+def test_motors_stop_in_time_with_a_disturbed_server():
     campaign("server_campaign.py", "--scripts", str(SCRIPTS), "--seed", "night" if LONG else "short")
 
 
 @linux
 @pytest.mark.soak
 @pytest.mark.timeout(PATIENCE_S + 30)
-def test_no_motor_runs_longer_than_it_may_whatever_is_done_to_the_process_of_its_server():
+def test_motors_stop_in_time_with_a_disturbed_server_process():
     campaign(
         "real_servers.py", "--scripts", str(REAL_SCRIPTS), "--seed", "night" if LONG else "short", "--at-once", "8"
     )
@@ -51,11 +51,11 @@ def test_no_motor_runs_longer_than_it_may_whatever_is_done_to_the_process_of_its
 @pytest.mark.soak
 @pytest.mark.timeout(PATIENCE_S)
 @pytest.mark.parametrize("name", planted_mistakes.MISTAKES if LONG else SOON)
-def test_a_planted_mistake_is_found(name):
+def test_planted_mistake_is_found(name):
     assert planted_mistakes.found_after(name, "planted", PLANTED_SCRIPTS)
 
 
-def test_a_script_that_hangs_is_ended_and_told_where_it_was():
+def test_hanging_script_is_ended_with_a_stack_trace():
     with pytest.raises(RuntimeError, match=r"(?s)Timeout.*in stuck_here"):
         forked.result_of(stuck_here, 0.2)
 
@@ -64,7 +64,7 @@ def stuck_here():
     threading.Event().wait(60)
 
 
-# The judge itself, on what is made up.
+# Tests of the judge itself, with invented data.
 
 
 def seen(*changes):
@@ -81,37 +81,37 @@ def told(truth, starts=(), stops=(), troubles=(), deaths=()):
 START = {"at": 10.0, "door": "http", "drive": "fan", "answered": 10.2, "outcome": "done"}
 
 
-def test_a_motor_that_nobody_started_is_seen():
+def test_motor_running_without_a_start_is_found():
     assert any("began to run" in each for each in told(seen((10.0, True), (11.0, False))))
 
 
-def test_a_motor_that_was_started_may_run_until_it_is_stopped():
+def test_started_motor_may_run_until_it_is_stopped():
     start, stop = Start(**START), Stop(20.0, "http", "fan", 20.1, "done")
     assert told(seen((10.1, True), (20.5, False)), [start], [stop]) == []
     assert any("stopped over http" in each for each in told(seen((10.1, True), (30.0, False)), [start], [stop]))
 
 
-def test_a_stop_while_the_drive_is_silent_counts_from_its_return():
+def test_stop_of_a_silent_drive_counts_from_its_return():
     start, stop = Start(**START), Stop(20.0, "http", "fan", 21.0, "open")
     silent = Trouble(19.0, 29.0, "requests lost", line="hall", dead=False)
     assert told(seen((10.1, True), (40.0, False)), [start], [stop], [silent]) == []
     assert told(seen((10.1, True), (50.0, False)), [start], [stop], [silent])
 
 
-def test_a_motor_whose_commander_is_gone_is_seen():
+def test_motor_running_without_its_commander_is_found():
     start = Start(**START, present_until=15.0)
     assert told(seen((10.1, True), (17.0, False)), [start]) == []
     assert any("its commander was gone" in each for each in told(seen((10.1, True), (19.0, False)), [start]))
 
 
-def test_a_stop_while_no_server_was_there_owes_nothing():
+def test_stop_without_a_server_is_not_required():
     start, death = Start(**{**START, "local": True}), [15.0, "killed", 18.0]
     for at, failures in ((16.0, 0), (20.0, 1)):
         stop = Stop(at, "sparkplug", "fan", at + 0.1)
         assert len(told(seen((10.1, True), (30.0, False)), [start], [stop], deaths=[death])) == failures
 
 
-def test_a_motor_that_outlives_its_server_is_seen():
+def test_motor_running_after_the_server_died_is_found():
     start, death = Start(**START), [15.0, "killed", 15.0]
     assert told(seen((10.1, True), (18.5, False)), [start], deaths=[death]) == []
     assert any(
@@ -119,11 +119,11 @@ def test_a_motor_that_outlives_its_server_is_seen():
     )
 
 
-def test_a_start_under_a_standing_stop_is_seen():
+def test_motor_started_under_a_standing_stop_is_found():
     stands = Stop(5.0, "modbus-tcp", "fan", 5.0, "open", stands_until=90.0)
     assert told(seen((10.1, True), (12.0, False)), [Start(**START)], [stands])
 
 
-def test_a_start_that_was_refused_lets_no_motor_run():
+def test_motor_running_after_a_refused_start_is_found():
     refused = Start(**{**START, "outcome": "refused"})
     assert told(seen((10.1, True), (11.0, False)), [refused])

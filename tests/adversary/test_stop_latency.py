@@ -1,4 +1,4 @@
-"""A stop goes out behind two telegrams of its line at most, whoever floods the line and whichever door it comes by."""
+"""A stop is sent after at most two telegrams of its line, for every kind of flood and every door."""
 
 import sys
 
@@ -7,16 +7,16 @@ from extents import LONG
 from stop_latency import DOORS, FLOODS, OF_MANY, measured
 
 MOST_BEHIND = 2
-"""Telegrams that may go out after a stop was asked for and before its own, besides the one that is under way."""
+"""Limit of telegrams between the request for a stop and the stop, in addition to the telegram under way."""
 BUSY = 0.6
-"""Of the line's time, while a flood that reaches it goes on; the rest is the silence that protocols want."""
+"""Minimum share of the line's time in use during a flood that reaches it; the rest is the silence of the protocols."""
 
 
 @pytest.mark.soak
 @pytest.mark.skipif(not LONG, reason="measured with nothing beside it: DRIVECOMM_LONG=1")
 @pytest.mark.skipif(sys.platform != "linux", reason="it needs descriptors of the Linux kernel")
 @pytest.mark.parametrize("flood", FLOODS, ids=lambda each: each.__name__)
-def test_a_stop_goes_out_behind_two_telegrams_at_most(flood):
+def test_stop_is_sent_after_two_telegrams_at_most(flood):
     found = {door: measured(flood, door) for door in DOORS}
     assert max(behind for behind, *_ in found.values()) <= MOST_BEHIND, found
     assert flood not in OF_MANY or min(busy for *_, busy in found.values()) >= BUSY, found

@@ -1,4 +1,4 @@
-"""Benches for tests of the bus: drives that can be switched off, records of what was said, parameters to tell apart."""
+"""Benches for tests of the bus: drives that can die, recorded traces, and parameters with different values."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ PROTOCOLS = sorted(
         "weg",
     }
 )
-"""Those whose drives are commanded without a model, and whose verbs are a telegram each; the others have their own."""
+"""Protocols whose drives are commanded without a model, with one telegram per verb; others have own tests."""
 
 COMMANDED = sorted(
     name
     for name, plugin in installed.items()
     if not is_monitoring_only(plugin, load_model(plugin.package, name, plugin.default_model))
 )
-"""Those whose drives are commanded at all, by their default model."""
+"""Protocols whose default model has commands."""
 
 READABLE = {
     "danfoss-fc": ("3-10[3]", "3-10[2]"),
@@ -39,7 +39,7 @@ READABLE = {
     "vabus": ("481", "482"),
     "vlt3500": ("205", "206"),
 }
-"""Two parameters of each protocol that hold different values."""
+"""Two parameters of each protocol with different values."""
 
 WRITABLE = {
     "danfoss-fc": ("3-41", 10, 1000),
@@ -48,13 +48,13 @@ WRITABLE = {
     "vabus": ("481", "12.34", "000004D2"),
     "vlt3500": ("215", 3, "3.00"),
 }
-"""A parameter of each protocol, a value to write, and what the drive then holds."""
+"""A parameter of each protocol, a value to write, and the drive's value afterwards."""
 
 ADDRESS = 3
 
 
 class Mortal:
-    """A virtual drive that can die, and that remembers the requests it was sent while it lived, and when."""
+    """A virtual drive that can die, and that records the requests received while alive, with their times."""
 
     def __init__(self, protocol, address=ADDRESS):
         self._made_of = protocol, address
@@ -66,7 +66,7 @@ class Mortal:
         return getattr(self._drive, name)
 
     def revive(self):
-        """Let it live, with everything forgotten, as when its mains are switched on."""
+        """Revive the drive in its factory state, as after switching mains on."""
         self._drive = virtual_drive(*self._made_of)
         self.alive = True
 
@@ -80,7 +80,7 @@ class Mortal:
 
 
 class Recorder:
-    """What was traced, in the order in which it happened."""
+    """Recorder of trace events in their order."""
 
     def __init__(self):
         self.events = []
@@ -89,7 +89,7 @@ class Recorder:
         self.events.append(event)
 
     def sent(self, drive=None):
-        """Return the telegrams that were sent: to all, or to one drive."""
+        """Return the events of sent telegrams, for all drives or one."""
         return [event for event in self.events if event.what == "sent" and drive in (None, event.drive)]
 
     def of(self, what):
@@ -97,7 +97,7 @@ class Recorder:
 
 
 class Port:
-    """A port that hands on all that is asked of it; what `hooks` names is told the call before it is carried out."""
+    """Wrapper of a port that calls a hook before each call of the methods named in `hooks`."""
 
     def __init__(self, port, **hooks):
         self._port = port
@@ -131,7 +131,7 @@ def running(line, virtual):
 
 
 def set_reference(protocol, drive):
-    """Set what stands for half speed; to be awaited if the drive is to be."""
+    """Set half speed in a unit of the protocol; the result is awaitable if the drive's calls are."""
     if protocol in ("danfoss-fc", "uss", "vlt3500"):
         return drive.set_reference(percent=50)
     return drive.set_reference(hz=25)

@@ -1,4 +1,4 @@
-"""A broker as a process of its own on a port of loopback, which can be killed and started again at the same port."""
+"""Broker in a separate process on a loopback port, which can be killed and restarted at the same port."""
 
 import contextlib
 import signal
@@ -8,7 +8,7 @@ import time
 
 
 class BrokerProcess:
-    """A broker. log: the file of what it prints. `command` starts it; whoever makes it says which."""
+    """A broker. log: file of its output. `command`, the command line to start it, is set by the creator."""
 
     def __init__(self, log):
         self.port = free_port()
@@ -18,7 +18,7 @@ class BrokerProcess:
         self.process = None
 
     def start(self):
-        """Start it, and wait until it listens."""
+        """Start the broker, and wait until it listens."""
         with self.log.open("ab") as log:
             self.process = subprocess.Popen(self.command, stdout=log, stderr=log)
         end = time.monotonic() + 20
@@ -32,14 +32,14 @@ class BrokerProcess:
                 return self
 
     def end(self):
-        """Kill it without an orderly end."""
+        """Kill the broker without an orderly shutdown."""
         if self.process is not None and self.process.poll() is None:
             self.process.kill()
             self.process.wait(10)
 
     @contextlib.contextmanager
     def away(self):
-        """Be gone for the time of the block."""
+        """Keep the broker killed for the duration of the block."""
         self.end()
         try:
             yield
@@ -48,7 +48,7 @@ class BrokerProcess:
 
     @contextlib.contextmanager
     def standing_still(self):
-        """Do nothing for the time of the block, with all connections open."""
+        """Suspend the broker for the duration of the block, with all connections open."""
         self.process.send_signal(signal.SIGSTOP)
         try:
             yield
@@ -58,7 +58,7 @@ class BrokerProcess:
 
 @contextlib.contextmanager
 def running(broker):
-    """Run a broker for the time of the block; yield it."""
+    """Run a broker for the duration of the block; yield it."""
     try:
         yield broker.start()
     finally:
@@ -66,6 +66,6 @@ def running(broker):
 
 
 def free_port():
-    """Return a port that nobody has."""
+    """Return an unused port."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         return free.getsockname()[1]

@@ -1,4 +1,4 @@
-"""How much a test plays: a sample at each change, much before it counts (marker `soak`), all with DRIVECOMM_LONG=1."""
+"""Extent of a test: a sample at each change, much more with the marker `soak`, and everything with DRIVECOMM_LONG=1."""
 
 import itertools
 import os
@@ -6,16 +6,19 @@ import os
 import pytest
 
 LONG = os.environ.get("DRIVECOMM_LONG") == "1"
-"""Whether a night is spent on it."""
+"""Whether a long run (one night) is requested."""
 
 
 STANDING_FOR_ALL = frozenset({"ct-ansi", "danfoss-fc", "modbus", "uss", "vabus"})
-"""Protocols with one of each kind that a line notices: replies that name their question, or nothing, or are one
-character; telegrams of a fixed length, of a stated length, up to a last character; requests that are sent back."""
+"""Protocols that represent all others on a line.
+
+They include replies that identify their request, replies that do not, and replies of one character; telegrams of a
+fixed length, of a stated length, and up to a last character; and requests that are returned.
+"""
 
 
 def extents(sample, everything):
-    """Give a test its `extent`: the sample, and marked `soak` all there is."""
+    """Parametrise a test's `extent` with the sample, and with everything, marked `soak`."""
     return pytest.mark.parametrize(
         "extent",
         [pytest.param(sample, id="sample"), pytest.param(everything, id="all", marks=pytest.mark.soak)],
@@ -23,9 +26,10 @@ def extents(sample, everything):
 
 
 def protocol_extents(protocols, sample, everything, *, all_of_them=LONG):
-    """Return each protocol with the sample, and those that stand for all with everything there is, marked `soak`.
+    """Return each protocol with the sample, and the representative ones also with everything, marked `soak`.
 
-    What a line does is not made anew for each protocol. all_of_them: everything there is with each.
+    The representatives suffice because a line behaves the same for all protocols. all_of_them: use everything with each
+    protocol.
     """
     names = {protocol: getattr(protocol, "name", protocol) for protocol in protocols}
     return [
@@ -39,12 +43,12 @@ def protocol_extents(protocols, sample, everything, *, all_of_them=LONG):
 
 
 def some(number, things):
-    """Return one in so many of these; all of them where a night is spent on it."""
+    """Return every Nth of these things; all of them in a long run."""
     return list(things) if LONG else list(things)[::number]
 
 
 def every(number, things):
-    """Return all of these, marked `soak` but for one in so many."""
+    """Return all of these things, all except every Nth marked `soak`."""
     return [
         thing if place % number == 0 else pytest.param(thing, marks=pytest.mark.soak)
         for place, thing in enumerate(things)
@@ -52,7 +56,7 @@ def every(number, things):
 
 
 def every_choice(number, *things):
-    """Return all choices of one of each, for as many names, marked `soak` but for one in so many."""
+    """Return all combinations with one of each of these, for as many parameters; all except every Nth marked `soak`."""
     return [
         pytest.param(*choice, marks=[] if place % number == 0 else [pytest.mark.soak])
         for place, choice in enumerate(itertools.product(*things))
@@ -68,11 +72,11 @@ def first_of_each(things, shape):
 
 
 def shape_of_vector(vector):
-    """What a framer sees of a telegram: which one it is, its length and the options of the line, not its content."""
+    """Return the properties of a telegram that matter to a framer: kind, length and options, but not content."""
     kind = vector.fields.get("kind")
     return vector.direction, vector.valid, kind, vector.error, len(vector.data), repr(sorted(vector.options.items()))
 
 
 def shape_of_exchange(exchange):
-    """What a line sees of an exchange: what happens on it and which calls are made."""
+    """Return the properties of an exchange that matter to a line: its kinds of steps, and its calls."""
     return frozenset(step.action for step in exchange.steps), frozenset(call.call for call in exchange.calls)

@@ -1,4 +1,4 @@
-"""A small server that answers as `drivecomm serve` does, from an opened plant: what its clients are tested against."""
+"""Small server that answers like `drivecomm serve`, from an opened plant; for tests of its clients."""
 
 import socketserver
 import threading
@@ -26,10 +26,10 @@ from drivecomm.protocol import Stop
 
 
 class FakeServer:
-    """Serves a plant on a unix socket.
+    """Server of a plant on a unix socket.
 
-    hang: says nothing any more, as a process that is stopped. takes_s: how long it takes to answer, but that it is
-    there. drops: so many connections are closed instead of an answer.
+    hang: stop answering, like a suspended process. takes_s: time that it takes to answer while it reports that it is
+    alive. drops: number of connections to close without an answer.
     """
 
     def __init__(self, path):
@@ -46,7 +46,7 @@ class FakeServer:
         self.leases = {}
 
     def bus(self, line):
-        """The bus of a line, whose trace goes to whoever listens."""
+        """Return the bus of a line; its trace goes to all subscribers."""
         if line not in self.plants:
             told = self.traced[line]
             self.plants[line] = OpenPlant(
@@ -121,7 +121,7 @@ class _Handler(BaseHTTPRequestHandler):
         return parsed(self.rfile.read(length)) if length else {}
 
     def handle_one_request(self):
-        # Who is interrupted does not wait for the answer.
+        # An interrupted client closes its connection before the answer.
         try:
             super().handle_one_request()
         except ConnectionError:
@@ -219,7 +219,7 @@ def scan(fake, line, body, tell):
 
 
 def examine(fake, line, body, tell):
-    """Examine the line as `doctor` does: here with a port of the fake's own, after its bus has let go of it."""
+    """Examine the line as `doctor` does, with a port of the fake server's own after its bus has released the line."""
     fake.plants.pop(line).close() if line in fake.plants else None
     port = port_opener(fake.opened.plant.line(line).reached_at)()
     drives = [fake.opened.plant.line(line).reached(each) for each in fake.opened.plant.on_line(line)]
@@ -346,7 +346,7 @@ class _Server(socketserver.ThreadingUnixStreamServer):
 
 @contextmanager
 def serving(path, **about):
-    """Serve a plant file for the time of the block, registered as a server is."""
+    """Serve a plant file for the duration of the block, registered as a server."""
     fake = FakeServer(path)
     socket = local_socket(path)
     socket.parent.mkdir(mode=0o700, parents=True, exist_ok=True)

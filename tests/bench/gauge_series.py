@@ -1,4 +1,4 @@
-"""A Modbus series whose model has no orders: it has a status, values, and a control word that nobody may write."""
+"""A Modbus series whose model has no commands: it has a status, values, and a control word that must not be written."""
 
 GAUGE = """
 format = 1

@@ -1,4 +1,4 @@
-"""Mosquitto as a process of its own, which can be killed, stopped and started again at the same port."""
+"""Mosquitto in a separate process, which can be killed, suspended and restarted at the same port."""
 
 import asyncio
 import shutil
@@ -14,18 +14,18 @@ needs_mosquitto = pytest.mark.skipif(
 
 
 def mosquitto(folder, *lines):
-    """Run a broker; yield it. lines: more of its configuration."""
+    """Run a broker; yield it. lines: further lines of its configuration."""
     folder.mkdir(exist_ok=True)
     broker, settings = BrokerProcess(folder / "mosquitto.log"), folder / "mosquitto.conf"
     said = ["allow_anonymous true"] if not any("allow_anonymous" in line for line in lines) else []
-    # Debian's mosquitto gives up root for a user who may not read the folder of a test.
+    # Debian's mosquitto drops root for a user who cannot read the folder of a test.
     settings.write_text("\n".join([f"listener {broker.port} 127.0.0.1", "user root", *said, *lines]) + "\n")
     broker.command = [PROGRAM, "-c", settings, "-v"]
     return running(broker)
 
 
 async def until(condition, seconds=10.0):
-    """Wait until something holds. Raises TimeoutError."""
+    """Wait until a condition holds. Raises TimeoutError."""
     async with asyncio.timeout(seconds):
-        while not condition():  # noqa: ASYNC110 - it may be about anything
+        while not condition():  # noqa: ASYNC110 - the condition has no event
             await asyncio.sleep(0.01)

@@ -1,4 +1,4 @@
-"""NATS with JetStream and its MQTT face as a process of its own, which can be killed and started again."""
+"""NATS with JetStream and its MQTT interface in a separate process, which can be killed and restarted."""
 
 import shutil
 import sys
@@ -15,7 +15,7 @@ needs_nats = pytest.mark.skipif(
 
 
 def nats_server(folder):
-    """Run a broker that speaks MQTT 3.1.1 and keeps what is published on the disk; yield it."""
+    """Run a broker for MQTT 3.1.1 that stores messages on disk; yield it."""
     folder.mkdir(exist_ok=True)
     server, settings = BrokerProcess(folder / "nats.log"), folder / "nats.conf"
     settings.write_text(

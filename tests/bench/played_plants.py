@@ -1,4 +1,4 @@
-"""Plants as a broker hears them: each publishes values that count up, and knows which of them the broker has taken."""
+"""Played plants on a broker: each publishes increasing values, and knows which of them the broker has acknowledged."""
 
 import json
 import threading
@@ -12,7 +12,7 @@ QUANTITIES = ("output_frequency", "output_current")
 
 
 class PlayedPlants:
-    """Plants that publish once a period on one connection, which is made again; what was not taken is sent again."""
+    """Plants that publish once per period on one connection; unacknowledged messages are resent after a loss."""
 
     def __init__(self, url, plants, drives, *, version="5", together=True):
         host, _, port = url.removeprefix("mqtt://").partition(":")
@@ -56,11 +56,11 @@ class PlayedPlants:
             self.events += 1
 
     def say_that_one_is_there(self):
-        """Say that a further plant is there, which publishes neither values nor events."""
+        """Announce a further plant that publishes neither values nor events."""
         self._send("drivecomm/further/bridge/state", {"state": "online"})
 
     def _send(self, topic, content):
-        # One that is published while the broker is away waits for it.
+        # A message published while the broker is away waits for it.
         self._client.publish(topic, json.dumps(content), qos=1)
         self._sent += 1
 
@@ -68,7 +68,7 @@ class PlayedPlants:
         self._taken += 1
 
     def taken(self, seconds=60.0):
-        """Wait until the broker has taken all. seconds: for which it may take nothing."""
+        """Wait until the broker has acknowledged all messages. seconds: longest time without any acknowledgement."""
         before, end = self._taken, time.monotonic() + seconds
         while self._taken < self._sent:
             if self._taken != before:
@@ -83,7 +83,7 @@ class PlayedPlants:
 
 @contextmanager
 def played_plants(url, plants=3, drives=2, **kind):
-    """Play plants; yield them."""
+    """Run played plants; yield them."""
     played = PlayedPlants(url, plants, drives, **kind)
     try:
         yield played
@@ -93,7 +93,7 @@ def played_plants(url, plants=3, drives=2, **kind):
 
 @contextmanager
 def publishing(played, period_s=0.02):
-    """Have plants publish all the time of the block, and wait until the broker has all of it."""
+    """Publish periodically during the block, then wait until the broker has acknowledged everything."""
     end = threading.Event()
 
     def publish():

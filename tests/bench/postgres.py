@@ -1,4 +1,4 @@
-"""PostgreSQL as processes of its own, in a folder of the test, which can be killed and started again."""
+"""PostgreSQL in separate processes and a temporary folder, which can be killed and restarted."""
 
 import contextlib
 import os
@@ -28,10 +28,10 @@ needs_postgres = pytest.mark.skipif(
 
 
 class Postgres:
-    """A server that listens on a port of loopback and a unix socket, and lets everybody in."""
+    """A server on a loopback port and a unix socket that accepts everybody."""
 
     def __init__(self):
-        # The path of a socket has room for a hundred characters, and the user of the server must reach it.
+        # The path of a socket must be shorter than about 100 characters, and readable by the user of the server.
         self.folder = Path(tempfile.mkdtemp(prefix="pg", dir="/tmp"))
         self._user = None
         if os.getuid() == 0:
@@ -49,7 +49,7 @@ class Postgres:
         return self.folder / "data"
 
     def _owner(self):
-        # It has neither our folder nor our groups.
+        # The user `nobody` has neither our folder nor our groups.
         return {} if self._user is None else {"user": self._user.pw_uid, "group": self._user.pw_gid, "extra_groups": []}
 
     def _run(self, *command):
@@ -79,7 +79,7 @@ class Postgres:
             return connection.execute(question, values).fetchall()
 
     def kill(self):
-        """Kill it and all that it has begun, without an orderly end."""
+        """Kill the server and all its child processes, without an orderly shutdown."""
         if self.process is not None and self.process.poll() is None:
             children = subprocess.run(
                 ["ps", "-o", "pid=", "--ppid", str(self.process.pid)], capture_output=True, text=True, check=False
@@ -91,7 +91,7 @@ class Postgres:
 
     @contextlib.contextmanager
     def away(self):
-        """Be gone for the time of the block."""
+        """Keep the server killed for the duration of the block."""
         self.kill()
         try:
             yield

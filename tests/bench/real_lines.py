@@ -1,4 +1,4 @@
-"""Virtual drives behind real ports, and a watch on what tests leave behind."""
+"""Virtual drives behind real ports, and a check for resources that tests leave behind."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ def nothing_left_behind():
     def left():
         return len(list(_DESCRIPTORS.iterdir())) if _DESCRIPTORS.exists() else 0
 
-    # One of the test before, told to end, may still be there, and end meanwhile.
+    # A thread of the previous test that is still stopping may end during this test.
     before, threads = left(), threading.enumerate()
     yield
-    # A thread that has been told to end does so when it gets the processor.
+    # A stopping thread may need some time to get the processor.
     for thread in threading.enumerate():
         if thread not in threads:
             thread.join(PATIENCE_S)
@@ -35,14 +35,14 @@ def nothing_left_behind():
 
 @contextmanager
 def running(drives, listen, **options):
-    """Serve drives in a thread until the block ends; gives the server."""
+    """Serve drives in a thread until the block ends; yield the server."""
     with served_in_thread(Server(drives, parse_listen(listen), **options)) as server:
         yield server
 
 
 @pytest.fixture
 def serving(tmp_path, monkeypatch):
-    """Serve drives until the block ends; gives the server."""
+    """Return a function that serves drives until its block ends and yields the server."""
     monkeypatch.setattr("drivecomm.virtual.serving._TICK_S", 0.01)
 
     def serve(drives, kind="pty", **options):
@@ -53,7 +53,7 @@ def serving(tmp_path, monkeypatch):
 
 
 class Host:
-    """Serves drives at one place, again and again."""
+    """Server of drives at one address, which can be restarted."""
 
     def __init__(self, kind, folder):
         self._listen = f"pty:{folder / 'line'}" if kind == "pty" else f"{kind}:127.0.0.1:0"
@@ -95,7 +95,7 @@ def host_of(tmp_path, monkeypatch):
 
 
 class Example:
-    """A virtual drive of a protocol and a parameter that it is certain to hold."""
+    """A virtual drive of a protocol, and a parameter that it certainly holds."""
 
     def __init__(self, plugin):
         self.protocol = plugin.name
@@ -136,5 +136,5 @@ def example(request):
 
 @pytest.fixture
 def examples():
-    """One drive of every protocol but WEG's, whose requests are sound ones of VABus, too."""
+    """Return a drive of every protocol except WEG, whose requests are valid VABus requests as well."""
     return [Example(plugin) for plugin in PLUGINS if plugin.name != "weg"]

@@ -1,4 +1,4 @@
-"""A real server of a plant file, in a thread of the test's process."""
+"""A real server of a plant file, in a thread of the test process."""
 
 import asyncio
 import threading
@@ -11,7 +11,7 @@ _SOON_S = 20.0
 
 @contextmanager
 def running_server(path):
-    """Serve a plant file for the time of the block, as `drivecomm serve` does; yield the plant as its doors see it."""
+    """Serve a plant file during the block, as `drivecomm serve` does; yield the plant as its doors see it."""
     serving, ready, failures, plants = Serving(path), threading.Event(), [], []
 
     def is_ready(plant):

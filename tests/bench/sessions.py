@@ -1,4 +1,4 @@
-"""What programs did on virtual lines, recorded."""
+"""Recorded sessions of programs on virtual lines."""
 
 import contextlib
 
@@ -7,12 +7,12 @@ from drivecomm.capture import Capture, Provenance
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 ADDRESSES = {"vabus": 1, "danfoss-fc": 3, "vlt3500": 5, "fuji": 7}
-"""No USS, whose telegrams are sound ones of Danfoss FC, too: who listens has to name one of both."""
+"""Drive address by protocol. USS is left out, because its telegrams are valid Danfoss FC telegrams as well."""
 READS = {"vabus": "481", "danfoss-fc": "16-30", "vlt3500": "215", "fuji": "M21"}
 
 
 class Recorded(list):
-    """A recorder; its capture is what it has got so far."""
+    """A recorder whose `capture` contains the pieces recorded so far."""
 
     def add(self, piece):
         self.append(piece)
@@ -27,7 +27,7 @@ def everybody(**options):
 
 
 def record(program, line=None):
-    """Run a program on a bus and return what it said and heard, with its result."""
+    """Run a program on a bus; return the capture of the session and the program's result."""
     recorded = Recorded()
     with drivecomm.open_bus((line or everybody()).port, record=recorded) as bus:
         result = program(bus)
@@ -39,7 +39,7 @@ def read_everybody(bus):
 
 
 def work_with_everybody(bus):
-    """Read, command, write, and ask somebody who is not there."""
+    """Read from and command each drive, and try an absent drive."""
     seen = []
     for name, address in ADDRESSES.items():
         drive = bus.drive(name, address)

@@ -1,4 +1,4 @@
-"""Parameters of a virtual drive that hold what is put into them and touch nothing else: what wrong values show on."""
+"""Parameters of a virtual drive that hold a set value and affect nothing else, so that wrong values show."""
 
 from dataclasses import dataclass, field
 from random import Random
@@ -12,7 +12,10 @@ PARAMETERS = 40
 
 @dataclass
 class Quantity:
-    """A parameter that stays as it is set. readings: raw to physical value. writable: the raws that a write can set."""
+    """A parameter that keeps its set value.
+
+    readings: physical value by raw value. writable: raw values that can be written.
+    """
 
     address: str
     readings: dict = field(default_factory=dict)
@@ -55,7 +58,7 @@ class Bench:
 
 
 def quantities(plugin, model, seed):
-    """Find out on an undisturbed line which parameters are steady."""
+    """Return the steady parameters of a drive, found on an undisturbed line."""
     random = Random(seed)
     address = plugin.addresses[0]
     virtual = virtual_drive(plugin.name, address)
@@ -91,7 +94,7 @@ def explore(bench, name, others):
 
 
 def candidates(random, original):
-    """Values that this parameter might hold as well."""
+    """Return values that this parameter might accept, with the original first."""
     if isinstance(original, int):
         return distinct(original, (max(0, original + random.randint(-original // 2, original + 60)) for _ in range(6)))
     if original and all(character in "0123456789ABCDEF" for character in original):
@@ -101,5 +104,5 @@ def candidates(random, original):
 
 
 def distinct(original, others):
-    """Each value once, in the order in which they came: the order of a set is not the same in every run."""
+    """Return each value once, in order of appearance; the order of a set would differ between runs."""
     return list(dict.fromkeys([original, *others]))

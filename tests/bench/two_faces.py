@@ -1,4 +1,4 @@
-"""Both local faces of a bus in one test: the awaited one looks as if it blocked, since each call is run to its end."""
+"""The blocking and the asyncio API of a bus in one test: each awaited call is run to its end, as if it blocked."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ each_face = pytest.mark.parametrize("face", FACES)
 
 
 def open_on(face, port, **options):
-    """Open a bus by one face; what comes of it is used as a `Bus` is."""
+    """Open a bus with one API; the result is used like a `Bus`."""
     if face == "threads":
         return drivecomm.open_bus(port, **options)
     bus = drivecomm.open_bus_async(port, **options)
@@ -30,7 +30,7 @@ def open_on(face, port, **options):
 
 
 def reach_on(face, port, **options):
-    """Reach the line of a port through the server that has it, by one face."""
+    """Reach a port's line through the server that owns it, with one API."""
     if face == "threads":
         return bus_of_server(port, **options)
     bus = async_bus_of_server(port, **options)
@@ -40,7 +40,7 @@ def reach_on(face, port, **options):
 
 @contextmanager
 def own_threads():
-    """Let the event loop have its work in threads that end with the block."""
+    """Give the event loop threads that end with the block."""
     with ThreadPoolExecutor() as threads:
         _loop.set_default_executor(threads)
         yield
@@ -49,7 +49,7 @@ def own_threads():
 
 @contextmanager
 def keep_on(drive, *arguments, **options):
-    """Keep a motor by the face of its drive."""
+    """Keep a motor with the API of its drive."""
     if not isinstance(drive, _Awaited):
         with keep(drive, *arguments, **options) as kept:
             yield kept
@@ -66,21 +66,21 @@ def keep_on(drive, *arguments, **options):
 
 
 def carry_out_on(drive, procedure):
-    """Carry out a procedure by the face of a drive."""
+    """Carry out a procedure with the API of a drive."""
     if isinstance(drive, _Awaited):
         return _run(carry_out_async(_inner(drive), procedure))
     return carry_out(drive, procedure)
 
 
 def poll_on(face, items, **options):
-    """Yield the results of a poll plan for drives on any number of buses of one face."""
+    """Yield the results of a poll plan for drives on any number of buses of one API."""
     if face == "threads":
         return drivecomm.poll(items, **options)
     return _generated(drivecomm.poll_async(_awaited_items(items), **options))
 
 
 class _Awaited:
-    """Something of the awaited face that is used as if it blocked."""
+    """Wrapper of an object of the asyncio API that is used as if its calls blocked."""
 
     def __init__(self, inner):
         object.__setattr__(self, "_inner", inner)
@@ -152,7 +152,7 @@ def _generated(results):
         _run(results.aclose())
 
 
-# Made before any test looks what it leaves behind.
+# Created before any test counts the resources that it leaves behind.
 _loop = asyncio.new_event_loop()
 atexit.register(_loop.close)
 

@@ -1,4 +1,4 @@
-"""A virtual drive under observation: what it held when, and what it answered to what."""
+"""A virtual drive under observation: its values over time, and its replies."""
 
 from bisect import bisect_right
 from collections import deque
@@ -9,7 +9,7 @@ from drivecomm.protocol import Framed
 
 @dataclass(frozen=True)
 class Answer:
-    """What the drive made of a telegram, and when."""
+    """Time, request and reply of the drive."""
 
     time: float
     request: bytes
@@ -17,7 +17,10 @@ class Answer:
 
 
 class Watched:
-    """A virtual drive, and what it held when. horizon_s: how long after a question something may still come of it."""
+    """A virtual drive with a history of its values.
+
+    horizon_s: time after a request in which it may still take effect.
+    """
 
     def __init__(self, drive, broadcast_address, horizon_s):
         self.answers = []
@@ -49,7 +52,7 @@ class Watched:
         self._look(now)
 
     def begin(self, name, now):
-        """Remember that this question is put, and what is held then."""
+        """Record that this parameter is requested now, and its present value."""
         self.answers.clear()
         self._note(name, now)
         times = [time for time in self._asked.get(name, []) if now - time < self._horizon_s]
@@ -57,7 +60,7 @@ class Watched:
         self._current = name
 
     def wrote(self, name, now):
-        """Keep looking at this parameter: the write may be carried out later, and twice."""
+        """Keep watching this parameter: the write may take effect later, and twice."""
         self._written[name] = now
 
     def poke(self, name, raw, now):
@@ -66,23 +69,26 @@ class Watched:
         self._note(name, now)
 
     def held_for(self, name, since):
-        """Return the values that were held at any time since then."""
+        """Return the values held at any time since then."""
         start = max(0, bisect_right(self._times[name], since) - 1)
         return self._held[name][start:]
 
     def could_answer(self, name):
-        """Return the values that an answer to this question can show, late ones of the same question included."""
+        """Return the values that a reply about this parameter may show, including late replies to earlier requests."""
         return self.held_for(name, min(self._asked[name]))
 
     def _could_mean_it(self, find):
-        """Whoever it was for: a disturbed address can make a write one for another drive, or for all."""
+        """Whether a request may have acted on this drive.
+
+        A disturbed address can turn a write to another drive into a write to this one or a broadcast.
+        """
         if not isinstance(find, Framed):
             return True
         return getattr(find.message, "address", self.address) in (self.address, self._broadcast)
 
     def _look(self, now):
         if self._current:
-            # Some registers say what the drive has heard, so they change by what happens on the line.
+            # Some registers count received telegrams, so they change with the traffic on the line.
             self._note(self._current, now)
         for name, written in list(self._written.items()):
             if now - written > self._horizon_s:

@@ -1,4 +1,4 @@
-"""Virtual lines for the runner that event loops drive: their clock is the loop, and each character is an event."""
+"""Virtual lines for the runner behind event loops: their clock is the loop, and each character is an event."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from drivecomm.link import PortProxy
 
 
 class WatchedPort(PortProxy):
-    """A port of a virtual line that has bytes to take before anybody reads."""
+    """A port of a virtual line that can hold bytes before anybody reads."""
 
     def __init__(self, port):
         super().__init__(port)
@@ -15,7 +15,7 @@ class WatchedPort(PortProxy):
         self._looks = 0
 
     def now(self):
-        """Return the time, which goes on for those who look at it again and again until it has come."""
+        """Return the time; repeated calls without a read advance it, so that a loop polling the clock ends."""
         self._looks += 1
         if self._looks > 20:
             self._port.wait(self._port.now() + 1e-6)
@@ -57,7 +57,7 @@ class EventLoop:
             if self._watched.came:
                 self._runner.readable()
             else:
-                # All that wait until now are told; who waits longer asks again.
+                # Drop the timers that have expired; the runner sets a new one if it waits longer.
                 self._times[:] = [time for time in self._times if time > until]
                 self._runner.timed()
         ((result, error),) = self._results
@@ -67,7 +67,7 @@ class EventLoop:
 
 
 def on_event_loops():
-    """Return what runs the steps of a link on virtual ports, each with an event loop of its own."""
+    """Return a function that runs the steps of a link on virtual ports, each with its own event loop."""
     loops = {}
 
     def run(steps, port, stop_waits):

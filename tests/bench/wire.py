@@ -1,12 +1,12 @@
-"""A port with one drive behind it, on which a test says what arrives and when."""
+"""A port with one drive behind it, on which a test defines what arrives and when."""
 
 from drivecomm.virtual import Station
 
 
 class Wire:
-    """A network port, as of a serial server, with one drive behind it, that says what it was made to say.
+    """A network port, as of a serial server, with one drive and a defined arrival of its replies.
 
-    say: makes of a request and the drive's reply the pieces that arrive, with the delay of each.
+    say: turns a request and the drive's reply into the pieces that arrive, each with its delay.
     """
 
     paced = False

@@ -1,4 +1,4 @@
-"""What a benchmark run says of its figures: kept or not, void where the machine was disturbed, and the exit code."""
+"""Judgement of a benchmark run: promises kept or not, void figures on a disturbed machine, and the exit code."""
 
 import importlib
 import sys
@@ -14,9 +14,9 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the emulated li
 
 @pytest.fixture(scope="module")
 def modules():
-    """The benchmarks' modules, imported as they are when they run, and forgotten after that."""
+    """Import the benchmark modules as in a real run, and remove them afterwards."""
     before = dict(sys.modules)
-    # Other folders of programs have a `run`, too.
+    # Other program folders contain a module `run` as well.
     sys.modules.pop("run", None)
     sys.path.insert(0, str(BENCHMARKS))
     try:
@@ -69,7 +69,7 @@ def section(report, *figures, **more):
         (0.75, True, "void"),
     ],
 )
-def test_a_disturbed_figure_is_void_whatever_its_value(report, value, disturbed, verdict):
+def test_disturbed_figure_is_void_whatever_its_value(report, value, disturbed, verdict):
     assert figure(report, value, disturbed=disturbed).verdict == verdict
 
 
@@ -84,18 +84,18 @@ def test_a_disturbed_figure_is_void_whatever_its_value(report, value, disturbed,
         ([(0.75, True), (0.75, False)], False, 1),
     ],
 )
-def test_only_figures_that_were_measured_soundly_break_a_run(modules, values, strict, code, capsys):
+def test_only_undisturbed_figures_can_fail_a_run(modules, values, strict, code, capsys):
     figures = [figure(modules.report, value, disturbed=disturbed) for value, disturbed in values]
     assert modules.run._judged([section(modules.report, *figures)], figures, [], strict=strict) == code
     assert ("void" in capsys.readouterr().err) == any(disturbed for _, disturbed in values)
 
 
-def test_a_section_that_failed_or_could_not_be_measured_is_no_success(run, report):
+def test_failed_or_void_section_gives_a_nonzero_exit_code(run, report):
     assert run._judged([section(report, failed=True, remarks=["wrong reply"])], [], [], strict=False) == 1
     assert run._judged([section(report, void=True)], [], [], strict=False) == 3
 
 
-def test_a_goal_without_a_sound_figure_is_named(run, report, goals, capsys):
+def test_goal_without_an_undisturbed_figure_is_named(run, report, goals, capsys):
     sound = figure(report, 0.95, name="share of ideal, poll plan, 64 lines, 115200")
     void = figure(report, 0.95, name="share of 50 lines' possible", disturbed=True)
     missing = goals.unjudged([sound, void])
@@ -107,7 +107,7 @@ def test_a_goal_without_a_sound_figure_is_named(run, report, goals, capsys):
     assert "blocking read with the reply ready" in capsys.readouterr().err
 
 
-def test_the_table_of_goals_shows_the_range_and_the_worst_verdict_of_a_row(report, goals):
+def test_goal_row_shows_its_range_and_worst_verdict(report, goals):
     names = {"vabus, 2 ms": 0.95, "danfoss-fc, 1.1 ms": 0.75, "fuji, 0 ms": 0.5, "vlt3500, 10 ms": 0.9}
     figures = [figure(report, value, name=f"blocking share of ideal, {name}, 19200") for name, value in names.items()]
     (row,) = (line for line in goals.goals(figures).splitlines() if line.startswith("| one line"))
@@ -116,13 +116,13 @@ def test_the_table_of_goals_shows_the_range_and_the_worst_verdict_of_a_row(repor
 
 
 def equipment(spare_s=10.0, others=0.0):
-    """Equipment whose master sees so large a part of a core taken by others in every second."""
+    """Return equipment on a machine where other programs use this share of a core."""
     clock = iter(range(1000))
     master = SimpleNamespace(others_s=lambda: others * next(clock) * 1000)
     return SimpleNamespace(instrument=SimpleNamespace(spare_s=spare_s), master=master)
 
 
-def test_what_is_void_is_measured_once_more_while_there_is_time(run, report, monkeypatch):
+def test_void_section_is_repeated_once_if_time_is_left(run, report, monkeypatch):
     tried = []
 
     def measure(_):
@@ -138,7 +138,7 @@ def test_what_is_void_is_measured_once_more_while_there_is_time(run, report, mon
     assert (len(tried), one.voids) == (1, 1)
 
 
-def test_a_section_beside_other_programs_or_a_changing_clock_is_void_but_what_is_exact(run, report, monkeypatch):
+def test_busy_machine_or_changed_clock_makes_all_but_exact_figures_void(run, report, monkeypatch):
     figures = figure(report, 0.95), figure(report, 0.95, exact=True)
     measurement = SimpleNamespace(measure=lambda _: [section(report, *figures)])
     monkeypatch.setattr(run, "import_module", lambda _: measurement)
@@ -152,7 +152,7 @@ def test_a_section_beside_other_programs_or_a_changing_clock_is_void_but_what_is
 
 
 class Emulator:
-    """Stands in for the emulator; reports these late deliveries, run after run."""
+    """Replacement of the emulator that reports the given lateness for each run."""
 
     late_us = iter(())
 
@@ -171,7 +171,7 @@ class Emulator:
     ("late_us", "runs", "disturbed"),
     [([20.0], 1, False), ([500.0, 20.0], 2, False), ([500.0, 300.0, 400.0], 3, True)],
 )
-def test_a_disturbed_run_is_repeated_and_the_best_counts(lines, monkeypatch, late_us, runs, disturbed):
+def test_disturbed_run_is_repeated_and_the_best_counts(lines, monkeypatch, late_us, runs, disturbed):
     monkeypatch.setattr(lines, "Emulator", Emulator)
     Emulator.late_us = iter(late_us)
     instrument = lines.Instrument(Path("emulator"), equipment().master, tries=3, spare_s=10.0)
@@ -180,7 +180,7 @@ def test_a_disturbed_run_is_repeated_and_the_best_counts(lines, monkeypatch, lat
     assert (len(done), run.disturbed, run.late_us) == (runs, disturbed, min(late_us))
 
 
-def test_what_goes_wrong_in_a_disturbed_run_is_void_and_in_a_quiet_one_an_error(lines, monkeypatch):
+def test_error_in_a_disturbed_run_is_void_and_in_a_quiet_run_raised(lines, monkeypatch):
     def work(_):
         raise lines.MeasurementError("no reply")
 
@@ -195,14 +195,14 @@ def test_what_goes_wrong_in_a_disturbed_run_is_void_and_in_a_quiet_one_an_error(
     assert not isinstance(raised.value, lines.DisturbedError)
 
 
-def test_a_run_is_not_repeated_when_no_time_is_left(lines, monkeypatch):
+def test_disturbed_run_is_not_repeated_without_spare_time(lines, monkeypatch):
     monkeypatch.setattr(lines, "Emulator", Emulator)
     Emulator.late_us = iter([500.0, 20.0])
     instrument = lines.Instrument(Path("emulator"), equipment().master, tries=3, spare_s=0.0)
     assert instrument.measure([], lambda _: None).disturbed
 
 
-def test_others_are_all_but_this_process_and_its_children(modules):
+def test_others_s_excludes_this_process_and_its_children(modules):
     before = modules.cores.others_s(1)
     assert before > 0
     assert modules.cores.others_s(1) >= before - 0.1

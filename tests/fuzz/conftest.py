@@ -1,4 +1,4 @@
-"""What is fuzzed is no package: its modules are found as those of a script are."""
+"""Import path of the fuzz modules, which are not a package."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What the atheris engine makes of libFuzzer's words, and that what is known already does not end a run."""
+"""The atheris engine: interpretation of libFuzzer's output, and runs that continue after known flaws."""
 
 import subprocess
 from pathlib import Path
@@ -34,7 +34,7 @@ def target_with(check):
 
 
 def libfuzzer(monkeypatch, said, code, broken=b""):
-    """Stand in for the process; return the command lines that it is given."""
+    """Replace the libFuzzer process; return a list that records its command lines."""
     commands = []
 
     def run(command, **_options):
@@ -48,7 +48,7 @@ def libfuzzer(monkeypatch, said, code, broken=b""):
     return commands
 
 
-def test_a_run_without_a_find(monkeypatch):
+def test_run_without_a_flaw_reports_inputs_and_memory(monkeypatch):
     commands = libfuzzer(monkeypatch, ENDED, 0)
     result = atheris_engine.run(target_with(bool), runs=5000, seconds=None, seed=7)
     assert (result.inputs, result.flaws, result.grown_mib) == (5000, (), 61)
@@ -56,14 +56,14 @@ def test_a_run_without_a_find(monkeypatch):
     assert {"-seed=7", "-atheris_runs=5000"} <= set(commands[0])
 
 
-def test_memory_is_what_it_has_grown_by(monkeypatch):
+def test_memory_growth_is_counted_from_the_initial_size(monkeypatch):
     pulses = "#214 INITED cov: 11 exec/s: 0 rss: 60Mb\n#262144 pulse cov: 11 lim: 2620 exec/s: 43690 rss: 63Mb\n"
     libfuzzer(monkeypatch, f"{pulses}Done 300000 in 7 second(s)\n", 0)
     result = atheris_engine.run(target_with(bool), runs=300000, seconds=None, seed=7)
     assert (result.inputs, result.seconds, result.grown_mib) == (300000, 7, 3)
 
 
-def test_a_find_is_kept(monkeypatch):
+def test_flaw_is_reported_and_its_input_stored(monkeypatch):
     libfuzzer(monkeypatch, CRASHED, 77, b"bad")
     (flaw,) = atheris_engine.run(target_with(bool), runs=None, seconds=2.0, seed=1).flaws
     assert flaw.error == "KeyError: 'planted'"
@@ -71,13 +71,13 @@ def test_a_find_is_kept(monkeypatch):
     assert flaw.kept.read_bytes() == b"bad"
 
 
-def test_a_process_that_fails_otherwise_is_no_result(monkeypatch):
+def test_failed_process_without_a_flaw_raises_runtime_error(monkeypatch):
     libfuzzer(monkeypatch, "No module named atheris", 1)
     with pytest.raises(RuntimeError, match="No module named atheris"):
         atheris_engine.run(target_with(bool), runs=1, seconds=None, seed=1)
 
 
-def test_what_is_known_is_reported_again(monkeypatch):
+def test_known_flaw_is_reported_again(monkeypatch):
     def check(data):
         expect(data != b"kept", "planted")
 
@@ -88,7 +88,7 @@ def test_what_is_known_is_reported_again(monkeypatch):
     assert flaw.error == "PropertyBrokenError: planted"
 
 
-def test_two_properties_of_one_target_are_two_flaws():
+def test_two_broken_properties_of_a_target_are_two_flaws():
     def first():
         expect(False, "one")
 

@@ -1,4 +1,4 @@
-"""The command and its plain engine: what they count, find, make smaller and keep."""
+"""The fuzz command and its plain engine: counting, finding, shrinking and storing."""
 
 import subprocess
 import sys
@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture(autouse=True)
 def found_elsewhere(monkeypatch, tmp_path):
-    """Keep what is found by these tests out of the tree."""
+    """Store inputs found by these tests in a temporary folder."""
     for module in (outcome, target_module):
         monkeypatch.setattr(module, "FOUND", tmp_path)
     return tmp_path
@@ -27,7 +27,7 @@ def target_with(check, seeds=(b"a sound telegram",)):
     return Target(name="planted", check=check, seeds=seeds, mutate=mutate_bytes)
 
 
-def test_a_planted_flaw_is_found_made_small_and_kept(found_elsewhere):
+def test_planted_flaw_is_found_shrunk_and_stored(found_elsewhere):
     def check(data):
         if b"!" in data:
             raise KeyError("planted")
@@ -40,7 +40,7 @@ def test_a_planted_flaw_is_found_made_small_and_kept(found_elsewhere):
     assert flaw.kept.parent == found_elsewhere / "planted"
 
 
-def test_what_was_kept_is_tried_again():
+def test_stored_inputs_are_tried_again():
     seen = []
     target = target_with(seen.append)
     outcome.keep(target, b"kept")
@@ -57,14 +57,14 @@ def test_the_same_seed_gives_the_same_inputs():
     assert runs[0] == runs[1] != runs[2]
 
 
-def test_it_ends_when_its_time_is_over():
+def test_run_ends_at_its_time_limit():
     result = plain_engine.run(target_with(lambda _data: None), runs=None, seconds=0.05, seed=1)
     assert 0.05 <= result.seconds < 5
     assert result.rate > 0
     assert not result.flaws
 
 
-def test_the_command_reports_inputs_and_rate(monkeypatch, capsys):
+def test_command_prints_inputs_and_rate(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["run.py", "vabus-decoder", "--runs", "200", "--engine", "plain"])
     assert main() == 0
     shown = capsys.readouterr().out
@@ -75,7 +75,7 @@ def test_the_command_reports_inputs_and_rate(monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("arguments", [["no-such-target"], ["--runs", "0"]])
-def test_what_cannot_be_fuzzed_is_refused(monkeypatch, capsys, arguments):
+def test_invalid_arguments_are_refused(monkeypatch, capsys, arguments):
     monkeypatch.setattr(sys, "argv", ["run.py", *arguments])
     with pytest.raises(SystemExit) as ended:
         main()
@@ -84,7 +84,7 @@ def test_what_cannot_be_fuzzed_is_refused(monkeypatch, capsys, arguments):
 
 
 @pytest.mark.soak
-def test_it_runs_as_a_script():
+def test_fuzzer_runs_as_a_script():
     done = subprocess.run(
         [sys.executable, str(ROOT / "fuzz" / "run.py"), "--list"], capture_output=True, text=True, check=True, cwd=ROOT
     )

@@ -28,7 +28,7 @@ def order(*tasks, mistake="", drive="vabus:1,model=agile", command=VABUS, **furt
 
 @pytest.fixture
 def verdicts():
-    """Judge the small master, with mistakes or without; returns the verdicts by case."""
+    """Return a function that judges the small master, with or without mistakes; it returns the verdicts by case."""
 
     def judged(*tasks, cases=(), **further):
         judge = Judge(order(*tasks, **further), names=cases)

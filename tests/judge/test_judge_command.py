@@ -1,4 +1,4 @@
-"""The command, as a user calls it."""
+"""The command `drivecomm judge` as a user calls it."""
 
 import json
 import shlex
@@ -35,14 +35,14 @@ def called(capsys, words):
         ("--drive vabus:1 -- ./nowhere {port}", "the master './nowhere' cannot be started"),
     ],
 )
-def test_wrong_call_ends_with_code_2_and_one_sentence(capsys, words, said):
+def test_invalid_call_exits_with_code_2_and_one_sentence(capsys, words, said):
     code, _, error = called(capsys, words)
     assert code == 2
     assert said in error
 
 
 @pytest.mark.soak
-def test_mistake_is_told_with_its_telegrams_and_written_to_files(capsys, tmp_path, monkeypatch):
+def test_failed_case_is_reported_with_telegrams_and_in_files(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MISTAKE", "checksum")
     files = "--junit report.xml --json report.json --html report.html"
@@ -67,7 +67,7 @@ def test_mistake_is_told_with_its_telegrams_and_written_to_files(capsys, tmp_pat
 
 
 @pytest.mark.soak
-def test_case_alone_has_the_seed_that_it_has_among_others(capsys, tmp_path, monkeypatch):
+def test_seed_of_a_case_does_not_depend_on_other_cases(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     common = "-d vabus:1,model=agile -t 'read=read 480' --seed 7"
     called(capsys, f"{common} -c read-noise -c read-cut --json two.json -- {MASTER}")

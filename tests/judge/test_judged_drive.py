@@ -1,4 +1,4 @@
-"""What a judged drive counts as heard."""
+"""Requests that a judged drive records."""
 
 import pytest
 from addressed_requests import ADDRESSED, framed
@@ -9,7 +9,7 @@ from drivecomm.virtual import virtual_drive
 
 
 @pytest.mark.parametrize(("protocol", "address", "fields"), ADDRESSED)
-def test_request_is_heard_by_the_drive_that_it_is_for(protocol, address, fields):
+def test_request_is_recorded_only_by_its_addressee(protocol, address, fields):
     plugin, find = installed[protocol], framed(protocol, fields)
     for at, heard in ((address, 1), (plugin.addresses[-1], 0)):
         judged = JudgedDrive(plugin, virtual_drive(protocol, at), None)

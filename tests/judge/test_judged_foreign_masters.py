@@ -1,4 +1,4 @@
-"""Masters of others, and one in C, are judged as programs from the command line."""
+"""Third-party masters, and a master in C, judged as programs from the command line."""
 
 import json
 import os
@@ -17,7 +17,7 @@ GS2 = ("--drive", "modbus:1,model=gs2")
 
 
 def judged(folder, *words):
-    """Run the command; returns its exit code, and outcome and reason by case."""
+    """Run the judge command; return its exit code, and outcome and reason by case."""
     report = folder / "report.json"
     command = [sys.executable, "-m", "drivecomm", "judge", "--json", report, *words]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=230)
@@ -31,7 +31,7 @@ def failed(found):
 
 
 @pytest.mark.skipif(shutil.which("mbpoll") is None, reason="mbpoll is not installed")
-def test_mbpoll_is_judged_to_repeat_neither_a_read_nor_a_stop(tmp_path):
+def test_mbpoll_fails_the_cases_that_require_a_retry(tmp_path):
     tasks = {
         "read": "-t 4 -r 2330 {port}",
         "write": "-t 4 -r 2330 {port} {value}",
@@ -47,7 +47,7 @@ def test_mbpoll_is_judged_to_repeat_neither_a_read_nor_a_stop(tmp_path):
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
-def test_master_in_c_passes(tmp_path):
+def test_correct_master_in_c_passes_all_cases(tmp_path):
     program = tmp_path / "modbus_master"
     subprocess.run(["cc", "-O1", "-o", program, MASTERS / "modbus_master.c"], check=True, timeout=60)
     tasks = ("--task", "read=read 2330", "--task", "write=write 2330 250")
@@ -58,7 +58,7 @@ def test_master_in_c_passes(tmp_path):
 
 
 @pytest.mark.skipif(not (LINUXCNC / "usr/bin/gs2_vfd").exists(), reason="DRIVECOMM_LINUXCNC names no linuxcnc-uspace")
-def test_linuxcnc_is_judged_while_it_runs(tmp_path):
+def test_linuxcnc_is_judged_as_a_continuous_master(tmp_path):
     cases = ("run-plain", "run-off-on", "run-damaged", "run-stored")
     named = [word for name in cases for word in ("--case", name)]
     master = (sys.executable, str(MASTERS / "linuxcnc_master.py"), "{port}")

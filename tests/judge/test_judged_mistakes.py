@@ -1,4 +1,4 @@
-"""Masters with one planted mistake each: each is found on the case that is for it, with the right reason."""
+"""Masters with one planted mistake each: each is found by its case, with the right reason."""
 
 import pytest
 
@@ -38,7 +38,7 @@ MISTAKES = [
 
 
 @pytest.mark.parametrize(("mistake", "task", "case", "reason"), MISTAKES, ids=lambda each: str(each).replace(" ", "-"))
-def test_mistake_is_found_on_its_case_with_its_reason(verdicts, mistake, task, case, reason):
+def test_mistake_fails_its_case_with_its_reason(verdicts, mistake, task, case, reason):
     verdict = verdicts(task, cases=[case], mistake=mistake)[case]
     assert verdict.outcome == "failed", verdict.reason
     assert reason in verdict.reason

@@ -13,7 +13,7 @@ def written(folder, text):
     return path
 
 
-def test_order_file_holds_drive_command_and_tasks(tmp_path):
+def test_order_file_defines_drive_command_and_tasks(tmp_path):
     order = read_order(
         written(
             tmp_path,
@@ -39,27 +39,27 @@ def test_order_file_holds_drive_command_and_tasks(tmp_path):
         ('[[task]]\nname = "read"\n[[task]]\nname = "read"', "the task read is given twice"),
     ],
 )
-def test_mistake_in_an_order_file_is_named(tmp_path, text, said):
+def test_error_names_the_mistake_in_an_order_file(tmp_path, text, said):
     with pytest.raises(FileFormatError, match="line") as caught:
         read_order(written(tmp_path, text))
     assert said in str(caught.value)
 
 
-def test_arguments_stand_where_the_command_wants_them():
+def test_placeholders_in_the_command_are_replaced():
     order = Order(drive=DRIVE, command=("x", "{task}", "{host}", "{tcp_port}"), tasks=(parse_task("read=-r '4 5'"),))
     assert order.words(order.tasks[0], "socket://127.0.0.1:4001") == ["x", "-r", "4 5", "127.0.0.1", "4001"]
 
 
-def test_value_to_write_has_a_usual_one():
+def test_value_placeholder_has_a_default():
     order = Order(drive=DRIVE, command=("x", "{port}"), tasks=(Task(name="write", arguments=("{value}",)),))
     assert order.words(order.tasks[0], "p")[-1] == "10"
     assert order.words(order.tasks[0], "p", "12.5")[-1] == "12.5"
 
 
-def test_order_without_tasks_runs_the_command_as_it_is():
+def test_order_without_tasks_has_the_task_run():
     assert [task.name for task in Order(drive=DRIVE, command=("{port}",)).tasks] == ["run"]
 
 
-def test_open_quote_in_the_arguments_is_named():
+def test_unclosed_quote_in_task_arguments_raises_usage_error():
     with pytest.raises(UsageError, match="cannot be taken apart"):
         parse_task("read='481")

@@ -27,7 +27,7 @@ def is_alive(number):
 
 
 @pytest.mark.parametrize("leaves_the_group", [False, True])
-def test_children_of_a_master_end_with_it(leaves_the_group):
+def test_ending_a_master_ends_its_child_processes(leaves_the_group):
     process = started(LEAVES.format(leaves_the_group))
     assert process.wait(20, lambda: bool(process.run.lines))
     child = int(process.run.lines[0].text)
@@ -39,7 +39,7 @@ def test_children_of_a_master_end_with_it(leaves_the_group):
     assert not is_alive(child)
 
 
-def test_master_that_takes_too_long_is_ended():
+def test_master_ignoring_sigterm_is_killed_after_its_limit():
     process = started("import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); time.sleep(60)")
     assert not process.wait(0.3)
     run = process.end(too_long=True)
@@ -47,7 +47,7 @@ def test_master_that_takes_too_long_is_ended():
     assert run.code is None
 
 
-def test_output_of_a_master_is_kept_up_to_a_limit():
+def test_output_of_a_master_is_stored_up_to_a_limit():
     process = started("import sys\nfor number in range(100000): print(number)\nprint('bad', file=sys.stderr)")
     assert process.wait(60)
     run = process.end()
@@ -55,6 +55,6 @@ def test_output_of_a_master_is_kept_up_to_a_limit():
     assert len(run.lines) <= 2001
 
 
-def test_master_that_is_not_there_is_named():
+def test_missing_master_raises_usage_error_with_its_name():
     with pytest.raises(UsageError, match=r"the master './nowhere' cannot be started: No such file"):
         Process(["./nowhere"], {}, time.monotonic)

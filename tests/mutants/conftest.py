@@ -1,4 +1,4 @@
-"""What plants mutants is no package: its modules are found as those of a script are."""
+"""Import path of the modules that plant mutants, which are not a package."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The mutants of the framework fit the code, the list of them is whole, and some are planted and noticed."""
+"""Mutants of the framework: they fit the code, their list is complete, and samples are killed."""
 
 import random
 import tomllib
@@ -13,7 +13,7 @@ from mutant import FRAMEWORK, HERE, Mutant, framework_folder, framework_mutants_
 from planting import judged_by_tests
 
 ALL = [mutant for theme in themes() for mutant in framework_mutants_of(theme)]
-# Of those that are noticed within a second or two.
+# Themes whose mutants are killed within a second or two.
 QUICK = [mutant for theme in ("health", "command_order", "run_word", "echo") for mutant in framework_mutants_of(theme)]
 PLANTED_EACH_TIME = 2
 NOTHING = Mutant(
@@ -21,17 +21,17 @@ NOTHING = Mutant(
 )
 
 
-def test_there_are_at_least_120_that_change_something():
+def test_at_least_120_framework_mutants_change_behaviour():
     assert sum(not mutant.same for mutant in ALL) >= 120
 
 
-def test_none_has_the_name_of_another():
+def test_framework_mutant_ids_are_unique():
     names = [mutant.id for mutant in ALL]
     assert sorted(set(names)) == sorted(names)
 
 
 @pytest.mark.parametrize("mutant", ALL, ids=[mutant.id for mutant in ALL])
-def test_it_fits_the_code(mutant):
+def test_framework_mutant_fits_the_code(mutant):
     changed = mutant.planted_in((framework_folder() / mutant.file).read_text(encoding="utf-8"))
     if mutant.file.endswith(".py"):
         compile(changed, mutant.file, "exec")
@@ -41,13 +41,13 @@ def test_it_fits_the_code(mutant):
         assert (HERE.parent / test.partition("::")[0]).exists(), test
 
 
-def test_the_list_in_the_documentation_names_them_all():
+def test_documentation_lists_all_framework_mutants():
     assert listed_ids(FRAMEWORK_PAGE) == [mutant.id for mutant in ALL]
 
 
 @pytest.mark.soak
 @extents(1, PLANTED_EACH_TIME)
-def test_some_are_planted_and_noticed_and_the_work_tree_stays_as_it_is(extent):
+def test_sampled_mutants_are_killed_and_the_work_tree_is_unchanged(extent):
     changing = [mutant for mutant in QUICK if not mutant.same]
     for mutant in random.Random(FRAMEWORK).sample(changing, extent):
         before = (framework_folder() / mutant.file).read_bytes()
@@ -56,19 +56,19 @@ def test_some_are_planted_and_noticed_and_the_work_tree_stays_as_it_is(extent):
 
 
 def judging(folder: Path, text: str, mutant: Mutant = NOTHING) -> Mutant:
-    """Return a mutant that a test with this text judges."""
+    """Return a mutant that is judged by a test with this text."""
     test = folder / "test_judge.py"
     test.write_text(f"import subprocess, sys, threading\n\nimport drivecomm\n\n\ndef test_it():\n    {text}\n")
     return replace(mutant, tests=(str(test),))
 
 
 @pytest.mark.soak
-def test_what_changes_nothing_survives(tmp_path):
+def test_mutant_without_effect_survives(tmp_path):
     assert judged_by_tests(judging(tmp_path, "assert drivecomm.__version__")).survived
 
 
 @pytest.mark.soak
-def test_the_copy_is_judged_also_by_the_programs_that_a_test_starts(tmp_path):
+def test_programs_started_by_a_test_use_the_mutated_copy(tmp_path):
     mutant = replace(NOTHING, new='__version__ = "planted ')
     for text in (
         "assert not drivecomm.__version__.startswith('planted')",
@@ -78,13 +78,13 @@ def test_the_copy_is_judged_also_by_the_programs_that_a_test_starts(tmp_path):
 
 
 @pytest.mark.soak
-def test_a_test_that_fails_without_the_mistake_too_has_noticed_nothing(tmp_path):
+def test_failure_without_the_mistake_is_not_a_kill(tmp_path):
     with pytest.raises(ValueError, match=r"nothing: .*test_it fails without it, too"):
         judged_by_tests(judging(tmp_path, "raise AssertionError"))
 
 
 @pytest.mark.soak
-def test_tests_that_cannot_be_loaded_are_no_kill(tmp_path):
+def test_unloadable_tests_are_not_a_kill(tmp_path):
     first = (framework_folder() / "__init__.py").read_text(encoding="utf-8").partition("\n")[0]
     broken = replace(NOTHING, id="broken", file="__init__.py", old=first, new="raise ImportError('planted')\n" + first)
     with pytest.raises(ValueError, match=r"broken: the package cannot be judged with it: .*ImportError: planted"):
@@ -92,13 +92,13 @@ def test_tests_that_cannot_be_loaded_are_no_kill(tmp_path):
 
 
 @pytest.mark.soak
-def test_what_comes_to_no_end_is_ended_and_noticed(tmp_path, monkeypatch):
+def test_hanging_tests_are_ended_and_count_as_a_kill(tmp_path, monkeypatch):
     monkeypatch.setattr(planting, "TESTS_S", 3)
     mutant = judging(tmp_path, "threading.Event().wait()")
     assert judged_by_tests(mutant).check == "its judges came to no end"
 
 
-def test_a_mutant_that_no_tests_judge_is_refused(tmp_path, monkeypatch):
+def test_mutant_without_tests_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("mutant.HERE", tmp_path)
     (tmp_path / FRAMEWORK).mkdir()
     entry = '[[mutant]]\nid = "a"\nmistake = "b"\nfile = "c"\nold = "d"\nnew = "e"\n'

@@ -1,4 +1,4 @@
-"""The mutants fit the code, the list of them is whole, and some of each protocol are planted and noticed."""
+"""Mutants of the protocol packages: they fit the code, their list is complete, and samples are killed."""
 
 import random
 
@@ -13,14 +13,14 @@ ALL = [(protocol, mutant) for protocol in protocols() for mutant in mutants_of(p
 PLANTED_EACH_TIME = 2
 
 
-def test_every_shipped_protocol_has_at_least_forty():
+def test_every_listed_protocol_has_at_least_forty_mutants():
     assert set(protocols()) == {"vabus", "danfoss-fc", "vlt3500", "fuji", "huanyang", "modbus", "uss"} <= set(installed)
     for protocol in protocols():
         assert sum(not mutant.same for mutant in mutants_of(protocol)) >= 40, protocol
 
 
 @pytest.mark.parametrize(("protocol", "mutant"), ALL, ids=[f"{name}-{mutant.id}" for name, mutant in ALL])
-def test_it_fits_the_code(protocol, mutant):
+def test_protocol_mutant_fits_the_code(protocol, mutant):
     text = (package_folder(protocol) / mutant.file).read_text(encoding="utf-8")
     changed = mutant.planted_in(text)
     assert changed != text
@@ -28,7 +28,7 @@ def test_it_fits_the_code(protocol, mutant):
         compile(changed, mutant.file, "exec")
 
 
-def test_the_list_in_the_documentation_names_them_all():
+def test_documentation_lists_all_protocol_mutants():
     assert listed_ids(PAGE) == [mutant.id for _, mutant in ALL]
 
 
@@ -36,13 +36,13 @@ def test_the_list_in_the_documentation_names_them_all():
 @pytest.mark.parametrize(
     "protocol", [pytest.param(name, marks=[] if name == "vabus" else [pytest.mark.soak]) for name in protocols()]
 )
-def test_some_are_planted_and_noticed(protocol):
+def test_sampled_mutants_are_killed(protocol):
     changing = [mutant for mutant in mutants_of(protocol) if not mutant.same]
     for mutant in random.Random(protocol).sample(changing, PLANTED_EACH_TIME):
         assert judged(protocol, mutant).check, mutant.mistake
 
 
-def test_a_text_that_stands_twice_or_never_is_refused():
+def test_mutant_with_an_ambiguous_or_missing_text_is_refused():
     twice = Mutant(id="twice", mistake="none", file="options.py", old="a", new="b")
     with pytest.raises(ValueError, match=r"stands 2 times in options\.py, not once"):
         twice.planted_in("a a")
@@ -50,7 +50,7 @@ def test_a_text_that_stands_twice_or_never_is_refused():
         twice.planted_in("c")
 
 
-def test_one_that_cannot_be_loaded_is_no_kill():
+def test_unloadable_package_is_not_a_kill():
     first_line = (package_folder("vabus") / "__init__.py").read_text(encoding="utf-8").partition("\n")[0]
     broken = Mutant(id="broken", mistake="none", file="__init__.py", old=first_line, new="raise ImportError('planted')")
     with pytest.raises(ValueError, match="cannot be judged with it: ImportError: planted"):

@@ -1,4 +1,4 @@
-"""What a file in the folder `proofs` must be."""
+"""Requirements for a file in the folder `proofs`."""
 
 import re
 
@@ -11,7 +11,7 @@ _WORDS_OF_A_PLATE = 2
 
 
 def faults_of(path):
-    """Return why a proof cannot stand in the folder, as sentences."""
+    """Yield the reasons why a file does not belong in the folder, as sentences."""
     proof = read_proof(path)
     begin = f"{proof.protocol}-{proof.model}-{proof.date.isoformat()}"
     if not (NAME.fullmatch(path.name) and path.name.startswith(begin)):

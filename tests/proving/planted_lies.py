@@ -1,4 +1,4 @@
-"""Forty ways in which a drive is not as its model says, each planted into a virtual drive."""
+"""Forty differences between a drive and its model, each planted in a virtual drive."""
 
 from dataclasses import dataclass, replace
 from decimal import Decimal
@@ -9,9 +9,10 @@ from proved_drives import drive_of, model
 
 @dataclass(frozen=True)
 class Lie:
-    """One lie. tell: makes the drive's own model from the honest one, or changes the drive that was made of it.
+    """One planted difference.
 
-    about: what a finding that sees it is about: an address, or a part of the words.
+    tell: makes the drive's own model from the honest one, or changes the finished drive. about: the address, or part of
+    the text, of a finding that reveals the lie.
     """
 
     kind: str
@@ -27,7 +28,7 @@ class Lie:
         protocol, honest = self.of.partition("/")[0], self.honest()
         drive = drive_of(protocol, honest)
         if not self.by_drive:
-            # Of another series, and set up as this one is.
+            # A drive of another series with the line settings of this one.
             settings, drive = drive.settings, drive_of(protocol, self.tell(honest))
             drive.settings = settings
             return drive
@@ -39,7 +40,7 @@ class Lie:
 
 
 def changed(address, **keys):
-    """Another table for one parameter; a factor goes with the same start value, as on a drive of another scale."""
+    """Return a change of one parameter in a model; with a changed factor, the start value stays the same."""
 
     def tell(honest):
         info = honest.parameters[address]
@@ -78,7 +79,7 @@ def series(protocol, name):
 
 
 def store_code(code):
-    """A drive that refuses what it does not have with a code of its own."""
+    """Return a change of a drive's refusal code for unknown parameters."""
 
     def tell(drive):
         drive.store._codes = {**drive.store._codes, "unknown": code}

@@ -1,4 +1,4 @@
-"""Virtual drives under proof, with counters of what they were sent."""
+"""Virtual drives under proof, with counters of their requests."""
 
 from collections import Counter
 
@@ -10,7 +10,7 @@ from drivecomm.virtual import DriveProxy, VirtualLine, virtual_drive
 
 
 def all_models():
-    """Each packaged model of each installed protocol, by PROTOCOL/MODEL."""
+    """Return each packaged model of each installed protocol, by PROTOCOL/MODEL."""
     return {
         f"{plugin.name}/{path.stem}": read_model(path, plugin.name, plugin.package)
         for plugin in installed.working()
@@ -23,12 +23,12 @@ def model(protocol, name):
 
 
 def address_for(protocol):
-    """An address that a single drive of a protocol can have, and that is no other parameter's usual value."""
+    """Return a drive address of a protocol that is not a common value of other parameters."""
     return next(each for each in installed[protocol].addresses if each)
 
 
 class Counting(DriveProxy):
-    """Counts what a drive hears: requests that only ask, that write, and that command."""
+    """Wrapper of a drive that counts requests that move nothing, writes, and commands."""
 
     def __init__(self, inner, protocol):
         super().__init__(inner)
@@ -47,7 +47,7 @@ class Counting(DriveProxy):
 
 
 def proved(protocol, honest, drive, **options):
-    """Hold a virtual drive against a model over a virtual line; return the proof."""
+    """Prove a virtual drive against a model over a virtual line; return the proof."""
     line = VirtualLine([drive])
     with drivecomm.open_bus(line.port) as bus:
         one = bus.drive(protocol, drive.address, model=honest, read_only=True)

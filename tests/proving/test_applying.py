@@ -1,4 +1,4 @@
-"""A proof marks facts of its model's file, leaves all else there as people wrote it, and does so once."""
+"""Application of a proof: marks facts in the model file, keeps everything else unchanged, and works only once."""
 
 import tomllib
 from dataclasses import replace
@@ -89,7 +89,7 @@ def marks(file):
     return {address: each["sure"] for address, each in tomllib.loads(file.read_text())["proofs"].items()}
 
 
-def test_shown_fact_gets_the_highest_mark_and_the_file_keeps_its_layout(file):
+def test_proven_fact_gets_the_mark_drive_and_the_file_keeps_its_layout(file):
     done = apply_proof(proof_of(finding(file, "4")), "proofs/mill.toml", file)
     assert done.raised == ["4"]
     info = read_model(file, "modbus", "").parameters["4"]
@@ -99,7 +99,7 @@ def test_shown_fact_gets_the_highest_mark_and_the_file_keeps_its_layout(file):
     assert check_model(file) == []
 
 
-def test_proof_that_is_applied_twice_changes_nothing_more(file):
+def test_applying_a_proof_twice_changes_nothing(file):
     proof = proof_of(finding(file, "4"), finding(file, "5", "contradicts", ()))
     apply_proof(proof, "proofs/mill.toml", file)
     before = file.read_bytes(), file.stat().st_mtime_ns
@@ -108,13 +108,13 @@ def test_proof_that_is_applied_twice_changes_nothing_more(file):
     assert (file.read_bytes(), file.stat().st_mtime_ns) == before
 
 
-def test_answer_that_shows_only_existence_raises_nothing(file):
+def test_proof_of_existence_alone_raises_no_fact(file):
     done = apply_proof(proof_of(finding(file, "4", shows=("exists",))), "p.toml", file)
     assert done.raised == []
     assert file.read_text(encoding="utf-8") == MODEL
 
 
-def test_contradiction_outweighs_what_agrees_and_later_proofs(file):
+def test_contradiction_outweighs_agreement_and_later_proofs(file):
     said_then = {"4": said(file, "4")}
     plate = Finding(kind="name plate", verdict="contradicts", about="x", addresses=("4",), model=said_then, why="5 Hz")
     assert apply_proof(proof_of(finding(file, "4"), plate), "p.toml", file).contradicted == ["4"]
@@ -122,13 +122,13 @@ def test_contradiction_outweighs_what_agrees_and_later_proofs(file):
     assert marks(file) == {"4": "contradicted"}
 
 
-def test_later_contradiction_takes_the_mark_of_a_drive_away(file):
+def test_later_contradiction_replaces_the_mark_drive(file):
     apply_proof(proof_of(finding(file, "4")), "p.toml", file)
     assert apply_proof(proof_of(finding(file, "4", "contradicts", ())), "q.toml", file).contradicted == ["4"]
     assert marks(file) == {"4": "contradicted"}
 
 
-def test_fact_that_was_changed_since_is_left_out(file):
+def test_fact_changed_since_the_proof_is_stale(file):
     proof = proof_of(finding(file, "4"))
     file.write_text(MODEL.replace('"0.01"', '"0.1"'), encoding="utf-8")
     done = apply_proof(proof, "p.toml", file)
@@ -140,7 +140,7 @@ def test_proof_of_another_model_is_refused(file):
         apply_proof(replace(proof_of(), model="pump"), "p.toml", file)
 
 
-def test_contradicted_command_is_found_by_check_and_starts_no_motor(file):
+def test_contradicted_command_is_reported_and_refused(file):
     apply_proof(proof_of(finding(file, "1", "contradicts", ())), "p.toml", file)
     assert [each.key for each in check_model(file)] == ["1"]
     assert "a command or the status rests on 1, which a drive has contradicted" in str(check_model(file)[0])
@@ -171,7 +171,7 @@ def test_contradicted_watchdog_offers_no_policy(file):
     assert policies(model) == ()
 
 
-def test_model_that_builds_on_a_proved_one_takes_over_contradictions_only(file, tmp_path):
+def test_extending_model_inherits_only_contradictions(file, tmp_path):
     apply_proof(proof_of(finding(file, "4"), finding(file, "5", "contradicts", ())), "p.toml", file)
     other = tmp_path / "other.toml"
     other.write_text('format = 1\nprotocol = "modbus"\nname = "other"\nextends = "mill"\n', encoding="utf-8")
@@ -182,7 +182,7 @@ def test_model_that_builds_on_a_proved_one_takes_over_contradictions_only(file, 
     }
 
 
-def test_proved_model_reads_as_it_was_written(file, tmp_path):
+def test_proved_model_survives_a_write_and_read(file, tmp_path):
     apply_proof(proof_of(finding(file, "4"), finding(file, "5", "contradicts", ())), "p.toml", file)
     model = read_model(file, "modbus", "")
     written = tmp_path / "written.toml"
@@ -199,20 +199,20 @@ def test_proved_model_reads_as_it_was_written(file, tmp_path):
         ('4 = { sure = "drive", proof = "" }', "proof names the report"),
     ],
 )
-def test_check_finds_marks_that_mean_nothing(file, table, text):
+def test_model_check_finds_invalid_marks(file, table, text):
     file.write_text(f"{MODEL}\n[proofs]\n{table}\n", encoding="utf-8")
     (found,) = check_model(file)
     assert text in str(found)
     assert found.line == MODEL.count("\n") + 3
 
 
-def test_mark_of_a_drive_is_refused_without_a_proof(file):
+def test_mark_drive_without_a_proof_is_refused(file):
     file.write_text(MODEL.replace('"unconfirmed"', '"drive"'), encoding="utf-8")
     (found,) = check_model(file)
     assert "cannot be 'drive'" in str(found)
 
 
-def test_command_applies_a_proof_and_says_what_changed(file, tmp_path, capsys):
+def test_command_applies_a_proof_and_prints_the_changes(file, tmp_path, capsys):
     report = tmp_path / "report.toml"
     report.write_text(proof_text(proof_of(finding(file, "4"), finding(file, "5", "contradicts", ()))), encoding="utf-8")
     assert main(["models", "apply-proof", str(report), "--to", str(file)]) == 1
@@ -233,7 +233,7 @@ def test_command_refuses_a_proof_of_a_virtual_drive(file, tmp_path, capsys):
     assert main(["models", "apply-proof", str(report), "--to", str(file), "--virtual"]) == 0
 
 
-def test_report_reads_as_it_was_written(file, tmp_path):
+def test_proof_file_survives_a_write_and_read(file, tmp_path):
     report = tmp_path / "report.toml"
     proof = proof_of(finding(file, "4", drive={"value": "50.00 Hz"}, why=""))
     report.write_text(proof_text(proof), encoding="utf-8")
@@ -244,12 +244,12 @@ def test_report_reads_as_it_was_written(file, tmp_path):
     ("old", "new", "text"),
     [
         ('verdict = "agrees"', 'verdict = "maybe"', "verdict cannot be 'maybe'"),
-        ("format = 1", "format = 2", "is no proof of this format"),
+        ("format = 1", "format = 2", "is not a proof of this format"),
         ('kind = "parameter"', 'knd = "parameter"', "unknown key 'knd'"),
         ('shows = ["scale"]', 'shows = ["all"]', "shows has one or more of"),
     ],
 )
-def test_file_that_is_no_proof_is_refused_with_its_place(file, tmp_path, old, new, text):
+def test_invalid_proof_file_raises_file_format_error(file, tmp_path, old, new, text):
     report = tmp_path / "report.toml"
     report.write_text(proof_text(proof_of(finding(file, "4"))).replace(old, new), encoding="utf-8")
     with pytest.raises(FileFormatError, match=text):

@@ -1,4 +1,4 @@
-"""Each proof in the folder is of a real drive, and still agrees with its model."""
+"""Contributed proofs: each is of a real drive, and still agrees with its model."""
 
 from dataclasses import replace
 from datetime import date
@@ -18,7 +18,7 @@ def test_contributed_proofs_have_no_faults():
     assert {path.name: list(faults_of(path)) for path in FILES} == {path.name: [] for path in FILES}
 
 
-def test_folder_of_proofs_holds_nothing_else():
+def test_folder_of_proofs_contains_only_proofs():
     assert {path.name for path in FOLDER.iterdir()} == {"README.md", *(path.name for path in FILES)}
 
 
@@ -52,11 +52,11 @@ def test_proof_without_a_name_plate_is_refused(honest, tmp_path):
     ]
 
 
-def test_proof_under_another_name_is_refused(honest, tmp_path):
+def test_proof_with_a_wrong_file_name_is_refused(honest, tmp_path):
     assert faults(honest, tmp_path, "mine.toml") == ["its name begins with vabus-agile-2026-11-27"]
 
 
-def test_proof_of_a_fact_that_the_model_has_changed_is_refused(honest, tmp_path):
+def test_proof_of_a_fact_changed_in_the_model_is_refused(honest, tmp_path):
     shown = next(each for each in honest.findings if each.is_decisive and each.kind == "parameter")
     older = replace(shown, model={**shown.model, "factor": "0.5"})
     changed = replace(honest, findings=(older,))

@@ -1,4 +1,4 @@
-"""A drive that is as its model says is never contradicted, written or moved by a proof."""
+"""Proofs of drives that match their model: no contradiction, no write, no motion."""
 
 import pytest
 from proved_drives import all_models, contradictions, drive_of, proved
@@ -13,7 +13,7 @@ MODELS = all_models()
 
 
 def held(drive, known):
-    """What a drive holds in the parameters that can be written."""
+    """Return the drive's values of all writable parameters."""
     found = {}
     for info in known.parameters.values():
         if "w" in info.access:
@@ -25,8 +25,8 @@ def held(drive, known):
 
 
 @pytest.mark.parametrize("name", sorted(MODELS))
-def test_proof_of_honest_drive_contradicts_nothing_and_writes_nothing(name):
-    """It has a line for each parameter of the model."""
+def test_proof_of_an_honest_drive_contradicts_and_writes_nothing(name):
+    """The proof has a finding for each parameter of the model."""
     known = MODELS[name]
     drive = drive_of(known.protocol, known)
     before = held(drive, known)
@@ -41,12 +41,12 @@ def test_proof_of_honest_drive_contradicts_nothing_and_writes_nothing(name):
 
 
 @pytest.mark.parametrize("name", sorted(installed))
-def test_each_installed_protocol_has_a_model_under_proof(name):
+def test_every_installed_protocol_has_a_model_in_these_tests(name):
     assert any(each.startswith(f"{name}/") for each in MODELS)
     assert f"{name}/{installed[name].default_model}" in MODELS
 
 
-def test_drive_that_could_be_commanded_is_not_proved():
+def test_drive_that_is_not_read_only_is_not_proved():
     known = MODELS["vabus/agile"]
     line = VirtualLine([drive_of("vabus", known)])
     with drivecomm.open_bus(line.port) as bus:

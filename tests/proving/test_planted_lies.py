@@ -1,4 +1,4 @@
-"""Lies in the tables of virtual drives are found by a proof, and nothing is written or moved to find them."""
+"""Differences between virtual drives and their models are found by a proof, without any write or motion."""
 
 from collections import Counter
 
@@ -21,19 +21,19 @@ def finds(proving, about):
     )
 
 
-def test_planted_lies_are_forty_and_of_all_kinds():
+def test_there_are_forty_planted_lies_of_all_kinds():
     assert len({str(lie) for lie in LIES}) == 40
     assert len({lie.of.partition("/")[0] for lie in LIES}) >= 10
     assert len(Counter(lie.kind for lie in LIES)) >= 9
 
 
-def test_planted_lies_are_found(proofs):
+def test_proof_finds_the_planted_lies(proofs):
     missed = [str(lie) for lie in LIES if not finds(proofs[str(lie)], lie.about)]
     assert len(LIES) - len(missed) >= ENOUGH, missed
 
 
 @pytest.mark.parametrize("lie", LIES, ids=str)
-def test_lying_drive_is_neither_written_nor_moved(lie):
+def test_proof_of_a_lying_drive_writes_and_moves_nothing(lie):
     drive = lie.drive()
     proved(lie.of.partition("/")[0], lie.honest(), drive)
     assert (drive.counts["writes"], drive.counts["commands"], drive.counts["turns"]) == (0, 0, 0)

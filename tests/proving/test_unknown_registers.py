@@ -1,4 +1,4 @@
-"""The code with which a Modbus drive refuses a register that it does not have is that of its model."""
+"""Refusal code of a Modbus drive for an unknown register, which its model defines."""
 
 import pytest
 from proved_drives import model
@@ -7,7 +7,7 @@ from drivecomm.protocol import installed, resolve_options
 
 
 @pytest.mark.parametrize(("name", "code"), [("enc-eds", 3), ("yaskawa", 2)])
-def test_address_space_takes_the_code_for_an_unknown_register_from_the_model(name, code):
+def test_address_space_uses_the_models_code_for_unknown_registers(name, code):
     plugin, known = installed["modbus"], model("modbus", name)
     options = resolve_options(plugin, known, {})[1]
     assert plugin.address_space(options, known).absent == {code}

@@ -1,8 +1,8 @@
-"""Protocols and their parts with something wrong."""
+"""Wrapper that alters protocols and their parts for tests."""
 
 
 class Altered:
-    """Anything, with some of its attributes replaced."""
+    """Wrapper of any object with some attributes replaced."""
 
     def __init__(self, real, **attributes):
         self._real = real

@@ -1,4 +1,4 @@
-"""Protocols with something wrong, in the place of the installed ones."""
+"""Fixtures that replace installed protocols by faulty copies."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ from drivecomm.protocol import installed
 
 @pytest.fixture
 def in_place_of(monkeypatch):
-    """Replace fields of an installed protocol; returns the protocol that is installed now."""
+    """Replace fields of an installed protocol; return the changed protocol, which is installed for the test."""
 
     def replaced(name, **fields):
         plugin = replace(installed[name], **fields)
@@ -22,7 +22,7 @@ def in_place_of(monkeypatch):
 
 @pytest.fixture
 def with_operations(in_place_of):
-    """Replace operations of an installed protocol; each is given as a function of the real operations."""
+    """Replace operations of an installed protocol; each replacement is a function of the real operations."""
 
     def replaced(name, **verbs):
         real = installed[name].operations

@@ -1,4 +1,4 @@
-"""The judge is judged: codecs with one thing wrong each, and the check that must notice."""
+"""Tests of the conformance checks: codecs with one mistake each, and the check that must find it."""
 
 from dataclasses import replace
 
@@ -31,12 +31,12 @@ SAMPLE = replace(ALL, vectors=tuple(first_of_each(ALL.vectors, shape_of_vector))
 
 @pytest.fixture(params=[SAMPLE, pytest.param(ALL, marks=pytest.mark.soak)], ids=["sample", "all"])
 def packaged(request):
-    """The vectors that ship with VABus: one of each shape, and all."""
+    """Return the vectors that ship with VABus: one of each shape, or all."""
     return request.param
 
 
 class Wrapped:
-    """The VABus codec, with one method replaced."""
+    """VABus codec with one method replaced."""
 
     def __init__(self, options, **methods):
         self._codec = VABUS.codec(options)
@@ -56,14 +56,14 @@ def failed_checks(plugin, vectors):
 
 
 @pytest.mark.soak
-def test_nothing_is_wrong_with_the_real_one(packaged):
+def test_unchanged_codec_passes_all_checks(packaged):
     report = run_checks(VABUS, packaged)
     assert report.ok
     assert str(report).endswith("checks passed, 0 failed")
 
 
 @pytest.mark.soak
-def test_fields_wrong(packaged):
+def test_wrong_decoded_field_is_found(packaged):
     def decode(codec, data, direction):
         message = codec.decode(data, direction)
         return replace(message, parameter=message.parameter + 1) if isinstance(message, Enquiry) else message
@@ -71,23 +71,23 @@ def test_fields_wrong(packaged):
     assert "parameter is 482, the vector says 481" in run_checks(mutant(decode=decode), packaged).failed[0].reason
 
 
-def test_a_field_of_the_vector_that_is_not_decoded(packaged):
+def test_missing_decoded_field_is_found(packaged):
     vector = replace(packaged.vectors[0], fields={**packaged.vectors[0].fields, "colour": "red"})
     assert "the field colour is missing" in failed_checks(VABUS, replace(packaged, vectors=(vector,)))["decode"]
 
 
-def test_a_flag_is_no_number(packaged):
+def test_flag_does_not_match_a_number(packaged):
     vector = replace(packaged.vectors[0], fields={**packaged.vectors[0].fields, "address": True})
     assert "address is 1, the vector says True" in failed_checks(VABUS, replace(packaged, vectors=(vector,)))["decode"]
 
 
 @pytest.mark.soak
-def test_bytes_wrong(packaged):
+def test_wrong_encoded_bytes_are_found(packaged):
     assert "encode" in failed_checks(mutant(encode=lambda codec, message: codec.encode(message) + b"\r"), packaged)
 
 
 @pytest.mark.soak
-def test_a_checksum_that_is_not_looked_at(packaged):
+def test_ignored_checksum_is_found(packaged):
     def decode(codec, data, direction):
         try:
             return codec.decode(data, direction)
@@ -100,7 +100,7 @@ def test_a_checksum_that_is_not_looked_at(packaged):
 
 
 @pytest.mark.soak
-def test_a_wrong_category(packaged):
+def test_wrong_error_category_is_found(packaged):
     def decode(codec, data, direction):
         try:
             return codec.decode(data, direction)
@@ -113,17 +113,17 @@ def test_a_wrong_category(packaged):
 
 
 @pytest.mark.soak
-def test_blind_spots_that_are_not_declared(packaged):
+def test_undeclared_blind_spot_is_found(packaged):
     assert set(failed_checks(replace(VABUS, blind_spots=lambda *_: frozenset()), packaged)) == {"flipped"}
 
 
-def test_blind_spots_beyond_the_telegram(packaged):
+def test_blind_spot_beyond_the_telegram_is_found(packaged):
     failures = failed_checks(replace(VABUS, blind_spots=lambda *_: frozenset([999])), packaged)
     assert "outside the telegram" in failures["flipped"]
 
 
 @pytest.mark.soak
-def test_bytes_behind_a_telegram_that_are_not_looked_at(packaged):
+def test_ignored_bytes_after_a_telegram_are_found(packaged):
     def decode(codec, data, direction):
         return codec.decode(data[: codec.measure(data, direction)] or data, direction)
 
@@ -131,7 +131,7 @@ def test_bytes_behind_a_telegram_that_are_not_looked_at(packaged):
 
 
 @pytest.mark.soak
-def test_a_cut_telegram_taken_for_a_whole_one(packaged):
+def test_accepted_truncated_telegram_is_found(packaged):
     def decode(codec, data, direction):
         try:
             return codec.decode(data, direction)
@@ -145,14 +145,14 @@ def test_a_cut_telegram_taken_for_a_whole_one(packaged):
 
 @pytest.mark.soak
 @pytest.mark.parametrize("wrong", [lambda length: length + 1, lambda length: max(0, length - 1), lambda _: 0])
-def test_a_length_that_is_off(packaged, wrong):
+def test_wrong_measured_length_is_found(packaged, wrong):
     failures = failed_checks(mutant(measure=lambda codec, *values: wrong(codec.measure(*values))), packaged)
     assert "five-in-a-row" in failures
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("shortest", [0, 3])
-def test_a_shortest_telegram_that_is_not_the_shortest(packaged, shortest):
+def test_wrong_shortest_length_is_found(packaged, shortest):
     failures = failed_checks(
         mutant(measure=lambda codec, head, direction: codec.measure(head, direction) if head else shortest), packaged
     )
@@ -160,7 +160,7 @@ def test_a_shortest_telegram_that_is_not_the_shortest(packaged, shortest):
     assert f"is shorter than {shortest}" in failures["shortest"]
 
 
-def test_noise_that_is_taken_for_a_start():
+def test_noise_accepted_as_a_start_is_found():
     def measure(codec, head, direction):
         return 40 if head[:1] == b"\x7f" else codec.measure(head, direction)
 
@@ -174,7 +174,7 @@ def test_noise_that_is_taken_for_a_start():
     assert set(failed_checks(codec, VectorFile(name="f", protocol="vabus", streams=(stream,)))) == {"stream"}
 
 
-def test_a_frame_that_is_no_telegram():
+def test_stream_frame_that_is_not_a_telegram_is_found():
     stream = Stream(id="s", direction="reply", data=b"\x41", frames=(b"\x41",))
     assert (
         "in pieces of 1 found []"
@@ -182,20 +182,20 @@ def test_a_frame_that_is_no_telegram():
     )
 
 
-def test_a_refusal_that_is_encoded():
+def test_encoded_refusal_vector_is_found():
     refuse = Refuse(id="r", direction="reply", fields={"kind": "ack", "address": 1}, reason="some")
     failures = failed_checks(VABUS, VectorFile(name="f", protocol="vabus", refusals=(refuse,)))
     assert failures["refuse"] == "encoded as 41 06, the vector says it is refused (some)"
 
 
-def test_an_unknown_option_is_a_failure_of_its_vector():
+def test_unknown_option_fails_only_its_vector():
     refuse = Refuse(id="r", direction="reply", fields={}, options={"colour": "red"})
     failures = failed_checks(VABUS, VectorFile(name="f", protocol="vabus", refusals=(refuse,)))
     assert failures["refuse"].startswith("vabus has no option 'colour'; it has ")
 
 
 @pytest.mark.soak
-def test_an_exception_outside_the_tree(packaged):
+def test_exception_outside_the_error_tree_is_found(packaged):
     def decode(codec, data, direction):
         return codec.decode(data, direction) if len(data) % 3 else {}[data]
 
@@ -203,7 +203,7 @@ def test_an_exception_outside_the_tree(packaged):
 
 
 def answering(answer):
-    """Return the protocol with a virtual drive that answers like this."""
+    """Return the protocol with a virtual drive that answers with this function."""
 
     class Drive:
         codec = VABUS.codec(VABUS.options())
@@ -233,19 +233,19 @@ def reply(data, delay_s=0.0):
     ],
     ids=["answers everybody", "answers nonsense", "answers for another", "answers too soon", "is dead"],
 )
-def test_a_virtual_drive_that_answers_wrongly(packaged, answer, expected):
+def test_wrong_answers_of_a_virtual_drive_are_found(packaged, answer, expected):
     assert set(failed_checks(answering(answer), packaged)) == expected
 
 
-def test_a_request_to_an_address_that_no_drive_has(packaged):
-    # Not marked as a broadcast in the file: nobody is there to answer, and nobody does.
+def test_request_to_an_unused_address_passes_without_a_reply(packaged):
+    # The file does not mark this request as a broadcast, but no drive has the address, so no reply is right.
     broadcast = next(vector for vector in ALL.vectors if vector.id == "derived-broadcast-select-410-quickstop")
     file = replace(packaged, vectors=(replace(broadcast, reply_expected=True),))
     assert not failed_checks(VABUS, file)
 
 
 @pytest.mark.soak
-def test_addresses_that_a_variant_does_not_have_are_left_out(packaged):
+def test_addresses_missing_in_a_variant_are_skipped(packaged):
     def virtual(address, options, model):
         if address > 5:
             raise AddressError(f"no {address}")
@@ -256,7 +256,7 @@ def test_addresses_that_a_variant_does_not_have_are_left_out(packaged):
     assert not failed_checks(plugin, replace(packaged, vectors=vectors))
 
 
-def test_a_reply_that_does_not_belong():
+def test_reply_to_another_request_is_found():
     request = bytes.fromhex("0441303034383105")
     answer = Vector(
         id="v",
@@ -274,8 +274,8 @@ def test_a_reply_that_does_not_belong():
     assert not failed_checks(VABUS, replace(file, vectors=(right,)))
 
 
-def test_an_exact_copy_is_an_echo_before_the_protocol_is_asked():
-    # A protocol whose replies look like requests: both directions are read alike.
+def test_exact_copy_of_the_request_counts_as_an_echo():
+    # Simulates a protocol whose replies look like requests: both directions decode alike.
     def decode(codec, data, _):
         return codec.decode(data, "request")
 
@@ -294,25 +294,25 @@ def test_an_exact_copy_is_an_echo_before_the_protocol_is_asked():
     assert "answers" not in failed_checks(plugin, VectorFile(name="f", protocol="vabus", vectors=(echo,)))
 
 
-def test_options_that_no_drive_can_have_do_not_stop_the_virtual_drive(packaged):
+def test_impossible_options_do_not_stop_the_virtual_drive_check(packaged):
     request = next(vector for vector in ALL.vectors if vector.id == "seed-enquiry-481")
     case = replace(request, fields={**request.fields, "sys": 99})
     failures = failed_checks(VABUS, replace(packaged, vectors=(case,)))
     assert set(failures) == {"decode", "encode"}
 
 
-def test_vectors_of_another_protocol():
+def test_vectors_of_another_protocol_are_refused():
     with pytest.raises(FileFormatError, match="holds vectors of 'vabus', not of 'other'"):
         list(checks_of(replace(VABUS, name="other"), ALL))
 
 
-def test_a_package_without_vectors_is_judged_by_another_file():
+def test_package_without_vectors_is_checked_with_a_given_file():
     value = next(vector for vector in ALL.vectors if vector.id == "seed-reply-481")
     file = VectorFile(name="f", protocol="vabus", vectors=(value,))
     assert not failed_checks(replace(VABUS, package="drivecomm.protocol.schema"), file)
 
 
-def test_a_schema_that_is_not_compiled_whole():
+def test_partly_interpreted_schema_is_found():
     form = Form(Ack, "address" / Leaf(lambda _: 1, lambda data: data[0], lambda value: bytes([value])))
     with pytest.raises(CheckFailure, match="all of the schema is interpreted"):
         compiles_whole(form)
@@ -320,25 +320,25 @@ def test_a_schema_that_is_not_compiled_whole():
 
 
 def undecided(code, text):
-    """Say a leaf of one character in a way that differs from what it does."""
+    """Return the emission of a one-character leaf whose compiled code differs from its functions."""
     return Emission(cut="B", read=lambda _, cut: code.format(cut), write=lambda _, value: text.format(value))
 
 
-def test_a_schema_that_reads_two_things():
+def test_schema_with_different_compiled_reading_is_found():
     said = undecided("{} + 1", "{}")
     form = Form(Ack, "address" / Leaf(1, lambda data: data[0], lambda value: bytes([value]), emission=said))
     with pytest.raises(CheckFailure, match=r"as Ack\(address=66\) compiled and as Ack\(address=65\) interpreted"):
         same_both_ways("form", form, b"A")
 
 
-def test_a_schema_that_writes_two_things():
+def test_schema_with_different_compiled_writing_is_found():
     said = undecided("{}", "{} + 1")
     form = Form(Ack, "address" / Leaf(1, lambda data: data[0], lambda value: bytes([value]), emission=said))
     with pytest.raises(CheckFailure, match=r"writes .* as b'B' compiled and as b'A' interpreted"):
         same_both_ways("form", form, b"A")
 
 
-def test_a_schema_that_refuses_for_two_reasons():
+def test_schema_with_different_compiled_refusal_is_found():
     form = Form(Ack, constant(b"A", "start"), "address" / hex_number(2))
 
     def refused(_):
@@ -349,17 +349,17 @@ def test_a_schema_that_refuses_for_two_reasons():
         same_both_ways("form", form, b"B0F")
 
 
-def test_a_schema_that_reads_and_writes_one_thing():
+def test_schema_with_equal_compiled_code_passes():
     assert same_both_ways("form", Form(Ack, constant(b"A"), "address" / hex_number(2)), b"A0F") is None
 
 
-def test_a_report_about_nothing_is_not_good():
+def test_empty_report_is_not_ok():
     assert not carry_out([]).ok
     assert carry_out([Check("a", lambda: None)]).ok
     assert not Report(results=()).ok
 
 
-def test_a_report_tells_errors_of_the_tree_apart():
+def test_report_distinguishes_refusals_from_failures():
     def refuse():
         raise DriveCommError("no")
 

@@ -1,4 +1,4 @@
-"""Exchange vectors that are read, and those that are wrong and what the loader says about them."""
+"""Loading of exchange vectors: valid tables, and the errors for invalid ones."""
 
 from dataclasses import fields
 from pathlib import Path
@@ -34,7 +34,7 @@ def load(tmp_path):
     return lambda text: load_one(tmp_path, text)
 
 
-def test_the_least_that_an_exchange_has(load):
+def test_minimal_exchange_is_loaded_with_defaults(load):
     vector = load(EXCHANGE)
     assert (vector.id, vector.source, vector.address) == ("one", "somewhere", 1)
     assert (vector.printed, vector.model, vector.options, vector.note) == (False, "", {}, "")
@@ -43,7 +43,7 @@ def test_the_least_that_an_exchange_has(load):
     assert vector.steps == (WireStep(action="send", data=b"\x04"), WireStep(action="reply", data=b"A\x06"))
 
 
-def test_all_that_an_exchange_can_have(load):
+def test_exchange_with_all_keys_is_loaded(load):
     vector = load("""
 [[exchange]]
 id = "two"
@@ -90,18 +90,18 @@ note = "all of it"
     assert [step.seconds for step in vector.steps] == [None, None, 2.0, 0.01, 1.0, None, 0.5, None]
 
 
-def test_a_call_that_sends_nothing(load):
+def test_exchange_without_steps_is_loaded(load):
     vector = load(EXCHANGE.replace('[{ send = "04" }, { reply = "41 06" }]', "[]") + 'error = "ValueRefusedError"')
     assert vector.steps == ()
     assert vector.calls[-1].expected == Expected(error="ValueRefusedError")
 
 
-def test_every_error_of_the_tree_has_its_name():
+def test_error_names_contain_only_drivecomm_errors():
     assert "RefusedError" in ERROR_NAMES
     assert all(issubclass(getattr(errors, name), errors.DriveCommError) for name in ERROR_NAMES)
 
 
-def test_every_key_is_explained():
+def test_vectors_page_explains_every_key():
     text = (Path(__file__).parents[2] / "docs" / "development" / "vectors.md").read_text(encoding="utf-8")
     section = text.partition("## `[[exchange]]`")[2].partition("\n## ")[0]
     for name in [field.name for field in fields(ExchangeVector)] + [field.name for field in fields(Expected)]:
@@ -157,7 +157,7 @@ def calls(text):
         (steps('["04"]'), "exchange one: write steps as tables"),
         (steps("[{}]"), "exchange one, steps 1: has exactly one of send, reply, silence, garbage, pause_s"),
         (steps('[{ send = "04", reply = "04" }]'), "exchange one, steps 1: has exactly one of"),
-        (steps('[{ send = "0" }]'), "exchange one, steps 1: send is no hexadecimal"),
+        (steps('[{ send = "0" }]'), "exchange one, steps 1: send is not hexadecimal"),
         (steps('[{ send = "04", after_s = 1 }]'), "exchange one, steps 1: unknown key 'after_s'; the keys are send"),
         (steps('[{ send = "04" }, { reply = "" }]'), "exchange one, steps 2: reply is empty"),
         (
@@ -183,7 +183,7 @@ def calls(text):
         (steps("[{ silence = true }]"), "exchange one, steps 1: silence comes after a send"),
     ],
 )
-def test_what_is_wrong_is_named(load, text, what):
+def test_error_names_the_mistake_in_an_exchange(load, text, what):
     with pytest.raises(FileFormatError, match=r"some\.toml, line \d+: ") as caught:
         load(text)
     assert what in str(caught.value)
@@ -202,7 +202,7 @@ LISTS = st.lists(
         st.one_of(SCALARS, LISTS, st.just({})),
     )
 )
-def test_whatever_a_table_holds_is_read_or_refused_by_name(content):
+def test_random_table_is_loaded_or_refused_with_its_name(content):
     try:
         vector = read_exchange(Table(content, "file", name="exchange x"))
     except FileFormatError as error:

@@ -1,4 +1,4 @@
-"""Playing exchange vectors: what goes as it is written, and what must be noticed when it does not."""
+"""Playing of exchange vectors: correct exchanges pass, and every deviation is found."""
 
 from dataclasses import replace
 
@@ -40,7 +40,7 @@ SILENCE = WireStep(action="silence")
 
 
 def reading(*steps, expected=None, **fields):
-    """Read 481 of drive 1, 10.00 Hz unless it is said otherwise."""
+    """Return a vector that reads 481 of drive 1, with 10.00 Hz as the default result."""
     call = Call(
         call="read",
         arguments={"parameter": "481"},
@@ -54,45 +54,45 @@ SOUND = reading(send(ENQUIRY), reply(ANSWER, 0.01), send(EOT))
 
 
 @EVERY_WAY
-def test_what_is_written_is_what_happens(play):
+def test_correct_exchange_passes(play):
     play(VABUS, SOUND)
 
 
 @FACES
 @pytest.mark.parametrize("plugin", list(installed.working()), ids=lambda plugin: plugin.name)
-def test_all_that_are_written_hold_the_long_way_too(play, plugin, monkeypatch):
-    # Where nothing is odd, links go a shorter one.
+def test_packaged_exchanges_pass_on_the_general_path_of_the_link(play, plugin, monkeypatch):
+    # Force the link's general path, which it normally takes only in special cases.
     monkeypatch.setattr("drivecomm.link.line_state.LineState.is_plain_for", lambda *_: False)
     for vector in first_of_each(packaged_vectors(plugin).exchanges, shape_of_exchange):
         play(plugin, vector)
 
 
 @FACES
-def test_silence_and_a_second_attempt(play):
+def test_exchange_with_silence_and_a_second_attempt_passes(play):
     play(VABUS, reading(send(ENQUIRY), SILENCE, send(ENQUIRY), reply(ANSWER), send(EOT)))
 
 
 @FACES
-def test_nobody_answers(play):
+def test_exchange_without_any_reply_passes(play):
     steps = (send(ENQUIRY), SILENCE) * 2
     expected = Expected(error="NoReplyError", error_text="asked 2 times")
     play(VABUS, reading(*steps, expected=expected, options={"attempts": 2}))
 
 
 @FACES
-def test_a_late_answer_is_passed_over(play):
+def test_exchange_with_two_silences_passes(play):
     late = (send(ENQUIRY), SILENCE, send(ENQUIRY), SILENCE, send(ENQUIRY), reply(ANSWER), send(EOT))
     play(VABUS, reading(*late))
 
 
 @FACES
-def test_garbage_in_front_of_an_answer(play):
+def test_exchange_with_garbage_before_a_reply_passes(play):
     garbage = WireStep(action="garbage", data=b"\x7f\x7f")
     play(VABUS, reading(send(ENQUIRY), garbage, reply(ANSWER), send(EOT)))
 
 
 @FACES
-def test_an_error_in_the_middle_is_expected(play):
+def test_exchange_with_an_expected_error_in_the_middle_passes(play):
     failing = Call(call="read", arguments={"parameter": "481"}, expected=Expected(error="NoReplyError"))
     last = SOUND.calls[0]
     steps = (send(ENQUIRY), SILENCE, send(ENQUIRY), reply(ANSWER), send(EOT))
@@ -100,13 +100,13 @@ def test_an_error_in_the_middle_is_expected(play):
 
 
 @FACES
-def test_a_call_that_sends_nothing(play):
+def test_refused_call_without_steps_passes(play):
     call = Call(call="write", arguments={"parameter": "481", "value": "fast"}, expected=Expected(error="UsageError"))
     play(VABUS, reading(calls=(call,)))
 
 
 @FACES
-def test_all_drives(play):
+def test_broadcast_exchange_passes(play):
     stop = Call(call="stop", arguments={"how": "quick"}, expected=Expected(result={}))
     data = bytes.fromhex("04 60 02 30 30 34 31 30 30 34 30 30 30 30 03 32")
     play(VABUS, reading(send(data), SILENCE, calls=(stop,), address=32))
@@ -173,12 +173,12 @@ WRONG = {
 
 @FACES
 @pytest.mark.parametrize(("vector", "why"), WRONG.values(), ids=WRONG)
-def test_what_deviates_is_noticed(play, vector, why):
+def test_deviation_from_the_vector_is_found(play, vector, why):
     with pytest.raises(CheckFailure, match=why):
         play(VABUS, vector)
 
 
-def test_a_deviation_that_is_caught_on_its_way_is_reported_at_the_end(with_operations):
+def test_deviation_caught_by_the_operations_is_still_reported(with_operations):
     def swallowing(real):
         def read(parameter):
             try:
@@ -195,7 +195,7 @@ def test_a_deviation_that_is_caught_on_its_way_is_reported_at_the_end(with_opera
         exchanges.goes_as_written(plugin, wrong)
 
 
-def test_an_address_that_is_not_looked_at_is_found_by_what_another_drive_says(in_place_of):
+def test_uncompared_address_is_found_by_a_reply_of_another_drive(in_place_of):
     def mismatch(request, answer):
         found = installed_mismatch(request, answer)
         return "" if found == "address" else found
@@ -217,20 +217,20 @@ LIVE = [
 
 @pytest.mark.soak
 @pytest.mark.parametrize("play", LIVE, ids=lambda play: play.__name__)
-def test_in_real_time(play):
+def test_exchange_passes_in_real_time(play):
     play(VABUS, SOUND)
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("name", ["other bytes", "never sent", "sent behind the end", "another value"])
-def test_in_real_time_what_deviates_is_noticed(name):
+def test_deviation_is_found_in_real_time(name):
     vector, why = WRONG[name]
-    # The reply time is the drive's own here: to a wrong telegram nobody answers.
+    # The drive's own reply timeout applies here, because a wrong request gets no reply.
     with pytest.raises(CheckFailure, match=why):
         exchanges.play_at_port("tcp", call_blocking, VABUS, replace(vector, options={"attempts": 1}))
 
 
-def test_a_sample_is_of_those_that_take_no_time():
+def test_sample_contains_only_quick_exchanges():
     slow = reading(send(ENQUIRY), SILENCE)
     quick = [replace(SOUND, id=str(number)) for number in range(10)]
     assert [vector.id for vector in exchanges.sample([slow, *quick], 3)] == ["0", "3", "6"]
@@ -239,6 +239,6 @@ def test_a_sample_is_of_those_that_take_no_time():
 
 
 @pytest.mark.parametrize("name", sorted(installed))
-def test_exchanges_that_ship_with_a_protocol_have_names_of_their_own(name):
+def test_packaged_exchanges_have_unique_ids(name):
     vectors = packaged_vectors(installed[name]).exchanges
     assert len({vector.id for vector in vectors}) == len(vectors)

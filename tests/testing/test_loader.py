@@ -1,4 +1,4 @@
-"""Vector files that are wrong, and what the loader says about them."""
+"""Loading of vector files: valid files, and the errors for invalid ones."""
 
 import pytest
 
@@ -34,11 +34,11 @@ def load(tmp_path):
 
 
 def put(line, into=VECTOR):
-    """Add a line before the fields."""
+    """Return a file with a line added before the fields."""
     return HEAD + into.replace("valid =", f"{line}\nvalid =", 1)
 
 
-def test_a_whole_file(load):
+def test_complete_file_is_loaded(load):
     read = load(HEAD + VECTOR + REFUSED.replace('"one"', '"two"') + STREAM + REFUSE, protocol="vabus")
     one, two = read.vectors
     assert (read.name, read.protocol) == ("some.toml", "vabus")
@@ -57,17 +57,17 @@ def test_a_whole_file(load):
     assert read.refusals[0].fields == {"kind": "enquiry"}
 
 
-def test_a_reply_and_its_request(load):
+def test_reply_is_loaded_with_its_request(load):
     text = put('answers_to = "04"\nanswers = false\nmismatch = "kind"', REPLY)
     vector = load(text).vectors[0]
     assert (vector.answers_to, vector.answers, vector.mismatch) == (b"\x04", False, "kind")
 
 
-def test_a_file_without_entries_is_read(load):
+def test_file_without_entries_is_loaded(load):
     assert load(HEAD).vectors == ()
 
 
-def test_every_packaged_file_is_read():
+def test_every_packaged_file_is_loaded():
     for plugin in installed.working():
         assert packaged_vectors(plugin).protocol == plugin.name
 
@@ -107,8 +107,8 @@ def test_every_packaged_file_is_read():
             "line 9: vector one: valid cannot be 1; write true or false",
         ),
         (HEAD + VECTOR.replace("valid = true", ""), "vector one: the key 'valid' is missing"),
-        (HEAD + VECTOR.replace("04 41", "4 41"), "vector one: hex is no hexadecimal"),
-        (HEAD + VECTOR.replace("04 41", "0x04"), "vector one: hex is no hexadecimal"),
+        (HEAD + VECTOR.replace("04 41", "4 41"), "vector one: hex is not hexadecimal"),
+        (HEAD + VECTOR.replace("04 41", "0x04"), "vector one: hex is not hexadecimal"),
         (HEAD + VECTOR.replace("04 41 30 30 34 38 31 05", ""), "vector one: hex is empty"),
         (HEAD + VECTOR.partition("[vector.fields]")[0], "vector one: the key 'fields' is missing"),
         (
@@ -138,7 +138,7 @@ def test_every_packaged_file_is_read():
             "stream s: frames cannot be '41 06'; write a list, such as",
         ),
         (HEAD + STREAM.replace('["41 06", "41 06"]', "[1]"), "stream s: frames is not a list of texts"),
-        (HEAD + STREAM.replace('["41 06", "41 06"]', '["4"]'), "stream s: frames is no hexadecimal"),
+        (HEAD + STREAM.replace('["41 06", "41 06"]', '["4"]'), "stream s: frames is not hexadecimal"),
         (HEAD + STREAM.replace('["41 06", "41 06"]', '[""]'), "stream s: frames is empty"),
         (
             HEAD + STREAM + "valid = true",
@@ -151,18 +151,18 @@ def test_every_packaged_file_is_read():
         ),
     ],
 )
-def test_what_is_wrong_is_named(load, text, what):
+def test_error_names_the_mistake_in_a_vector_file(load, text, what):
     with pytest.raises(FileFormatError, match=r"some\.toml(, line \d+)?: ") as caught:
         load(text, protocol="vabus")
     assert what in str(caught.value)
 
 
-def test_a_file_that_is_not_there(tmp_path):
+def test_missing_file_raises_file_format_error(tmp_path):
     with pytest.raises(FileFormatError, match=r"none\.toml: there is no such file"):
         load_vectors(tmp_path / "none.toml")
 
 
-def test_a_file_in_another_encoding(tmp_path):
+def test_file_in_another_encoding_raises_file_format_error(tmp_path):
     path = tmp_path / "latin.toml"
     path.write_bytes((HEAD + "# \xe4").encode("latin-1"))
     with pytest.raises(FileFormatError, match=r"latin\.toml, line 3: cannot be read"):

@@ -1,4 +1,4 @@
-"""Judging drives whose model has no commands: they are monitored, and every command is refused unsent."""
+"""Conformance of monitoring-only models: every command must be refused before anything is sent."""
 
 import pytest
 
@@ -43,14 +43,14 @@ def checks(tmp_path, monkeypatch):
     return [each for each in all_checks(installed["modbus"], FULL) if "/models/meter/" in each.name]
 
 
-def test_monitored_model_passes_and_is_not_started(checks):
+def test_monitoring_only_model_passes_without_motion_checks(checks):
     kinds = {check.kind for check in checks}
     assert "refuses every command" in kinds
     assert "runs at the reference" not in kinds
     assert [each for each in map(try_out, checks) if not each.passed] == []
 
 
-def test_command_that_a_monitored_drive_does_not_refuse_is_found(checks, monkeypatch):
+def test_command_accepted_by_a_monitoring_only_drive_is_found(checks, monkeypatch):
     def reset(self):
         yield from self.probe()
 

@@ -1,4 +1,4 @@
-"""One mistake planted at a time in a package that ships, and the check that finds it."""
+"""Single mistakes planted in built-in packages, and the check that finds each."""
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -18,14 +18,14 @@ from drivecomm.virtual import virtual_drive
 
 
 def reasons(plugin, kind):
-    """Return why the checks of this kind do not hold."""
+    """Return the failure reasons of the checks of this kind."""
     found = [try_out(each) for each in all_checks(plugin, QUICK) if each.kind == kind]
     assert found, f"there is no check {kind!r}"
     return " ".join(each.reason for each in found)
 
 
 def asking(change):
-    """Return a maker of a verb that asks what a function makes of each of its questions."""
+    """Return a wrapper for verbs that applies a change to each of their requests."""
 
     def make(verb):
         def carried_out(*values, **options):
@@ -46,36 +46,36 @@ NAMING = "a question that anothers answer fits is declared"
 
 
 @pytest.mark.parametrize("name", ["modbus", "vlt3500"])
-def test_reads_that_are_not_called_nameless(with_operations, name):
+def test_read_missing_the_nameless_mark_is_found(with_operations, name):
     plugin = with_verbs(with_operations, name, lambda ask: replace(ask, nameless=False), "read")
     assert "which is not asked as nameless" in reasons(plugin, NAMING)
 
 
 @pytest.mark.parametrize("name", ["modbus", "vlt3500"])
-def test_reads_that_are_called_distinct_and_are_not(with_operations, name):
+def test_read_wrongly_marked_distinct_is_found(with_operations, name):
     plugin = with_verbs(with_operations, name, lambda ask: replace(ask, nameless=False, distinct=True), "read")
     assert "which is asked as distinct" in reasons(plugin, NAMING)
 
 
-def test_status_that_is_not_called_nameless(with_operations):
-    """What several telegrams ask, and what reads no parameter, is held against the rest as well."""
+def test_status_missing_the_nameless_mark_is_found(with_operations):
+    """Requests of several telegrams, and those that read no parameter, are compared as well."""
     plugin = with_verbs(with_operations, "modbus", lambda ask: replace(ask, nameless=False), "status")
     assert "in status, which is not asked as nameless" in reasons(plugin, NAMING)
 
 
-def test_write_that_is_not_called_nameless(with_operations):
+def test_write_missing_the_nameless_mark_is_found(with_operations):
     plugin = with_verbs(with_operations, "vabus", lambda ask: replace(ask, nameless=False), "write")
     assert "which is not asked as nameless" in reasons(plugin, NAMING)
 
 
-def test_refusal_that_names_nothing_is_no_false_alarm():
+def test_anonymous_refusal_is_not_reported():
     assert not reasons(installed["vabus"], NAMING)
 
 
 # Values
 
 
-def test_coil_that_holds_a_number(monkeypatch):
+def test_coil_holding_a_number_is_found(monkeypatch):
     real = installed["modbus"].virtual
 
     def virtual(address, options, model):
@@ -98,7 +98,7 @@ def test_poke_of_a_coil_refuses_a_number():
 
 
 @pytest.mark.parametrize("name", ["vabus", "modbus", "vlt3500", "fuji"])
-def test_bench_lets_parameters_hold_numbers_of_their_own_within_their_ranges(name):
+def test_tell_apart_sets_unique_values_within_their_ranges(name):
     plugin = installed[name]
     model = load_model(plugin.package, name, plugin.default_model)
     numbers = [each for each in model.parameters.values() if each.access == "rw" and not each.values]
@@ -111,7 +111,7 @@ def test_bench_lets_parameters_hold_numbers_of_their_own_within_their_ranges(nam
                 with suppress(DriveError):
                     held += [(info, master.read(info.address).value)]
     changed = [(info, value) for info, value in held if value != info.start]
-    # Some are measured values, or follow others.
+    # Some are measured values, or follow other parameters.
     assert len({value for _, value in changed}) >= max(8, 0.9 * len(changed))
     assert all(info.minimum is None or value >= info.minimum for info, value in changed)
     assert all(info.maximum is None or value <= info.maximum for info, value in changed)
@@ -129,7 +129,7 @@ def test_bench_lets_parameters_hold_numbers_of_their_own_within_their_ranges(nam
         ("huanyang", "set_reference_hz", "a reference in hz asks"),
     ],
 )
-def test_commands_that_are_asked_without_acts(with_operations, name, verb, said):
+def test_command_missing_the_acts_mark_is_found(with_operations, name, verb, said):
     plugin = with_verbs(with_operations, name, lambda ask: replace(ask, acts=False), verb)
     found = reasons(plugin, "what acts is said to act")
     assert said in found
@@ -137,13 +137,13 @@ def test_commands_that_are_asked_without_acts(with_operations, name, verb, said)
 
 
 @pytest.mark.parametrize("name", ["vabus", "fuji"])
-def test_reset_that_may_be_sent_again(with_operations, name):
+def test_repeated_reset_is_found(with_operations, name):
     plugin = with_verbs(with_operations, name, lambda ask: replace(ask, attempts=3), "reset")
     assert "clears the fault, and is sent 3 times" in reasons(plugin, "a reset is not repeated")
 
 
 @pytest.mark.parametrize("name", ["fuji", "huanyang"])
-def test_reference_that_is_rounded(with_operations, name):
+def test_rounded_reference_is_found(with_operations, name):
     def rounding(real):
         return lambda hz: real.set_reference_hz(Decimal(round(float(hz) * 10)) / 10)
 
@@ -151,7 +151,7 @@ def test_reference_that_is_rounded(with_operations, name):
     assert "a reference of 20.04 Hz is taken, and the drive is told 20 Hz" in reasons(plugin, "rounds no reference")
 
 
-def test_volatile_write_that_a_drive_which_stores_all_accepts(with_operations):
+def test_volatile_write_to_a_drive_that_stores_all_is_found(with_operations):
     def writing(real):
         return lambda parameter, value, **options: real.write(parameter, value, **{**options, "store": True})
 
@@ -165,7 +165,7 @@ def test_volatile_write_that_a_drive_which_stores_all_accepts(with_operations):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Raising:
-    """end: 0 or 1, which is said by an error that is none of drivecomm."""
+    """Options with an invalid value that raises ValueError instead of a drivecomm error. end: 0 or 1."""
 
     end: int = 0
 
@@ -187,13 +187,13 @@ def raising_options(in_place_of):
     )
 
 
-def test_options_that_raise_another_error(raising_options):
+def test_options_raising_a_foreign_error_are_found(raising_options):
     found = reasons(raising_options, "refuses options as usage errors")
     assert "end=-1 raises ValueError: end is 0 or 1" in found
 
 
 @pytest.mark.usefixtures("raising_options")
-def test_options_that_raise_another_error_are_one_sentence_of_a_command(capsys):
+def test_command_reports_a_foreign_error_of_options_in_one_sentence(capsys):
     assert main(["simulate", "--drive", "huanyang:4,end=7", "--listen", "tcp:127.0.0.1:0"]) == 2
     said = capsys.readouterr().err
     assert "huanyang refuses its options end" in said
@@ -202,7 +202,7 @@ def test_options_that_raise_another_error_are_one_sentence_of_a_command(capsys):
 
 @pytest.fixture
 def failing_codec(in_place_of):
-    """A codec that compares a text with a number."""
+    """Return a protocol whose codec raises TypeError for a text in a number field."""
     real = installed["vabus"].codec
 
     def codec(options):
@@ -218,20 +218,20 @@ def failing_codec(in_place_of):
     return in_place_of("vabus", codec=codec)
 
 
-def test_codec_that_raises_another_error_for_a_text(failing_codec):
+def test_codec_raising_a_foreign_error_for_a_text_is_found(failing_codec):
     assert "raise TypeError" in reasons(failing_codec, "refuses odd fields by its own errors")
 
 
 @pytest.mark.usefixtures("failing_codec")
-def test_codec_that_raises_another_error_is_one_sentence_of_a_command(capsys):
+def test_command_reports_a_foreign_error_of_a_codec_in_one_sentence(capsys):
     assert main(["encode", "vabus", "kind=enquiry", "address=1", "parameter=x"]) == 4
     said = capsys.readouterr().err
     assert "vabus fails at this telegram (TypeError" in said
     assert "Traceback" not in said
 
 
-def test_option_that_only_the_master_knows(in_place_of):
-    """The virtual drive is made without it, so that the two do not understand each other."""
+def test_option_ignored_by_the_virtual_drive_is_found(in_place_of):
+    """The virtual drive ignores the option, so master and drive do not understand each other."""
     real = installed["uss"]
     plugin = in_place_of(
         "uss", virtual=lambda address, options, model: real.virtual(address, replace(options, pkw_words=127), model)
@@ -239,10 +239,10 @@ def test_option_that_only_the_master_knows(in_place_of):
     assert "with pkw_words=3 the drive is not understood" in reasons(plugin, "works with each option")
 
 
-# What nothing contradicts
+# Unproven features
 
 
-def test_what_no_printed_exchange_shows_is_said_to_be_unproven():
+def test_command_without_a_printed_exchange_is_unproven():
     found = unproven(installed["huanyang"])
     assert "no printed exchange shows reset" in found
     assert "no printed exchange shows start" not in found
@@ -257,12 +257,12 @@ def test_command_is_unproven_without_its_printed_vectors(monkeypatch):
     assert "no printed exchange shows start" in unproven(installed["huanyang"])
 
 
-def test_request_that_prepares_a_read_is_unproven_without_an_exchange():
-    """As the choice of a page: here master and virtual drive can be wrong together."""
+def test_preparing_request_without_a_printed_exchange_is_unproven():
+    """Master and virtual drive can be wrong together in a preparing request, such as the selection of a page."""
     assert any("parameter=18" in each and "prepares a read" in each for each in unproven(installed["vabus"]))
 
 
-def test_report_notes_what_is_unproven_where_all_is_run():
+def test_only_a_full_report_lists_unproven_commands():
     report = reported(installed["huanyang"], [])
     assert "unproven: no printed exchange shows reset" in notes_of(report)
     assert not reported(installed["huanyang"], [], only="contract").unproven

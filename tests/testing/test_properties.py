@@ -1,6 +1,6 @@
-"""What must hold for every telegram of every installed protocol, not only for those that a document prints.
+"""Properties of every telegram of every installed protocol, including telegrams that no document prints.
 
-DRIVECOMM_EXAMPLES sets how many examples of each are tried.
+DRIVECOMM_EXAMPLES sets the number of examples per property.
 """
 
 import os
@@ -26,12 +26,12 @@ def _judged():
         try:
             packaged_vectors(plugin)
         except FileFormatError:
-            # Reported by test_vectors; without vectors there are no shapes to start from.
+            # test_vectors reports the missing vectors; without vectors no telegrams can be drawn.
             continue
         yield plugin.name
 
 
-# Asking the encoder for the limits of every field takes longer than drawing from them.
+# Finding the limits of every field takes longer than drawing examples, so the result is cached.
 @lru_cache
 def source(name, direction):
     return Drawn(installed[name], direction)
@@ -41,11 +41,11 @@ def source(name, direction):
 @pytest.mark.parametrize("direction", ["request", "reply"])
 @pytest.mark.parametrize("name", list(_judged()))
 @extents(5, EXAMPLES)
-def test_property(name, direction, holds, extent):
+def test_property_holds_for_drawn_telegrams(name, direction, holds, extent):
     try_examples(holds, source(name, direction), extent)
 
 
-def test_the_same_examples_are_drawn_every_time():
+def test_drawn_examples_are_the_same_every_time():
     def seen():
         drawn_ones = []
         try_examples(lambda source, data: drawn_ones.append(data.draw(source.telegrams)), source("vabus", "reply"), 10)
@@ -55,7 +55,7 @@ def test_the_same_examples_are_drawn_every_time():
 
 
 class Wrong:
-    """A codec with one method replaced."""
+    """Codec with one method replaced."""
 
     def __init__(self, codec, **methods):
         self._codec = codec
@@ -66,7 +66,7 @@ class Wrong:
 
 
 def failing(**methods):
-    """Return the properties that a VABus codec with these methods does not have."""
+    """Return the properties that fail for a VABus codec with these methods."""
     real = source("vabus", "reply")
     altered = copy(real)
     altered.codec = Wrong(real.codec, **methods)
@@ -80,7 +80,7 @@ def failing(**methods):
 
 
 @pytest.mark.soak
-def test_a_codec_that_reads_something_else_than_it_wrote():
+def test_codec_decoding_another_message_than_encoded_is_found():
     codec = source("vabus", "reply").codec
 
     def decode(data, direction):
@@ -91,7 +91,7 @@ def test_a_codec_that_reads_something_else_than_it_wrote():
 
 
 @pytest.mark.soak
-def test_a_codec_that_raises_anything():
+def test_codec_raising_a_foreign_error_is_found():
     codec = source("vabus", "reply").codec
 
     def decode(data, direction):
@@ -101,12 +101,12 @@ def test_a_codec_that_raises_anything():
 
 
 @pytest.mark.soak
-def test_a_codec_that_writes_what_it_does_not_read():
+def test_codec_encoding_bytes_that_it_refuses_is_found():
     codec = source("vabus", "reply").codec
     assert "encodes_or_refuses" in failing(encode=lambda message: codec.encode(message) + b"\r")
 
 
-def test_a_length_that_shrinks():
+def test_decreasing_measured_length_is_found():
     codec = source("vabus", "reply").codec
 
     def measure(head, direction):

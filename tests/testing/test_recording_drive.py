@@ -1,4 +1,4 @@
-"""What a recording drive counts as received."""
+"""Addressing of a recording drive: which requests count as received."""
 
 import pytest
 from addressed_requests import ADDRESSED, framed
@@ -9,7 +9,7 @@ from drivecomm.virtual import virtual_drive
 
 
 @pytest.mark.parametrize(("protocol", "address", "fields"), ADDRESSED)
-def test_request_is_received_by_the_drive_that_it_is_for(protocol, address, fields):
+def test_request_is_recorded_only_by_its_addressee(protocol, address, fields):
     plugin, find = installed[protocol], framed(protocol, fields)
     for at, received in ((address, 1), (plugin.addresses[-1], 0)):
         record = Record()

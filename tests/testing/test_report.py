@@ -1,4 +1,4 @@
-"""A report in order, as a page, and as tests of pytest."""
+"""Conformance report: order, page, and pytest tests."""
 
 import os
 import subprocess
@@ -27,7 +27,7 @@ MIXED = carry_out(
 )
 
 
-def test_a_report_by_theme_and_kind():
+def test_sections_group_results_by_theme_and_kind():
     contract, file = sections_of(MIXED)
     assert (contract.title, contract.number, contract.failed) == ("contract", 1, 0)
     assert (file.title, file.number, file.failed) == ("file", 3, 1)
@@ -37,14 +37,14 @@ def test_a_report_by_theme_and_kind():
     ]
 
 
-def test_what_a_check_takes_is_measured():
+def test_duration_of_a_check_is_measured():
     verdict = try_out(Check("a/b", lambda: sum(range(100_000))))
     assert verdict.passed
     assert verdict.seconds > 0
     assert MIXED.seconds == sum(each.seconds for each in MIXED.results)
 
 
-def test_a_failure_without_words_is_a_failure():
+def test_failure_without_a_reason_counts_as_a_failure():
     def fail_silently():
         raise CheckFailure
 
@@ -52,7 +52,7 @@ def test_a_failure_without_words_is_a_failure():
 
 
 class Page(HTMLParser):
-    """Reads a page, strictly: every element that is opened is closed, in order."""
+    """Strict HTML parser: every element must be closed in order."""
 
     VOID = frozenset(["meta", "br"])
 
@@ -76,7 +76,7 @@ class Page(HTMLParser):
         self.text += data
 
 
-def test_a_page_stands_alone():
+def test_page_needs_no_external_parts():
     read = Page(page(VABUS, MIXED))
     assert read.open == []
     tags = [tag for tag, _ in read.seen]
@@ -85,7 +85,7 @@ def test_a_page_stands_alone():
     assert ("meta", {"name": "viewport", "content": "width=device-width, initial-scale=1"}) in read.seen
 
 
-def test_a_page_says_what_is_wrong():
+def test_page_shows_failures_with_escaped_reasons():
     read = Page(page(VABUS, MIXED))
     assert "1 of 4 checks do not hold" in read.text
     assert "<b>7 & 8</b> are not alike" in read.text
@@ -93,7 +93,7 @@ def test_a_page_says_what_is_wrong():
     assert VABUS.title in read.text
 
 
-def test_a_page_of_a_sound_protocol():
+def test_page_of_a_passing_protocol_lists_all_checks():
     report = run_conformance(VABUS, QUICK, only="/contract/")
     read = Page(page(VABUS, report))
     assert f"all {len(report.passed)} checks hold" in read.text
@@ -121,7 +121,7 @@ def pytest_in(tmp_path):
 
 
 @pytest.mark.soak
-def test_three_lines_make_tests(pytest_in):
+def test_conformance_tests_of_three_lines_run_in_pytest(pytest_in):
     done = pytest_in(THREE_LINES.format(extent=""), "-k", "contract or documents", "-vv")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "test_conformance[vabus/contract/has all fields] PASSED" in done.stdout
@@ -129,7 +129,7 @@ def test_three_lines_make_tests(pytest_in):
 
 
 @pytest.mark.soak
-def test_a_test_that_fails_says_why(pytest_in):
+def test_failed_conformance_test_shows_its_reason(pytest_in):
     broken = """
 from dataclasses import replace
 from drivecomm.testing import QUICK
@@ -142,7 +142,7 @@ installed._loaded["vabus"] = replace(installed["vabus"], facts_source="?")
     assert "1 failed, 6 passed" in done.stdout
 
 
-def test_error_outside_the_tree_is_told_once_with_its_place():
+def test_repeated_error_outside_the_tree_is_printed_once_with_its_place():
     def failing():
         raise KeyError("n")
 

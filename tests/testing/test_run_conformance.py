@@ -1,4 +1,4 @@
-"""Judging whole protocols: those that ship pass, and each of many mistakes is found by the check that is for it."""
+"""Conformance of whole protocols: the built-in ones pass, and each of many mistakes is found by its check."""
 
 from dataclasses import dataclass, replace
 from decimal import Decimal
@@ -11,7 +11,7 @@ from drivecomm.profiles import control_profile
 from drivecomm.protocol import Ask, Intent, Pause, Stop, VirtualReply, installed
 from drivecomm.testing import FULL, QUICK, all_checks, first_failure, left_out, results, run_conformance, try_out
 
-# test_vectors and test_properties run what is left out here.
+# test_vectors and test_properties run these checks.
 ELSEWHERE = ("/vectors.toml/", "/properties/")
 HERE = [
     check
@@ -22,12 +22,12 @@ HERE = [
 
 
 @pytest.mark.parametrize("check", HERE, ids=[check.name for check in HERE])
-def test_check(check):
+def test_check_passes_for_an_installed_protocol(check):
     check.run()
 
 
 def failed(plugin, only):
-    """Return the kinds of the checks in this part of the report that do not hold, with their reasons."""
+    """Return the reasons of the failed checks in this part of the report, by kind."""
     found = {}
     for check in all_checks(plugin, QUICK):
         if only in check.name:
@@ -37,18 +37,18 @@ def failed(plugin, only):
     return found
 
 
-def test_every_check_says_what_must_hold():
+def test_every_check_has_a_meaning_and_a_unique_name():
     checks = list(all_checks(installed["vabus"]))
     assert [check.name for check in checks if not check.meaning.endswith(".")] == []
     assert len({check.name for check in checks}) == len(checks)
 
 
-def test_full_is_more_than_quick():
+def test_full_extent_contains_the_quick_one():
     full, quick = ({check.name for check in all_checks(installed["vabus"], extent)} for extent in (FULL, QUICK))
     assert quick < full
 
 
-def test_addresses_that_the_options_of_the_package_do_not_allow(in_place_of):
+def test_addresses_excluded_by_the_default_options_are_found(in_place_of):
     plugin = in_place_of("vabus", addresses_of=lambda _options: range(1, 3))
     assert "has addresses" in failed(plugin, "/has addresses")
 
@@ -56,19 +56,19 @@ def test_addresses_that_the_options_of_the_package_do_not_allow(in_place_of):
 # Correlation and checks
 
 
-def test_an_address_that_is_not_compared(in_place_of):
+def test_uncompared_address_is_found(in_place_of):
     real = installed["fuji"].mismatch
     plugin = in_place_of("fuji", mismatch=lambda *pair: "" if real(*pair) == "address" else real(*pair))
     assert "another drive is not believed" in failed(plugin, "/another drive")
 
 
-def test_a_parameter_that_is_not_compared(in_place_of):
+def test_uncompared_parameter_is_found(in_place_of):
     real = installed["vabus"].mismatch
     plugin = in_place_of("vabus", mismatch=lambda *pair: "" if real(*pair) == "parameter" else real(*pair))
     assert "an answer answers its question only" in failed(plugin, "/an answer answers")
 
 
-def test_a_telegram_of_another_protocol_that_is_believed(in_place_of):
+def test_accepted_telegram_of_another_protocol_is_found(in_place_of):
     plugin = in_place_of("vabus", mismatch=lambda *_: "")
     real = plugin.codec
 
@@ -81,7 +81,7 @@ def test_a_telegram_of_another_protocol_that_is_believed(in_place_of):
 
 
 @pytest.mark.soak
-def test_a_drive_that_answers_everything(in_place_of):
+def test_virtual_drive_answering_every_request_is_found(in_place_of):
     real = installed["vlt3500"].virtual
 
     def virtual(address, options, model):
@@ -115,7 +115,7 @@ def altered_reading(real, change):
     ],
     ids=["sign lost", "decimal shifted", "wrong unit", "wrong name", "wrong raw value"],
 )
-def test_a_reading_that_is_wrong(with_operations, change, reason):
+def test_wrong_reading_is_found(with_operations, change, reason):
     def only_numbers(reading):
         return change(reading) if isinstance(reading.value, Decimal) else reading
 
@@ -126,7 +126,7 @@ def test_a_reading_that_is_wrong(with_operations, change, reason):
 
 
 @pytest.mark.soak
-def test_a_write_that_loses_the_sign(with_operations):
+def test_write_losing_the_sign_is_found(with_operations):
     def writing(real):
         return lambda name, value, **options: real.write(name, abs(value), **options)
 
@@ -134,7 +134,7 @@ def test_a_write_that_loses_the_sign(with_operations):
     assert "writes what was given" in failed(plugin, "/writes what")
 
 
-def test_storing_where_nothing_can_be_stored(with_operations):
+def test_accepted_impossible_store_is_found(with_operations):
     def writing(real):
         def write(name, value, **options):
             options.pop("store", None)
@@ -149,7 +149,7 @@ def test_storing_where_nothing_can_be_stored(with_operations):
 # Commands
 
 
-def test_a_start_that_is_sent_again(with_operations):
+def test_repeated_start_is_found(with_operations):
     def insisting(real):
         def start(*, reverse=False):
             exchange = real.start(reverse=reverse)
@@ -188,7 +188,7 @@ def test_a_start_that_is_sent_again(with_operations):
         ("identify", lambda real: real.start, "asking moves nothing"),
     ],
 )  # fmt: skip
-def test_a_verb_that_does_something_else(with_operations, verb, make, kind):
+def test_verb_with_a_wrong_effect_is_found(with_operations, verb, make, kind):
     plugin = with_operations("danfoss-fc", **{verb: make})
     assert kind in failed(plugin, f"/models/fc300/{kind}")
 
@@ -202,7 +202,7 @@ def nothing():
     yield Pause(seconds=0.1)
 
 
-def test_a_reference_in_hertz_that_is_ten_times_too_high(with_operations):
+def test_doubled_reference_in_hertz_is_found(with_operations):
     plugin = with_operations("vabus", set_reference_hz=lambda real: lambda hz: real.set_reference_hz(hz * 2))
     assert "told to run at 10 Hz" in failed(plugin, "vabus/models/agile/runs at")["runs at the reference"]
 
@@ -212,7 +212,7 @@ def test_a_reference_in_hertz_that_is_ten_times_too_high(with_operations):
 
 @dataclass(kw_only=True)
 class LooseOptions:
-    """Options that can be changed."""
+    """Options that are not frozen."""
 
     baudrate: int = 9600
 
@@ -239,12 +239,12 @@ class LooseOptions:
         ({"mismatch": lambda request, _: request.no_such}, "judges every pair", "AttributeError"),
     ],
 )
-def test_a_contract_that_is_not_kept(in_place_of, fields, kind, reason):
+def test_violated_contract_is_found(in_place_of, fields, kind, reason):
     plugin = in_place_of("vabus", **fields)
     assert reason in failed(plugin, f"/contract/{kind}")[kind]
 
 
-def test_operations_that_send_before_they_refuse(with_operations):
+def test_operations_sending_before_they_refuse_are_found(with_operations):
     def hasty(real):
         def read(parameter, **options):
             yield from real.probe()
@@ -256,7 +256,7 @@ def test_operations_that_send_before_they_refuse(with_operations):
     assert "is sent all the same" in failed(plugin, "/contract/refuses")["refuses what cannot be"]
 
 
-def test_all_drives_that_are_asked(with_operations):
+def test_broadcast_waiting_for_a_reply_is_found(with_operations):
     plugin = with_operations("vabus", probe=lambda _: lambda: iter([Ask(message=None)]))
     assert "probe at all drives waits" in failed(plugin, "/contract/speaks")["speaks to all without waiting"]
 
@@ -273,12 +273,12 @@ def test_all_drives_that_are_asked(with_operations):
          "has vectors for everything"),
     ],
 )  # fmt: skip
-def test_a_package_that_does_not_say_enough(in_place_of, fields, kind):
+def test_incomplete_documents_of_a_package_are_found(in_place_of, fields, kind):
     plugin = in_place_of("vabus", **fields)
     assert kind in failed(plugin, f"/documents/{kind}")
 
 
-# What requests are for
+# Intent of requests
 
 READS, WRITES, COMMANDS = (
     lambda _, intent=intent: intent for intent in (Intent(access="read"), Intent(access="write"), Intent(commands=True))
@@ -303,23 +303,23 @@ READS, WRITES, COMMANDS = (
         ({"intent": COMMANDS}, "tells what requests are for", "and is said to be a command"),
     ],
 )
-def test_requests_that_are_not_what_they_are_said_to_be(in_place_of, fields, kind, reason):
+def test_wrong_intent_of_requests_is_found(in_place_of, fields, kind, reason):
     plugin = in_place_of("vabus", **fields)
     assert reason in failed(plugin, kind)[kind]
 
 
-def test_a_single_telegram_that_commands_and_is_said_to_ask(in_place_of):
+def test_command_declared_to_move_nothing_is_found(in_place_of):
     plugin = in_place_of("danfoss-fc", intent=lambda _: Intent())
     kind = "what only asks moves no drive"
     assert "is said to ask only, and tells the motor" in failed(plugin, kind)[kind]
 
 
-def test_who_says_nothing_of_requests_is_not_judged_by_it(in_place_of):
+def test_package_without_intents_skips_their_checks(in_place_of):
     plugin = in_place_of("vabus", intent=None)
     assert not failed(plugin, "only asks") | failed(plugin, "asking from") | failed(plugin, "requests are for")
 
 
-# What a virtual drive does by itself
+# Own rules of a virtual drive
 
 
 @pytest.mark.parametrize(
@@ -329,12 +329,12 @@ def test_who_says_nothing_of_requests_is_not_judged_by_it(in_place_of):
         ("drivecomm_vabus.store.Store.power_cycle", "forgets what was not stored", "written without being stored"),
     ],
 )
-def test_a_virtual_drive_that_does_not_do_its_part(monkeypatch, take, kind, reason):
+def test_virtual_drive_without_limits_or_memory_loss_is_found(monkeypatch, take, kind, reason):
     monkeypatch.setattr(take, lambda *_: None)
     assert reason in failed(installed["vabus"], kind)[kind]
 
 
-def test_a_virtual_drive_that_knows_no_sign(monkeypatch):
+def test_virtual_drive_ignoring_the_sign_of_a_reference_is_found(monkeypatch):
     def unsigned(machine):
         percent = machine._store.number(516)
         return percent / 2 if percent > 0 else 20.0
@@ -348,7 +348,7 @@ def test_a_virtual_drive_that_knows_no_sign(monkeypatch):
     assert "at -40 percent the motor turns forwards, 20 Hz" in failed(installed["vlt3500"], kind)[kind]
 
 
-def test_line_facts_of_which_the_source_does_not_speak(in_place_of):
+def test_line_facts_missing_in_their_source_are_found(in_place_of):
     facts = installed["vabus"].facts
     kind = "names the source of its facts"
     for settings, missing in (({"baudrate": 9600}, "9600"), ({"parity": "N"}, "7N1")):
@@ -356,35 +356,35 @@ def test_line_facts_of_which_the_source_does_not_speak(in_place_of):
         assert f"does not say {missing}" in failed(plugin, kind)[kind]
 
 
-# Judging
+# Conformance runs
 
 
-def test_only_a_part_is_judged():
+def test_run_can_be_limited_to_a_part_of_the_checks():
     report = run_conformance(installed["fuji"], QUICK, only="/documents/")
     assert report.ok
     assert len(report.passed) == 7
     assert report.left_out == left_out() == ()
 
 
-def test_a_part_that_is_not_there():
+def test_unknown_part_raises_usage_error():
     with pytest.raises(UsageError, match="no check has 'lunch' in its name"):
         run_conformance(installed["vabus"], QUICK, only="lunch")
 
 
-def test_judging_stops_when_enough_was_heard(in_place_of):
+def test_first_failure_stops_the_run(in_place_of):
     plugin = in_place_of("vabus", title="")
     verdict = first_failure(plugin, QUICK)
     assert verdict.check.name == "vabus/contract/has all fields"
     assert next(results(plugin, QUICK)).check.name == verdict.check.name
 
 
-def test_a_protocol_that_is_not_installed_is_for_the_time_being():
+def test_uninstalled_protocol_is_installed_only_during_the_run():
     stranger = replace(installed["vabus"], name="stranger")
     report = run_conformance(stranger, QUICK, only="/contract/has all")
     assert report.ok
     assert "stranger" not in installed
 
 
-def test_a_protocol_whose_name_is_taken():
+def test_protocol_with_an_installed_name_is_refused():
     with pytest.raises(UsageError, match="another protocol is installed as 'vabus'"):
         run_conformance(replace(installed["vabus"], title="another"), QUICK)

@@ -1,4 +1,4 @@
-"""The function that is made of a schema says of any bytes what the schema itself says of them."""
+"""Compiled functions of a schema treat any bytes in the same way as the schema itself."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -51,7 +51,7 @@ OF_ANY_SIZE = Form(
     kept=sampled_from([*[100] * 5, *range(14)]),
     behind=sampled_from([*[b""] * 5, b">", b"12345"]),
 )
-def test_the_function_made_of_a_schema_says_what_the_schema_says(which, wrong, kept, behind):
+def test_compiled_schema_agrees_with_the_interpreted_one(which, wrong, kept, behind):
     schema, note = which
     data = bytearray(schema.build(note))
     for place, byte in wrong:

@@ -1,7 +1,8 @@
-"""Every vector of every installed protocol, put through everything; one test for each vector.
+"""Checks of every vector of every installed protocol; one test per vector.
 
-What a telegram means is decided by its content, so that is tried with all of them; how it is found in a stream and how
-an exchange goes over a line is decided by its shape, so that one of each shape is tried, and all with DRIVECOMM_LONG=1.
+The meaning of a telegram depends on its content, so it is checked for all vectors. How a telegram is found in a stream,
+and how an exchange runs on a line, depends on its shape; so one vector of each shape is checked, and all with
+DRIVECOMM_LONG=1.
 
 DRIVECOMM_EXTRA_VECTORS names a folder of further vector files.
 """
@@ -26,7 +27,7 @@ def _files():
         try:
             yield plugin, packaged_vectors(plugin)
         except FileFormatError:
-            # test_every_protocol_ships_vectors says so, without stopping the others from being judged.
+            # test_every_protocol_ships_vectors reports the missing file; other protocols are still checked.
             continue
     for path in sorted(Path(EXTRA).glob("*.toml")) if EXTRA else []:
         vectors = load_vectors(path)
@@ -43,7 +44,7 @@ DECIDED_BY_THE_SHAPE = {*OF_A_TELEGRAM, *OF_AN_EXCHANGE}
 
 
 def _checks():
-    """What is tried with each vector and exchange, and what others of its shape stand for where all is to be tried."""
+    """Yield the checks of each vector and exchange; some are limited to one of each shape except in a long run."""
     for plugin, vectors in _files():
         file = f"{plugin.name}/{vectors.name}"
         sample = {
@@ -66,7 +67,7 @@ def _checks():
 
 
 @pytest.mark.parametrize("checks", list(_checks()))
-def test_checks(checks):
+def test_checks_of_a_vector_pass(checks):
     report = carry_out(checks)
     assert report.ok, str(report)
 
@@ -79,7 +80,7 @@ def test_every_protocol_ships_vectors(name):
     assert {vector.direction for vector in vectors.vectors} == {"request", "reply"}
 
 
-def test_the_report_is_what_the_checks_say():
+def test_report_contains_every_check_once():
     plugin = installed["vabus"]
     packaged = packaged_vectors(plugin)
     vectors = replace(packaged, vectors=packaged.vectors[:9], exchanges=packaged.exchanges[:9])
@@ -88,6 +89,6 @@ def test_the_report_is_what_the_checks_say():
     assert sorted([*report.passed, *(failure.name for failure in report.failed)]) == sorted(names)
 
 
-def test_every_check_has_a_name_of_its_own():
+def test_check_names_are_unique():
     names = Counter(check.name for plugin, vectors in _files() for check in checks_of(plugin, vectors))
     assert [name for name, times in names.items() if times > 1] == []

@@ -1,6 +1,6 @@
-"""The catalogue: what a master must survive, by the task that it is given.
+"""Catalogue of cases that a master must survive, grouped by the master's task.
 
-Each module registers cases with `case`; importing this package registers all of them, those on which others rest first.
+Each module registers its cases with `case`; importing this package registers all of them, basic cases first.
 """
 
 from importlib import import_module

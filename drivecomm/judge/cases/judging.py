@@ -1,4 +1,4 @@
-"""What cases have in common: values that are judged, and words for what a master showed."""
+"""Helpers shared by the cases: checks of shown values, and texts for the behaviour of a master."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from drivecomm.judge.trial import Trial
 
 OBSERVED_S = 4.0
-"""How long a master is watched that goes on until it is ended."""
+"""How long a continuous master is watched before it is ended, in seconds."""
 
 
 def holding(trial: Trial, number: int = 0) -> Callable[[JudgedDrive], None]:
-    """Return what gives a drive the first or the second of the two values that are known of what is read."""
+    """Return a function that sets a drive to the first or second of the two test values of each parameter read."""
     raws = {parameter: values[number] for parameter, values in trial.learned.raws.items() if len(values) > number}
 
     def prepare(drive: JudgedDrive) -> None:
@@ -32,13 +32,13 @@ def holding(trial: Trial, number: int = 0) -> Callable[[JudgedDrive], None]:
 
 
 def must_end(trial: Trial, run: Run) -> None:
-    """Fail a run that had to be ended, of a master that otherwise ends by itself."""
+    """Fail if a master that normally ends by itself reached its time limit."""
     if run.too_long:
         fail(f"it did not end by itself within {trial.order.limit_s:g} s")
 
 
 def right_value(trial: Trial, parameter: str, number: int) -> Decimal | None:
-    """Return what is right to show for one of the values that are known of a parameter, physical or raw."""
+    """Return the right display, physical or raw, of a parameter's test value with this number; None if unknown."""
     raws = trial.learned.raws.get(parameter, ())
     if len(raws) > number:
         return _as_shown(trial, parameter, raws[number])
@@ -55,7 +55,7 @@ def _as_shown(trial: Trial, parameter: str, raw: int | str) -> Decimal | None:
 
 
 def shown_by(trial: Trial, run: Run) -> list[tuple[str, Shown]]:
-    """Return all values that a run showed, with their parameters, in order of time."""
+    """Return all values that a run showed, with their parameters, ordered by time."""
     found = [(parameter, each) for parameter, display in trial.learned.displays.items() for each in display.all_in(run)]
     return sorted(found, key=lambda each: each[1].time_s)
 
@@ -63,10 +63,10 @@ def shown_by(trial: Trial, run: Run) -> list[tuple[str, Shown]]:
 def check_values(
     trial: Trial, run: Run, why: str, *, numbers: Sequence[int] = (0,), now_held_by: Stand | None = None
 ) -> str:
-    """Fail if a run shows another value than the drive holds; return in words what it showed.
+    """Fail if a run shows a value that the drive does not hold; return a sentence on the values shown.
 
-    why: what was done to the telegrams, as the end of the sentence. numbers: which of the two known values are right.
-    now_held_by: a line whose drive may have forgotten the value; what it holds now is right as well.
+    why: the disturbance of the telegrams, as the end of the sentence. numbers: which of the two test values are right.
+    now_held_by: a line whose drive may have lost the value; the drive's present value is right as well.
     """
     shown = shown_by(trial, run)
     displays: Mapping[str, object] = trial.learned.displays
@@ -92,7 +92,7 @@ def _held_now(trial: Trial, stand: Stand, parameter: str) -> list[Decimal]:
 
 
 def shows_nothing(trial: Trial, run: Run, why: str) -> str:
-    """Fail if a run shows any value; return in words what it did."""
+    """Fail if a run shows any value; return a sentence on its behaviour."""
     shown = shown_by(trial, run)
     if shown:
         fail(f"it believed a wrong value: it shows {shown[0][1].text}; {why}")
@@ -101,11 +101,11 @@ def shows_nothing(trial: Trial, run: Run, why: str) -> str:
 
 
 def needs_values(trial: Trial) -> None:
-    """Raise NotTried where nothing is known of what the master shows."""
+    """Raise NotTried if no value that the master shows is known."""
     if not trial.learned.displays:
         raise NotTried("nothing that the master shows is known to be a value of the drive; write shows and parameter")
 
 
 def pause_s(trial: Trial) -> float | None:
-    """Return how long one that goes on is watched, None where the order's limit holds."""
+    """Return how long a continuous master is watched, or None if the order's time limit applies."""
     return OBSERVED_S if trial.goes_on else None

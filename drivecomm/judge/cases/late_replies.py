@@ -1,4 +1,4 @@
-"""Replies that are late or doubled: none may be taken for the reply to a later request."""
+"""Cases of late and doubled replies: a reply must never pass for that to a later request."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Framed, VirtualReply
 
 _BEFORE_S, _LEEWAY_S = 0.04, 0.02
-"""How long before the next request a reply is there, and how much of that a busy machine may take."""
+"""Lead of a late reply over the next request, and the part of it that a busy machine may use up, in seconds."""
 _FRESH_S, _SOON_S = 0.05, 0.03
-"""A value is shown this soon after its reply, and a request heard this soon after it was sent, on a busy machine."""
+"""Delays on a busy machine, in seconds: from a reply to its display, and from sending a request to its arrival."""
 _TIME_AFTER_TIME = 3
 
 
 @case("doubled", "read", "run", title="every reply arrives twice")
 def doubled(trial: Trial) -> str:
-    """It shows what the drive holds, or an error; no reply is taken for that to the next request."""
+    """The master shows the drive's value or an error, and does not mistake a copy for the next reply."""
     why = "every reply arrived twice, and a copy is taken for the reply to the next request"
     return _twice(lambda: _alternating(trial, lambda data: [(0.0, data), (0.0, data)], why))
 
 
 @case("late", "read", "run", title="the first reply arrives late, at several moments around the next request")
 def late(trial: Trial) -> str:
-    """It shows what the drive holds, or an error; it takes no reply for that to a later request."""
+    """The master shows the drive's value or an error, and does not accept a late reply for a later request."""
     needs_values(trial)
     again_s = _asks_again_after(trial)
     if again_s is None:
@@ -48,7 +48,7 @@ def _late_by(trial: Trial, late_s: float) -> str:
 
 
 def _twice(play: Callable[[], str]) -> str:
-    """Play once, and where that fails once more: a busy machine can make a reply later than it should be."""
+    """Play a case, and repeat it if it fails: a busy machine can delay a reply beyond its planned time."""
     try:
         return play()
     except CaseFailure:
@@ -66,7 +66,7 @@ def _late_once(late_s: float) -> Callable[[bytes], Sequence[tuple[float, bytes]]
 
 
 def _asks_again_after(trial: Trial) -> float | None:
-    """Return after how many seconds the master asks the same again if no reply comes; None if it does not."""
+    """Return the seconds after which the master repeats a request without a reply; None if it never does."""
     with trial.stand(holding(trial)) as stand:
         stand.meddler.on_reply = lambda _: []
         trial.run(stand, until=lambda: len(stand.drive.heard) > 1, within_s=trial.order.limit_s)
@@ -79,10 +79,10 @@ def _asks_again_after(trial: Trial) -> float | None:
 def _alternating(
     trial: Trial, meddle: Callable[[bytes], Sequence[tuple[float, bytes]]], why: str, *, late_s: float | None = None
 ) -> str:
-    """Let the drive hold another value for each request, and fail where a value is that of an earlier request.
+    """Change the drive's value with each request, and fail if the master shows the value of an earlier request.
 
-    The value of the request before may be shown once, for a request that was repeated; not if its reply was there
-    before that, and not time after time.
+    The value of the previous request may be shown once, after a repeated request. It may not be shown if its reply
+    arrived before the repetition, and not several times in a row.
     """
     raws = {parameter: values for parameter, values in trial.learned.raws.items() if len(values) == 2}
     asked: dict[str, list[float]] = {parameter: [] for parameter in raws}
@@ -125,15 +125,15 @@ def _alternating(
 
 
 class _Times(NamedTuple):
-    """When a parameter was asked for, and when replies had arrived."""
+    """Times at which a parameter was requested, and at which replies arrived."""
 
     asked: Sequence[float]
     replied: Sequence[float]
 
     def is_stale(self, time_s: float) -> bool:
-        """Whether what is shown at this time comes from a reply that was there long before, and not from the last one.
+        """Whether a value shown at this time comes from an old reply rather than from the latest one.
 
-        The master has just asked again then, and took what lay there already.
+        In that case the master has just repeated its request, and read an old reply that was still buffered.
         """
         last = max((each for each in self.replied if each <= time_s), default=time_s)
         pending = any(last < each <= time_s for each in self.asked)
@@ -142,7 +142,7 @@ class _Times(NamedTuple):
 
 
 def _check_order(trial: Trial, parameter: str, shown: Sequence[Shown], times: _Times, why: str) -> None:
-    """Fail if values are shown time after time that were told to the request before."""
+    """Fail if the master repeatedly shows values from the reply to the previous request."""
     behind = 0
     for each in shown:
         count = sum(asked_at <= each.time_s for asked_at in times.asked)

@@ -1,4 +1,4 @@
-"""How a master behaves on the line: its pauses, and its line settings."""
+"""Cases of behaviour on the line: pauses and line settings of a master."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _SETTINGS = "line settings"
 
 @case("timing", "read", "write", "start", "stop", "reset", "run", title="its pauses are measured")
 def timing(trial: Trial) -> str:
-    """It leaves the pauses that the maker demands, and waits for every reply."""
+    """The master keeps the pauses that the maker demands, and waits for every reply."""
     broken = [each for each in _violations(trial, 1 if trial.goes_on else _TIMES) if each.rule != _SETTINGS]
     demanded = [each for each in broken if each.demanded]
     if demanded:
@@ -34,7 +34,7 @@ def timing(trial: Trial) -> str:
 
 @case("settings", "read", "write", "start", "stop", "reset", "run", title="its line settings are looked at")
 def settings(trial: Trial) -> str:
-    """They are those of the drive, as far as the port tells them."""
+    """The master uses the line settings of the drive, as far as the port shows them."""
     for each in _violations(trial, 1):
         if each.rule == _SETTINGS:
             fail(f"its line settings are wrong: {each}")

@@ -1,4 +1,4 @@
-"""Outages: a drive that is off and comes back, and one that loses power between two telegrams."""
+"""Cases of outages: a drive that is switched off for a while, or loses power between two telegrams."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _SHORT_S = 0.3
 
 @case("off-on", "read", "run", title="the drive is off for a while, and comes back")
 def off_on(trial: Trial) -> str:
-    """It goes on by itself when the drive is back, without being started anew where it goes on anyway."""
+    """The master works again when the drive is back; a continuous master needs no restart."""
     if trial.goes_on:
         return _off_on_while_it_runs(trial)
     with trial.stand(holding(trial)) as stand:
@@ -63,14 +63,14 @@ def _off_on_while_it_runs(trial: Trial) -> str:
 
 
 def _goes_on(stand: Stand, back_s: float) -> bool:
-    """Whether it has been seen to ask again for a while."""
+    """Whether the master has resumed its requests, or has been watched long enough."""
     last = [each for each in stand.drive.since() if each.time_s > back_s]
     return len(last) >= 4 or stand.now() > back_s + OBSERVED_S + _OFF_S
 
 
 @case("power-cycle", "read", title="the drive loses power for a moment, between a request and its reply")
 def power_cycle(trial: Trial) -> str:
-    """It shows what the drive holds, or an error, and starts no motor."""
+    """The master shows the drive's value or an error, and starts no motor."""
     cut: list[float] = []
     with trial.stand(holding(trial)) as stand:
 

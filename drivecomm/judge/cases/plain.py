@@ -1,4 +1,4 @@
-"""Nothing is disturbed: the task must work, and what it looks like then is what the other cases go by."""
+"""Undisturbed case: the task must work, and its behaviour is the reference for all other cases."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ _MOST_PARAMETERS = 12
 
 @case("plain", "read", "write", "start", "stop", "reset", "run", title="nothing is disturbed")
 def plain(trial: Trial) -> str:
-    """The task does what it is for, and the master shows what the drive holds."""
+    """The task has its effect, and the master shows the drive's value."""
     return learned_from(trial)[1]
 
 
 def learned_from(trial: Trial) -> tuple[Learned, str]:
-    """Run a task on undisturbed lines; return what it does, and in words what is good about it. Raises CaseFailure."""
+    """Run a task on undisturbed lines; return its behaviour, and a sentence on its success. Raises CaseFailure."""
     return {
         "read": _read,
         "write": _write,
@@ -79,7 +79,7 @@ def _read(trial: Trial) -> tuple[Learned, str]:
     parameters = _parameters(trial, heard)
     raws: dict[str, tuple[int, ...]] = {}
     for parameter in parameters:
-        # Each has its own, so that one that is taken for another shows.
+        # Each parameter gets unique values, so that a mix-up shows.
         raws[parameter] = trial.known.two_values(parameter, {raw for values in raws.values() for raw in values})
     changing = {parameter: values for parameter, values in raws.items() if len(values) == 2}
     displays = _displays_of_changing(trial, changing) if changing else _displays_of_steady(trial, run, parameters)
@@ -116,7 +116,7 @@ def _displays_of_changing(trial: Trial, raws: Mapping[str, tuple[int, ...]]) -> 
 
 
 def _displays_of_steady(trial: Trial, run: Run, parameters: Sequence[str]) -> dict[str, Display]:
-    """Return how parameters are shown that cannot be set, such as measured ones."""
+    """Return the displays of parameters that cannot be set, such as measured values."""
     found = {}
     for parameter in parameters:
         spare = trial.known.fresh()
@@ -131,7 +131,7 @@ def _displays_of_steady(trial: Trial, run: Run, parameters: Sequence[str]) -> di
 
 
 def _display(trial: Trial, runs: Sequence[Run], physical: Sequence[Decimal], raw: Sequence[int]) -> Display | None:
-    """Return how a parameter is shown: by the task's own expression, else as the runs show it."""
+    """Return the display of a parameter: from the task's own expression, or else learned from the runs."""
     scale = Decimal(str(trial.task.scale)) if trial.task.scale else None
     for display in displays_of(trial.task.shows, scale) if trial.task.shows else ():
         held = raw if display.is_raw else physical
@@ -142,7 +142,7 @@ def _display(trial: Trial, runs: Sequence[Run], physical: Sequence[Decimal], raw
 
 
 def _parameters(trial: Trial, heard: Sequence[Heard]) -> list[str]:
-    """Return the parameters that are read, by address: what the task names, else what requests depend on."""
+    """Return the addresses of the parameters read: those named in the task, or else found from the requests."""
     known, model = trial.known, trial.known.model
     if trial.task.parameter:
         info = model.find(trial.task.parameter)

@@ -1,4 +1,4 @@
-"""What is done with a drive before its master is told to do a task."""
+"""Preparation of a drive before its master gets a task."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 def prepared(trial: Trial, drive: JudgedDrive) -> None:
-    """Let the motor run that is to be stopped, and trip the drive that is to be reset; give others a reference."""
+    """Prepare the drive for the task: run the motor to be stopped, trip the drive to be reset, or set a reference."""
     task = trial.task.name
     if task == "stop":
         trial.known.set_running(drive)

@@ -1,4 +1,4 @@
-"""Replies that are cut, damaged, lost, or of somebody else: a wrong value must not be believed."""
+"""Cases of replies that are cut, damaged, lost, or from another drive: no wrong value may be believed."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ _MOST_FLIPS = 40
 
 
 def _run(trial: Trial, meddle: Meddle) -> Run:
-    """Run the master once while something happens to each reply."""
+    """Run the master once with a disturbance of each reply."""
     with trial.stand(holding(trial)) as stand:
         stand.meddler.on_reply = lambda data: meddle(stand, data)
         return trial.run(stand, within_s=pause_s(trial))
 
 
 def _disturbed(trial: Trial, meddle: Meddle, why: str) -> str:
-    """Let something happen to each reply; return in words what the master showed. Raises CaseFailure."""
+    """Run the master with each reply disturbed; return a sentence on the values shown. Raises CaseFailure."""
     return check_values(trial, _run(trial, meddle), why)
 
 
 def _believes_nothing(trial: Trial, meddle: Meddle, believed: str, why: str) -> str:
-    """Let no reply be sound; return in words that the master showed no value. Raises CaseFailure."""
+    """Run the master without any valid reply; return a sentence that it showed no value. Raises CaseFailure."""
     needs_values(trial)
     run = _run(trial, meddle)
     if shown := shown_by(trial, run):
@@ -54,13 +54,13 @@ def _believes_nothing(trial: Trial, meddle: Meddle, believed: str, why: str) -> 
 
 @case("lost", "read", "run", title="no reply arrives")
 def lost(trial: Trial) -> str:
-    """It shows an error or nothing, and ends."""
+    """The master shows an error or nothing, and ends."""
     return shows_nothing(trial, _run(trial, lambda *_: []), "no reply has arrived")
 
 
 @case("lost-once", "read", "run", title="the first reply is lost, the others arrive")
 def lost_once(trial: Trial) -> str:
-    """It asks again, as a read may be repeated, and shows what the drive holds."""
+    """The master repeats its request, as a read may be repeated, and shows the drive's value."""
     lost: list[bytes] = []
 
     def meddle(_: Stand, data: bytes) -> Sequence[tuple[float, bytes]]:
@@ -83,7 +83,7 @@ def lost_once(trial: Trial) -> str:
 
 @case("damaged", "read", "run", title="every reply has a wrong bit, so that its check does not fit")
 def damaged(trial: Trial) -> str:
-    """It shows an error or nothing."""
+    """The master shows an error or nothing."""
     return _believes_nothing(
         trial,
         lambda stand, data: [(0.0, _with_a_wrong_bit(trial, stand, data))],
@@ -94,7 +94,7 @@ def damaged(trial: Trial) -> str:
 
 
 def _with_a_wrong_bit(trial: Trial, stand: Stand, data: bytes) -> bytes:
-    """Return a reply with a wrong bit that its check notices, where its value is if that can be."""
+    """Return a reply with a wrong bit that its checksum detects, preferably within its value."""
     heard = stand.drive.answered(data)
     others = {parameter: raws[1] for parameter, raws in trial.learned.raws.items()}
     other = trial.known.answer(heard.find, others) if heard is not None and others else None
@@ -103,7 +103,7 @@ def _with_a_wrong_bit(trial: Trial, stand: Stand, data: bytes) -> bytes:
     ]
     tried = [(place, bit) for place in places for bit in range(7)][: _MOST_FLIPS * 7]
     trial.random.shuffle(tried)
-    # Digits become digits, so that a master that takes the text for a number still finds one.
+    # Digits become digits, so that a master that skips the checksum still reads a number.
     tried.sort(key=lambda each: not _alike(data[each[0]], data[each[0]] ^ 1 << each[1]))
     for place, bit in tried:
         flipped = data[:place] + bytes([data[place] ^ 1 << bit]) + data[place + 1 :]
@@ -119,7 +119,7 @@ def _alike(one: int, other: int) -> bool:
 
 @case("cut", "read", "run", title="the end of every reply is missing")
 def cut(trial: Trial) -> str:
-    """It shows an error or nothing."""
+    """The master shows an error or nothing."""
     count = [0]
 
     def meddle(_: Stand, data: bytes) -> Sequence[tuple[float, bytes]]:
@@ -133,7 +133,7 @@ def cut(trial: Trial) -> str:
 
 @case("noise", "read", "run", title="noise arrives before every reply")
 def noise(trial: Trial) -> str:
-    """It shows what the drive holds, or an error."""
+    """The master shows the drive's value or an error."""
 
     def meddle(_: Stand, data: bytes) -> Sequence[tuple[float, bytes]]:
         junk = bytes(trial.random.choice((0x00, 0xFF, 0x7F, trial.random.randrange(256))) for _ in range(2))
@@ -144,7 +144,7 @@ def noise(trial: Trial) -> str:
 
 @case("echo", "read", "run", title="the master hears itself, as on some two-wire adapters")
 def echo(trial: Trial) -> str:
-    """It shows what the drive holds, or an error."""
+    """The master shows the drive's value or an error."""
     with trial.stand(holding(trial), echo=True) as stand:
         run = trial.run(stand, within_s=pause_s(trial))
     return check_values(trial, run, "it heard its own telegrams before the replies")
@@ -152,7 +152,7 @@ def echo(trial: Trial) -> str:
 
 @case("other-drive", "read", "run", title="the reply of another drive arrives first")
 def other_drive(trial: Trial) -> str:
-    """It ignores that reply: it shows what its own drive holds, or an error."""
+    """The master ignores that reply, and shows its own drive's value or an error."""
     needs_values(trial)
     others = {parameter: raws[1] for parameter, raws in trial.learned.raws.items()}
 
@@ -168,7 +168,7 @@ def other_drive(trial: Trial) -> str:
 
 @case("other-question", "read", "run", title="the reply to another question arrives first")
 def other_question(trial: Trial) -> str:
-    """It ignores that reply: it shows what it asked for, or an error."""
+    """The master ignores that reply, and shows the requested value or an error."""
     needs_values(trial)
     asked = set(trial.learned.displays)
     taken = {raw for values in trial.learned.raws.values() for raw in values}
@@ -194,7 +194,7 @@ def other_question(trial: Trial) -> str:
 
 
 def _instead(trial: Trial, foreign: Callable[[Stand, bytes], bytes | None], why: str, cannot: str) -> str:
-    """Let the first reply to each question be another telegram, and later ones what the drive says."""
+    """Replace the first reply to each request by a foreign telegram; later replies are the drive's own."""
     begun: dict[object, int] = {}
     replaced: list[bytes] = []
 
@@ -216,7 +216,7 @@ def _instead(trial: Trial, foreign: Callable[[Stand, bytes], bytes | None], why:
 
 @case("other-protocol", "read", "run", title="a telegram of another protocol arrives instead of the first reply")
 def other_protocol(trial: Trial) -> str:
-    """It shows what the drive holds, or an error."""
+    """The master shows the drive's value or an error."""
     telegrams = []
     for plugin in installed.working():
         if plugin.name == trial.known.plugin.name or plugin.name in trial.known.plugin.ambiguous_with:

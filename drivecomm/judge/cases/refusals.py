@@ -1,4 +1,4 @@
-"""The drive refuses: the master must say so, and not ask again for what was refused."""
+"""Cases of refusals by the drive: the master must report them, and must not repeat a refused request."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ _ASKS_AGAIN = re.compile(
     r"too long to arrive|took too long|acknowledge",
     re.IGNORECASE,
 )
-"""Words for codes after which it makes sense to send the same once more."""
+"""Words in a code's text that make a repetition of the request sensible."""
 _ALL_CODES_OF = ("read", "write", "run", "start", "stop", "reset")
-"""The first of these tasks that a master has, and writes, are refused with every code; the others with one."""
+"""Order of preference: the first task that the master has, and writes, are refused with every code, others with one."""
 
 
 def _codes(known: KnownDrive, order: Order, task: str) -> Iterator[tuple[str, str, int]]:
-    """Yield a case for each code that stands for a refusal."""
+    """Yield the name, title and code of a case for each code that means a refusal."""
     codes = {code: text for code, text in known.refusals.items() if not _is_none(text)}
     first = next(name for name in _ALL_CODES_OF if order.task(name))
     wanted = list(codes) if task in (first, "write") else list(codes)[:1]
@@ -49,7 +49,7 @@ def _is_none(text: str) -> bool:
 
 @case("refused", "read", "write", "start", "stop", "reset", "run", title="the drive refuses it", each=_codes)
 def refused(trial: Trial, code: int) -> str:
-    """It says that something went wrong, shows no value, and does not send again what was refused."""
+    """The master reports an error, shows no value, and does not repeat the refused request."""
     known, task = trial.known, trial.task.name
     wanted = _decisive(trial)
     refused: list[Heard] = []
@@ -83,7 +83,7 @@ def refused(trial: Trial, code: int) -> str:
     title="it is refused first, and the master is told to do it again",
 )
 def after_refusal(trial: Trial) -> str:
-    """What comes after a refusal works as before, also where a drive waits until its error was read."""
+    """The next task after a refusal works as before, even if a drive first requires its error to be read."""
     codes = [code for code, text in trial.known.refusals.items() if not _is_none(text) and not _ASKS_AGAIN.search(text)]
     if not codes:
         raise NotTried("no refusals are known of this protocol")
@@ -118,12 +118,12 @@ def after_refusal(trial: Trial) -> str:
 
 
 def _accepted(trial: Trial, heard: Heard) -> bool:
-    """Whether the drive answered a request as a fresh one does."""
+    """Whether the drive gave the same reply to a request as a new drive would."""
     return heard.reply is not None and heard.reply == trial.known.answer(heard.find, {})
 
 
 def _decisive(trial: Trial) -> Callable[[Framed], bool]:
-    """Return which requests carry the task out: the read, the write, what starts or stops the motor."""
+    """Return a test for the requests that carry out the task: the read, the write, the start or the stop."""
     known, learned, task = trial.known, trial.learned, trial.task.name
     if task in ("read", "run"):
         if not learned.displays:

@@ -1,4 +1,4 @@
-"""What makes the motor run may go out once only: nobody knows whether a start whose reply is lost was obeyed."""
+"""Cases of starts: a start is sent once only, because a start without a reply may have worked."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def _started(stand: Stand) -> bool:
 
 
 def _once(trial: Trial, meddle: Callable[[Stand, bytes], Sequence[tuple[float, bytes]]], what: str) -> str:
-    """Disturb replies from the start on; fail if what makes the motor run was sent again."""
+    """Disturb replies from the start on; fail if the request that starts the motor is repeated."""
     starts = trial.learned.starts
     if not starts:
         raise NotTried("it starts no motor")
@@ -42,7 +42,7 @@ def _once(trial: Trial, meddle: Callable[[Stand, bytes], Sequence[tuple[float, b
 
 
 def sent_once(heard: Sequence[Heard], what: str) -> None:
-    """Fail if what made the motor run was sent again."""
+    """Fail if the request that starts the motor was repeated."""
     first = next((each for each in heard if each.started), None)
     if first is None:
         raise NotTried("the motor never ran")
@@ -56,13 +56,13 @@ def sent_once(heard: Sequence[Heard], what: str) -> None:
 @case("start-lost", "run", title="the motor runs, and the reply to the start and all later ones are lost")
 @case("lost", "start", title="the motor runs, and the reply to the start and all later ones are lost")
 def lost(trial: Trial) -> str:
-    """What makes the motor run is sent once."""
+    """The request that starts the motor is sent once."""
     return _once(trial, lambda _, __: [], "its reply was lost, and the drive had obeyed")
 
 
 @case("lost-once", "start", title="the motor runs, and only the reply to the start is lost")
 def lost_once(trial: Trial) -> str:
-    """What makes the motor run is sent once."""
+    """The request that starts the motor is sent once."""
     lost: list[bytes] = []
 
     def meddle(_: Stand, data: bytes) -> Sequence[tuple[float, bytes]]:
@@ -74,7 +74,7 @@ def lost_once(trial: Trial) -> str:
 
 @case("damaged", "start", title="the motor runs, and the reply to the start is damaged")
 def damaged(trial: Trial) -> str:
-    """What makes the motor run is sent once."""
+    """The request that starts the motor is sent once."""
     count = [0]
 
     def meddle(_: Stand, data: bytes) -> Sequence[tuple[float, bytes]]:
@@ -86,14 +86,14 @@ def damaged(trial: Trial) -> str:
 
 @case("late", "start", title="the motor runs, and the reply to the start comes late")
 def late(trial: Trial) -> str:
-    """What makes the motor run is sent once."""
+    """The request that starts the motor is sent once."""
     late_s = trial.known.facts.timing.reply_timeout_s * 2 + 0.2
     return _once(trial, lambda _, data: [(late_s, data)], "its reply was late, and the drive had obeyed")
 
 
 @case("power-cycle", "start", "run", title="the drive loses power when the motor runs, and gets it back")
 def power_cycle(trial: Trial) -> str:
-    """The motor stands until somebody wants it to run: nothing starts it by itself."""
+    """The motor stands until a new start is commanded: the master does not start it by itself."""
     if not trial.learned.starts:
         raise NotTried("it starts no motor")
     with trial.stand(trial.known.set_ready) as stand:
@@ -127,7 +127,7 @@ def power_cycle(trial: Trial) -> str:
 
 @case("killed", "start", "run", title="the master is killed while the motor runs")
 def killed(trial: Trial) -> str:
-    """What the drive does then is told; there is no wrong way."""
+    """The report describes the drive's behaviour without its master; every behaviour passes."""
     if not trial.learned.starts:
         raise NotTried("it starts no motor")
     with trial.stand(trial.known.set_ready) as stand:
@@ -137,7 +137,7 @@ def killed(trial: Trial) -> str:
 
 
 def _watchdog(trial: Trial, stand: Stand, now: float) -> str:
-    """Return in words what the drive does without its master."""
+    """Return a description of the drive's behaviour without its master."""
     drive, watchdog = stand.drive, trial.known.model.watchdog
     held = ""
     if watchdog is not None:

@@ -1,4 +1,4 @@
-"""A stop must go out, whatever came before, and again until it was confirmed."""
+"""Cases of stops: a stop must be sent in any situation, and repeated until it is confirmed."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ def _must_stop(trial: Trial) -> None:
 
 
 def _times(heard: Sequence[Heard]) -> int:
-    """Return how often the telegram was sent that stopped the motor."""
+    """Return the number of times that the telegram that stopped the motor was sent."""
     stop = next((each for each in heard if each.stopped), None)
     return 0 if stop is None else [each.key for each in heard].count(stop.key)
 
 
 @case("lost", "stop", title="the motor stops, and the reply to the stop is lost")
 def lost(trial: Trial) -> str:
-    """The stop is sent again, since nothing says that it was obeyed."""
+    """The stop is repeated, because it is not confirmed."""
     _must_stop(trial)
     lost: list[bytes] = []
     with trial.stand(trial.known.set_running) as stand:
@@ -54,7 +54,7 @@ def lost(trial: Trial) -> str:
 
 @case("unheard", "stop", title="the first stop does not reach the drive")
 def unheard(trial: Trial) -> str:
-    """The stop is sent again, and the motor stops."""
+    """The stop is repeated, and the motor stops."""
     _must_stop(trial)
     keys = {each.key for each in trial.learned.stops}
     missed: list[Framed] = []
@@ -79,7 +79,7 @@ def unheard(trial: Trial) -> str:
 
 @case("mute", "stop", title="no reply of the drive arrives any more, and the motor runs")
 def mute(trial: Trial) -> str:
-    """The stop goes out all the same, and again."""
+    """The stop is sent despite missing replies, and repeated."""
     _must_stop(trial)
     with trial.stand(trial.known.set_running) as stand:
         stand.meddler.on_reply = lambda _: []

@@ -1,4 +1,4 @@
-"""Writes: what is asked for is what the drive then holds, and EEPROM is spared."""
+"""Cases of writes: the drive must hold the requested value afterwards, and EEPROM must be spared."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _STEPS_BEYOND = 10
 
 @case("lost", "write", title="the reply to the write never arrives")
 def lost(trial: Trial) -> str:
-    """It says that something went wrong."""
+    """The master reports an error."""
     known, parameter = trial.known, trial.learned.written
     with trial.stand() as stand:
 
@@ -44,7 +44,7 @@ def lost(trial: Trial) -> str:
 
 @case("stored", "read", "write", "start", "run", title="its writes to EEPROM are counted")
 def stored(trial: Trial) -> str:
-    """No parameter is written to EEPROM more often than once or twice for one task."""
+    """One task stores a parameter in EEPROM once or twice at most."""
     with trial.stand(trial.known.set_ready) as stand:
         run = trial.run(stand, within_s=pause_s(trial))
         heard = stand.drive.since()
@@ -63,7 +63,7 @@ def stored(trial: Trial) -> str:
 
 @case("ends", "write", title="values at the ends of the range are written, and beyond")
 def ends(trial: Trial) -> str:
-    """The drive then holds what was asked for, or the master says that something went wrong; nothing is clamped."""
+    """The drive holds the requested value, or the master reports an error; no value is clamped."""
     parameter = trial.learned.written
     info = trial.known.model.find(parameter)
     if info is None:
@@ -92,7 +92,7 @@ def ends(trial: Trial) -> str:
 
 
 def _wanted(trial: Trial, info: ParameterInfo, spoken: _Spoken) -> list[Decimal]:
-    """Return the values at both ends of the range, and beyond them; of a range that is not known, what has room."""
+    """Return the values at both ends of the range and beyond; for an unknown range, large values."""
     step = max(info.factor, Decimal(1).scaleb(-spoken.decimals)) * _STEPS_BEYOND
     low, high = info.minimum, info.maximum
     if low is None and high is None:
@@ -107,7 +107,7 @@ def _wanted(trial: Trial, info: ParameterInfo, spoken: _Spoken) -> list[Decimal]
 
 
 class _Spoken:
-    """How the value is given to the master on its command line."""
+    """Form in which the value is given to the master on its command line."""
 
     def __init__(self, trial: Trial, info: ParameterInfo) -> None:
         self._task = trial.task

@@ -1,4 +1,4 @@
-"""The checks of the conformance kit, a module a theme; what finds a mistake soonest comes first."""
+"""Checks of the conformance kit, one module per theme; checks that find mistakes soonest come first."""
 
 from __future__ import annotations
 

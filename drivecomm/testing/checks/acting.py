@@ -1,4 +1,4 @@
-"""What acts: what is said of the telegrams that do something, what is sent once, and what is not rounded."""
+"""Checks of requests that affect a drive: marked as acting, sent once, never rounded, never stored unasked."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import Exchange, Framed, Model, Protocol, VirtualReply
 
-# A reference that a drive holds as a share of its range has 16384 steps.
+# The number of steps of a reference that a drive holds as a share of its range.
 _STEPS = 16384
 
 
 @check("commands")
 def what_acts_is_said_to_act(plugin: Protocol, model: Model) -> None:
-    """Each question that starts, stops or resets a motor or changes its speed is asked with `acts`.
+    """Each request that starts, stops or resets a motor or changes its speed is sent with `acts`.
 
-    When it is not answered, the error then says that the drive may have acted on it.
+    If it gets no reply, the error can then say that the drive may have acted on it.
     """
     talk = Talk(plugin, model)
     operations, able = talk.operations, talk.operations.capabilities
@@ -56,7 +56,7 @@ def what_acts_is_said_to_act(plugin: Protocol, model: Model) -> None:
 
 @check("commands")
 def a_reset_is_not_repeated(plugin: Protocol, model: Model) -> None:
-    """The telegram that clears a fault is never sent twice: with its answer lost, the reset ends in an error."""
+    """The telegram that clears a fault is never sent twice: if its reply is lost, the reset ends in an error."""
     with bench(plugin, model) as on:
         if not on.drive.capabilities.faults:
             return
@@ -78,7 +78,7 @@ def a_reset_is_not_repeated(plugin: Protocol, model: Model) -> None:
 
 @check("commands")
 def rounds_no_reference(plugin: Protocol, model: Model) -> None:
-    """A reference in hertz is taken as it was given, to a step of the drive's range, or refused; it is not rounded."""
+    """A reference in hertz is applied to within one step of the drive's range, or refused; it is never rounded."""
     wrong = []
     for given in ("20.04", "20.004"):
         with bench(plugin, model) as on:
@@ -98,7 +98,7 @@ def rounds_no_reference(plugin: Protocol, model: Model) -> None:
 
 @check("parameters")
 def keeps_out_of_eeprom_what_is_not_to_be_stored(plugin: Protocol, model: Model) -> None:
-    """Where every write is stored, one without `store` is refused before anything is sent."""
+    """If the drive stores every write, a write without `store` is refused before anything is sent."""
     wrong = []
     with bench(plugin, model) as on:
         able = on.drive.capabilities

@@ -1,4 +1,4 @@
-"""Reading several parameters by one telegram, where a package can."""
+"""Check of packages that can read several parameters with one telegram."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ if TYPE_CHECKING:
 
 @check("commands")
 def reads_together_what_it_reads_one_by_one(plugin: Protocol, model: Model) -> None:
-    """What one telegram reads is what each is alone; a telegram for each block, none refused, none left out."""
+    """Reading parameters in blocks gives the same values as single reads, with one telegram for each block.
+
+    Each parameter is in exactly one block, and no block is refused.
+    """
     memory = () if plugin.memory is None else (plugin.memory(),)
     options = resolve_options(plugin, model, {})[1]
     operations = plugin.operations(plugin.addresses[0], options, model, *memory)

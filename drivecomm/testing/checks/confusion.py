@@ -1,4 +1,4 @@
-"""Mistaken identity: answers to other questions, of other drives and protocols, and lines on which much goes wrong."""
+"""Checks against mistaken identity: replies to other requests, of other drives and protocols, and disturbed lines."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _DISTURBED_READS = 200
 
 @dataclass(frozen=True, slots=True)
 class _Asked:
-    """A question that one telegram asks, and its answer."""
+    """A request of one telegram, and its reply."""
 
     parameter: str
     asks: Message
@@ -39,7 +39,7 @@ class _Asked:
 
 @check("confusion")
 def an_answer_answers_its_question_only(plugin: Protocol, model: Model) -> None:
-    """The answer about one parameter is never the answer about another, where answers name what they are about."""
+    """The reply about one parameter is never accepted for another, if replies name their parameter."""
     wrong = []
     with bench(plugin, model) as on:
         asked = _all_asked(on, model)
@@ -56,7 +56,7 @@ def an_answer_answers_its_question_only(plugin: Protocol, model: Model) -> None:
 
 
 def _names_it(mine: _Asked, other: _Asked) -> str:
-    """Return a field in which the questions differ, and their answers likewise."""
+    """Return the name of a field in which the two requests differ, and that each reply repeats; "" if there is none."""
     asks, asks_other = fields_of(mine.asks), fields_of(other.asks)
     answers, answers_other = fields_of(mine.answers), fields_of(other.answers)
     for name in asks.keys() & asks_other.keys() & answers.keys() & answers_other.keys():
@@ -67,9 +67,9 @@ def _names_it(mine: _Asked, other: _Asked) -> str:
 
 @check("confusion")
 def another_drive_is_not_believed(plugin: Protocol, model: Model) -> None:
-    """The answer that another drive would give to the same question is ignored, where answers name their drive.
+    """The reply of another drive to the same request is ignored, if replies name their drive.
 
-    A question that is declared anonymous says that they do not; late ones are waited out on the whole line instead.
+    If they do not, the request is declared anonymous, and the link waits out late replies on the whole line instead.
     """
     wrong = []
     operations = plugin.operations(plugin.addresses[0], resolve_options(plugin, model, {})[1], model)
@@ -94,9 +94,9 @@ def another_drive_is_not_believed(plugin: Protocol, model: Model) -> None:
 
 @check("confusion")
 def a_write_is_not_confirmed_by_another(plugin: Protocol, model: Model) -> None:
-    """Where the confirmation of a write repeats the value, that of another value is not taken for it.
+    """If the confirmation of a write repeats the value, the confirmation of another value is not accepted.
 
-    A request that is declared nameless says that its reply proves nothing; late replies to it are waited out instead.
+    If it does not, the request is declared nameless, and the link waits out late replies to it instead.
     """
     wrong = []
     tried = 0
@@ -132,14 +132,14 @@ def a_write_is_not_confirmed_by_another(plugin: Protocol, model: Model) -> None:
 def a_disturbed_line_tells_no_lies(plugin: Protocol, model: Model) -> None:
     """On a line where a third of all telegrams is lost, cut, late, doubled or changed, no reading is wrong.
 
-    Each parameter of each drive holds a number of its own, so that a wrong one shows.
+    Each parameter of each drive holds a unique number, so that a wrong reading shows.
     """
     asked = []
     with bench(plugin, model) as quiet:
         for address in (info.address for info in model.parameters.values()):
             with suppress(DriveCommError):
                 asked.append(quiet.drive.read(address).parameter)
-    # What can only be read is steady, too, where nothing can be set.
+    # Read-only values may change with time, unless the drive has no settable parameter.
     set_only_here = [each for each in asked if (info := model.find(each)) is not None and info.access != "r"]
     steady = set_only_here or asked
     kinds = (Fault.DROP, Fault.TRUNCATE, Fault.DELAY, Fault.DUPLICATE, Fault.CORRUPT)
@@ -155,7 +155,7 @@ def a_disturbed_line_tells_no_lies(plugin: Protocol, model: Model) -> None:
             try:
                 reading = drive.read(parameter)
             except (ReplyError, DriveError):
-                # Where requests have no check, a drive may have heard something else, and refused that.
+                # If requests have no checksum, a drive may refuse a request that was changed on the line.
                 continue
             good += 1
             held = virtual.peek(parameter, on.line.time)
@@ -179,7 +179,7 @@ def _is_nameless(operations: Operations, parameter: str, value: Any) -> bool:
 
 
 def _all_asked(on: Bench, model: Model) -> list[_Asked]:
-    """Read all parameters; return those that one telegram asks for and that are answered."""
+    """Read all parameters; return those that one telegram reads and that the drive answers."""
     asked = []
     for info in model.parameters.values():
         with suppress(DriveCommError):
@@ -188,7 +188,7 @@ def _all_asked(on: Bench, model: Model) -> list[_Asked]:
 
 
 def _asked(on: Bench, parameter: str, call: Callable[[], object]) -> _Asked | None:
-    """Return what this call asks and what is answered, None where it takes more than one telegram."""
+    """Return the request and the reply of a call, or None if it takes more than one telegram."""
     on.virtual.heard.clear()
     on.virtual.said.clear()
     call()
@@ -200,7 +200,7 @@ def _asked(on: Bench, parameter: str, call: Callable[[], object]) -> _Asked | No
 
 
 def _answer_with(on: Bench, data: bytes) -> None:
-    """Let all that the drive answers be this instead."""
+    """Replace every reply of the drive with these bytes."""
     on.virtual.between = lambda _, reply: reply and VirtualReply(data=data, delay_s=reply.delay_s)
 
 
@@ -209,9 +209,9 @@ _READS = 60
 
 @check("foreign traffic")
 def is_not_believed(plugin: Protocol, other: Protocol) -> None:
-    """No telegram of another protocol is the answer to any of this one's own requests, unless that is declared.
+    """No telegram of another protocol passes for a reply to this protocol's requests, unless declared ambiguous.
 
-    A single character, such as ACK, is the same in all protocols that have it, and is not looked at.
+    A single character, such as ACK, is the same in all protocols that use it, and is not checked.
     """
     if other.name in plugin.ambiguous_with:
         return
@@ -234,9 +234,9 @@ def is_not_believed(plugin: Protocol, other: Protocol) -> None:
 
 @check("foreign traffic")
 def is_not_answered(plugin: Protocol, other: Protocol) -> None:
-    """No virtual drive answers a telegram of another protocol, or begins to turn its motor because of it.
+    """No virtual drive answers a telegram of another protocol, or starts its motor because of it.
 
-    Where a package declares that the other's telegrams can be its own, one of them has to be.
+    If the package declares itself ambiguous with the other protocol, at least one such telegram must be answered.
     """
     wrong = []
     for address in (plugin.addresses[0], plugin.addresses[1], plugin.addresses[-1]):
@@ -269,7 +269,7 @@ def does_not_spoil_a_reading(plugin: Protocol, other: Protocol) -> None:
         parameters = [info.address for info in (on.drive.model.parameters.values() if on.drive.model else ())]
         for number, data in enumerate(foreign):
             parameter = parameters[number % len(parameters)]
-            # Before the request, while it is on its way, and where its answer is expected.
+            # At the start of the request, while it is on its way, and when its reply is expected.
             on.line.call_at(on.line.time + (0.0, 0.002, 0.02)[number % 3], lambda data=data: on.line.inject(data))  # type: ignore[misc]
             try:
                 reading = on.drive.read(parameter)
@@ -297,5 +297,5 @@ def _own(plugin: Protocol) -> list[Vector]:
     try:
         return [vector for vector in packaged_vectors(plugin).vectors if vector.valid]
     except FileFormatError:
-        # Whoever judges that protocol is told.
+        # The conformance run of that protocol reports the broken file.
         return []

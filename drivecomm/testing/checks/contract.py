@@ -1,4 +1,4 @@
-"""The plug-in contract: what a `Protocol` object is made of, and what its operations keep to before they send."""
+"""Checks of the plug-in contract: the fields of a `Protocol` object, and the rules for its operations."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ _FIELD_TYPES: dict[str, type | tuple[type, ...]] = {
 
 @check("contract")
 def has_all_fields(plugin: Protocol) -> None:
-    """Every field of the Protocol object has its type, texts say something, and what is to be called can be."""
+    """Every field of the Protocol object has its type, required texts are not empty, and functions are callable."""
     wrong = []
     for field in dataclasses.fields(Protocol):
         value = getattr(plugin, field.name)
@@ -74,7 +74,7 @@ def has_all_fields(plugin: Protocol) -> None:
 
 @check("contract")
 def has_addresses(plugin: Protocol) -> None:
-    """There are addresses, a scan asks only these, and the broadcast address is none of them."""
+    """There are addresses, a scan uses only these, and the broadcast address is not one of them."""
     expect(len(plugin.addresses) > 0, "no drive has an address")
     strange = sorted(set(plugin.scan_addresses) - set(plugin.addresses))
     expect(not strange, f"a scan asks at {', '.join(map(str, strange[:3]))}, where no drive can be")
@@ -85,9 +85,9 @@ def has_addresses(plugin: Protocol) -> None:
 
 @check("contract")
 def has_frozen_options(plugin: Protocol) -> None:
-    """The options are a frozen, keyword-only dataclass that works without any, and share no name with a line fact."""
+    """The options are a frozen, keyword-only dataclass with defaults, and share no name with a line fact."""
     kind = plugin.options
-    expect(dataclasses.is_dataclass(kind), "options is no dataclass")
+    expect(dataclasses.is_dataclass(kind), "options is not a dataclass")
     expect(kind.__dataclass_params__.frozen, "the dataclass of options is not frozen")
     for field in dataclasses.fields(kind):
         expect(field.kw_only, f"the option {field.name} can be given by its place")
@@ -99,7 +99,7 @@ def has_frozen_options(plugin: Protocol) -> None:
 
 @check("contract")
 def operations_are_whole(plugin: Protocol) -> None:
-    """Operations have all verbs, capabilities and one address for each parameter; further verbs say what they do."""
+    """Operations have all verbs, capabilities and one address for each parameter; extra verbs have a docstring."""
     options = plugin.options()
     for address in (plugin.addresses[0], plugin.addresses[-1]):
         if plugin.memory is None:
@@ -132,7 +132,7 @@ def operations_are_whole(plugin: Protocol) -> None:
 
 @check("contract")
 def virtual_drives_are_whole(plugin: Protocol) -> None:
-    """A virtual drive has its address, settings, gap, motor and codec; what it holds can be looked at and set."""
+    """A virtual drive has its address, settings, gap, motor and codec; its parameters can be read and set directly."""
     model = known_model(plugin, plugin.default_model)
     for address in (plugin.addresses[0], plugin.addresses[-1]):
         drive = plugin.virtual(address, resolve_options(plugin, model, {})[1], model)
@@ -157,7 +157,7 @@ def _knows(access: Callable[[], object]) -> bool:
 
 @check("contract")
 def finds_its_examples(plugin: Protocol) -> None:
-    """The parameter addresses that show the forms of this protocol are parameter addresses."""
+    """The example parameter addresses of this protocol are valid parameter addresses."""
     expect(plugin.parameter_examples, "there are no examples of parameter addresses")
     operations = plugin.operations(plugin.addresses[0], plugin.options(), None)
     for parameter in plugin.parameter_examples:
@@ -167,7 +167,7 @@ def finds_its_examples(plugin: Protocol) -> None:
 
 @check("contract")
 def can_ask_for_what_may_be_there(plugin: Protocol) -> None:
-    """Where it tells which addresses a drive can hold, each of them can be asked for, comes once, and has a source."""
+    """If a protocol lists the addresses that a drive can hold, each can be read, occurs once, and has a source."""
     if plugin.address_space is None:
         return
     options = plugin.options()
@@ -185,7 +185,7 @@ def can_ask_for_what_may_be_there(plugin: Protocol) -> None:
 
 @check("contract")
 def refuses_what_cannot_be(plugin: Protocol) -> None:
-    """A wrong parameter, value or option is a UsageError before anything is sent."""
+    """An invalid parameter, value or option raises UsageError before anything is sent."""
     with bench(plugin) as on:
         drive, model = on.drive, on.drive.model
         known = next(iter(model.parameters)) if model else plugin.parameter_examples[0]
@@ -197,7 +197,7 @@ def refuses_what_cannot_be(plugin: Protocol) -> None:
             "an unknown option of write": lambda: drive.write(known, 1, no_such_option=1),
             "a verb that is not there": lambda: drive.call("no such verb"),
             "a reference of a million percent": lambda: drive.set_reference(percent=1_000_000),
-            "a reference that is no number": lambda: drive.set_reference(percent="fast"),
+            "a reference that is not a number": lambda: drive.set_reference(percent="fast"),
             "a reference without a unit": drive.set_reference,
         }
         for what, call in calls.items():
@@ -211,7 +211,7 @@ def refuses_what_cannot_be(plugin: Protocol) -> None:
 
 @check("contract")
 def speaks_to_all_without_waiting(plugin: Protocol) -> None:
-    """A broadcast waits for no reply, stops every motor, and no drive answers; what cannot be broadcast is refused."""
+    """A broadcast waits for no reply, stops every motor, and no drive answers; other operations are refused."""
     if plugin.broadcast_address is None:
         return
     operations = plugin.operations(plugin.broadcast_address, plugin.options(), None)
@@ -266,7 +266,7 @@ def judges_every_pair(plugin: Protocol) -> None:
 
 @check("contract")
 def commands_soundly(plugin: Protocol) -> None:
-    """The control profiles that drives are commanded by are sound: no stop starts a motor, no start is sent again."""
+    """The control profiles of the protocol are valid: no stop starts a motor, and no start is sent again."""
     raise_all(
         [
             f"control profile {known.name!r}: {mistake}"
@@ -278,7 +278,7 @@ def commands_soundly(plugin: Protocol) -> None:
 
 @check("contract")
 def is_honest_about_blind_spots(plugin: Protocol) -> None:
-    """Where a blind spot is declared, a wrong bit does go unnoticed in some telegram; no more is excused than is so."""
+    """In every declared blind spot, a wrong bit really goes unnoticed in some telegram."""
     declared: set[tuple[str, int, int]] = set()
     confirmed: set[tuple[str, int, int]] = set()
     codec = plugin.codec(plugin.options())

@@ -1,4 +1,4 @@
-"""What a protocol package says about itself: what it covers, and where every fact comes from."""
+"""Checks of a protocol package's documents: its coverage, and a source for every fact."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _A_PLACE = re.compile(r"\b(p|page|pages|section|sections|chapter|table|printed p
 
 @check("documents")
 def has_a_readme(plugin: Protocol) -> None:
-    """The README of the package names the documents that the protocol is taken from, and where in them."""
+    """The README of the package names the documents that the protocol is taken from, with pages or sections."""
     readme = resources.files(plugin.package) / "README.md"
     expect(readme.is_file(), f"{plugin.package} has no README.md")
     text = readme.read_text(encoding="utf-8")
@@ -39,7 +39,7 @@ def has_a_readme(plugin: Protocol) -> None:
 
 @check("documents")
 def names_the_source_of_its_facts(plugin: Protocol) -> None:
-    """Line settings and timing say where they come from, with speed and form of a character as they are given."""
+    """Line settings and timing name their source, which quotes the baud rate and the character format."""
     expect(len(plugin.facts_source.split()) >= 3, f"the source of the line facts is {plugin.facts_source!r}")
     settings = plugin.facts.settings
     for fact in (f"{settings.baudrate}", f"{settings.bytesize}{settings.parity}{settings.stopbits:g}"):
@@ -51,7 +51,7 @@ def names_the_source_of_its_facts(plugin: Protocol) -> None:
 
 @check("documents")
 def has_a_source_for_every_vector(plugin: Protocol) -> None:
-    """Every telegram and every exchange says where it is known from."""
+    """Every telegram and every exchange names its source."""
     file = packaged_vectors(plugin)
     expect(file.vectors, "there are no vectors")
     entries: tuple[Vector | ExchangeVector, ...] = (*file.vectors, *file.exchanges)
@@ -60,7 +60,7 @@ def has_a_source_for_every_vector(plugin: Protocol) -> None:
 
 @check("documents")
 def has_vectors_for_everything(plugin: Protocol) -> None:
-    """There are vectors for both directions, for what is refused, and for every form that the protocol declares."""
+    """There are vectors for both directions, for invalid telegrams, and for every form that the protocol declares."""
     file = packaged_vectors(plugin)
     directions = {vector.direction for vector in file.vectors if vector.valid}
     expect(directions == {"request", "reply"}, f"there are vectors for {sorted(directions)} only")
@@ -77,7 +77,7 @@ def has_vectors_for_everything(plugin: Protocol) -> None:
 def _reads(parse: Callable[[bytes], object], data: bytes) -> bool:
     try:
         parse(data)
-    except Exception:  # noqa: BLE001 - whatever it says, it is not this form
+    except Exception:  # noqa: BLE001 - any exception means another form
         return False
     return True
 
@@ -98,13 +98,13 @@ def has_a_source_for_every_parameter(plugin: Protocol) -> None:
 
 @check("documents")
 def has_models_in_order(plugin: Protocol) -> None:
-    """Every model file of the package is in order, as `drivecomm models check` sees it."""
+    """Every model file of the package passes `drivecomm models check`."""
     raise_all([str(finding) for path in packaged_models(plugin.package) for finding in check_model(path, plugin)])
 
 
 @check("documents")
 def explains_its_options(plugin: Protocol) -> None:
-    """The docstring of the options explains each of them, and the package says what it is."""
+    """The docstring of the options explains each option, and the module of the options has a docstring."""
     text = inspect.getdoc(plugin.options) or ""
     raise_all(
         [

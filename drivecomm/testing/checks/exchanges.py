@@ -1,4 +1,4 @@
-"""Exchanges: the calls of a vector against its steps, with every face and every way that bytes arrive."""
+"""Checks of exchange vectors: calls compared with steps on the wire, blocking and awaited, for all forms of arrival."""
 
 from __future__ import annotations
 
@@ -27,38 +27,38 @@ if TYPE_CHECKING:
 
     Face: TypeAlias = Callable[[Protocol, ExchangeVector, Line], None]
 
-# However busy the machine is, a reply that is sent at once comes within this time.
+# A reply that is sent immediately arrives within this time, however busy the machine is.
 _PATIENT = {"reply_timeout_s": 3.0, "gap_s": 3.0}
 _LONGEST_S = 0.3
 
 
 @check("exchanges", "exchange")
 def goes_as_written(plugin: Protocol, vector: ExchangeVector) -> None:
-    """The blocking face sends, waits and results in what the vector says."""
+    """The blocking call sends, waits and returns as the vector says."""
     _play(call_blocking, plugin, vector, ScriptedPort())
 
 
 @check("exchanges", "awaited", costly=True)
 def goes_as_written_awaited(plugin: Protocol, vector: ExchangeVector) -> None:
-    """The awaited face sends, waits and results in what the vector says."""
+    """The awaited call sends, waits and returns as the vector says."""
     _play(call_awaited, plugin, vector, ScriptedPort())
 
 
 @check("exchanges", "echo", costly=True)
 def goes_as_written_with_echo(plugin: Protocol, vector: ExchangeVector) -> None:
-    """An adapter that hands back what is sent changes nothing."""
+    """With an adapter that echoes everything sent, the exchange is the same."""
     _play(call_blocking, plugin, vector, ScriptedPort(echo=True), echo="expect")
 
 
 @check("exchanges", "lumps", costly=True)
 def goes_as_written_in_lumps(plugin: Protocol, vector: ExchangeVector) -> None:
-    """An adapter that collects the characters of a telegram before it hands them over changes nothing."""
+    """With an adapter that collects the characters of a telegram before it delivers them, the exchange is the same."""
     _play(call_blocking, plugin, vector, ScriptedPort(in_lumps=True))
 
 
 @check("exchanges", "another-drive")
 def passes_over_another_drive(plugin: Protocol, vector: ExchangeVector) -> None:
-    """What another drive says in front of each reply changes nothing."""
+    """With a reply of another drive in front of each reply, the exchange is the same."""
     codec = _codec(plugin, vector)
     steps: list[WireStep] = []
     asked = b""
@@ -74,9 +74,9 @@ def passes_over_another_drive(plugin: Protocol, vector: ExchangeVector) -> None:
 
 @check("exchanges", "noise", costly=True)
 def passes_over_noise(plugin: Protocol, vector: ExchangeVector) -> None:
-    """Three characters that begin no telegram, in front of each reply, change nothing.
+    """With three characters that begin no telegram in front of each reply, the exchange is the same.
 
-    In front of a reply of one character there is one: behind more of them it may be there by chance.
+    A one-character reply gets only one of them in front: after more noise, such a character could be noise itself.
     """
     codec = _codec(plugin, vector)
     silent = noise_of(codec, "reply")
@@ -92,9 +92,9 @@ def passes_over_noise(plugin: Protocol, vector: ExchangeVector) -> None:
 
 @check("exchanges", "script")
 def goes_as_written_without_a_line(plugin: Protocol, vector: ExchangeVector) -> None:
-    """The operations alone, on the script runner, ask and result in what the vector says.
+    """The operations alone, on the script runner, send and return as the vector says.
 
-    Only where each request has its reply: what a link does about silence and damage is not theirs.
+    Only for vectors in which each request has its reply: silence and damage are handled by the link, not by operations.
     """
     script = _as_script(plugin, vector)
     if script is None:
@@ -109,7 +109,7 @@ def goes_as_written_without_a_line(plugin: Protocol, vector: ExchangeVector) -> 
 
 
 def _as_on_the_wire(codec: Codec, exchange: Exchange[None]) -> Exchange[None]:
-    """Let an exchange ask what a drive would hear: a field may be left out where its value goes without saying."""
+    """Replace each message of the exchange by its decoded wire form, in which default values are filled in."""
 
     def heard(command: Ask | Tell | Pause) -> Ask | Tell | Pause:
         if isinstance(command, Pause):
@@ -130,7 +130,7 @@ def _calls_of(vector: ExchangeVector, verbs: Exchanges) -> Exchange[None]:
 
 
 def _as_script(plugin: Protocol, vector: ExchangeVector) -> list[tuple[Message, Message | ReplyError | None]] | None:
-    """Return the steps as messages; None where they are more than requests and their replies."""
+    """Return the steps as messages, or None if they contain more than requests and their replies."""
     codec = _codec(plugin, vector)
     script: list[tuple[Message, Message | ReplyError | None]] = []
     steps = [step for step in vector.steps if step.action != "pause_s"]
@@ -159,7 +159,7 @@ def _codec(plugin: Protocol, vector: ExchangeVector) -> Codec:
 
 
 def _of_another_drive(plugin: Protocol, vector: ExchangeVector, asked: bytes, data: bytes) -> bytes:
-    """Return such a reply from another address, with other content where that can be; nothing where it has none."""
+    """Return the reply with another address and, if possible, other content; b"" if it carries no address."""
     codec = _codec(plugin, vector)
     request, message = decoded(codec, asked, "request"), decoded(codec, data, "reply")
     if request is None or message is None or not hasattr(message, "address"):
@@ -170,7 +170,7 @@ def _of_another_drive(plugin: Protocol, vector: ExchangeVector, asked: bytes, da
     if said is None or said == data:
         return b""
     other = codec.decode(said, "reply")
-    # What only repeats the request says nothing of the drive.
+    # Fields that only repeat the request carry no information of the drive, so they stay.
     told = {each.name for each in dataclass_fields(message) if getattr(message, each.name) is not None}
     repeated = {name for name in told if getattr(request, name, None) == getattr(message, name)}
     for name in told - repeated - {holder, "kind"}:
@@ -180,7 +180,7 @@ def _of_another_drive(plugin: Protocol, vector: ExchangeVector, asked: bytes, da
 
 
 def _holder_of_the_address(message: Any, other: int) -> str:
-    """Return the field with the address of a drive: `address`, or the one in the manual's word that this shows."""
+    """Return the name of the field with the drive's address: `address`, or the manual's word for it; "" if none."""
     names = [each.name for each in dataclass_fields(message)]
     shows = (name for name in names if replace(message, **{name: other}).address == other)
     return "address" if "address" in names else next(shows, "")
@@ -208,30 +208,30 @@ def _play(face: Face, plugin: Protocol, vector: ExchangeVector, port: ScriptedPo
 
 @check("live", "terminal")
 def goes_as_written_over_a_terminal(plugin: Protocol, vector: ExchangeVector) -> None:
-    """Blocking, over a pseudo-terminal, the conversation goes as it is written."""
+    """With blocking calls over a pseudo-terminal, the exchange goes as the vector says."""
     _play_live("pty", call_blocking, plugin, vector)
 
 
 @check("live", "terminal-awaited")
 def goes_as_written_over_a_terminal_awaited(plugin: Protocol, vector: ExchangeVector) -> None:
-    """In an event loop that watches a pseudo-terminal, the conversation goes as it is written."""
+    """In an event loop that watches a pseudo-terminal, the exchange goes as the vector says."""
     _play_live("pty", call_awaited, plugin, vector)
 
 
 @check("live", "socket")
 def goes_as_written_over_a_socket(plugin: Protocol, vector: ExchangeVector) -> None:
-    """Blocking, over TCP, the conversation goes as it is written."""
+    """With blocking calls over TCP, the exchange goes as the vector says."""
     _play_live("tcp", call_blocking, plugin, vector)
 
 
 @check("live", "thread")
 def goes_as_written_in_a_thread(plugin: Protocol, vector: ExchangeVector) -> None:
-    """In an event loop that leaves the waiting to a thread, over RFC 2217, the conversation goes as it is written."""
+    """In an event loop that waits in a thread, over RFC 2217, the exchange goes as the vector says."""
     _play_live("rfc2217", call_awaited, plugin, vector)
 
 
 def sample(vectors: Iterable[ExchangeVector], number: int) -> list[ExchangeVector]:
-    """Return so many vectors that take next to no time and do not depend on time, evenly taken from all of them."""
+    """Return up to this many quick vectors that do not depend on timing, spread evenly over all of them."""
     quick = [vector for vector in vectors if vector.steps and _is_quick(vector)]
     step = max(1, len(quick) // number) if number else 1
     return quick[::step][:number]
@@ -250,7 +250,7 @@ def play_at_port(kind: PortKind, face: Face, plugin: Protocol, vector: ExchangeV
         try:
             face(plugin, vector, Line(partner.address, partner.begin))
         except CheckFailure:
-            # That a call fails is mostly the consequence of something wrong that was sent.
+            # A failed call is mostly the consequence of a wrong request, so report that first.
             partner.blame()
             raise
         partner.end()

@@ -1,6 +1,6 @@
-"""What a virtual drive has to do by itself: guard its limits, forget what was not stored, heed a sign.
+"""Checks of the virtual drive's own rules: its limits, values that are not stored, the sign of a reference.
 
-A master that knows the limits too refuses first, so that a drive without any would never be seen.
+A master that knows the limits as well refuses first, so it would hide a virtual drive without limits.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ if TYPE_CHECKING:
     from drivecomm.testing.bench import Bench
 
 _NEAR_HZ = 0.05
-# What every number has room for, and no single bit.
+# A value that fits into every number, and not into a single bit.
 _NO_COIL = 5
-# Enough to see that it is so for numbers of every kind.
+# Enough parameters to cover numbers of every kind.
 _TRIED = 4
 
 
 @check("commands")
 def guards_its_limits(plugin: Protocol, model: Model) -> None:
-    """A value beyond the limits is not taken by a virtual drive either, sent by a master that knows no limits."""
+    """A virtual drive refuses a value beyond its limits, even from a master that does not know the limits."""
     unlimited = {name: replace(info, minimum=None, maximum=None) for name, info in model.parameters.items()}
     wrong = []
     with bench(plugin, model) as on:
@@ -48,7 +48,7 @@ def guards_its_limits(plugin: Protocol, model: Model) -> None:
 
 @check("parameters")
 def holds_only_what_it_can_tell(plugin: Protocol, model: Model) -> None:
-    """A number that is set at its keypad is told when it is read, or is refused with ValueError where it is set."""
+    """A number set at the keypad of a virtual drive can be read, or is refused with ValueError when it is set."""
     wrong = []
     with bench(plugin, model) as on:
         for info in _numbers(model):
@@ -70,13 +70,13 @@ def holds_only_what_it_can_tell(plugin: Protocol, model: Model) -> None:
 
 @check("commands")
 def forgets_what_was_not_stored(plugin: Protocol, model: Model) -> None:
-    """What was written and not stored is gone when mains come back, what was stored is there."""
+    """After a power cycle, volatile writes are lost and stored writes are kept."""
     for store in (False, True):
         tried = 0
         for info in _numbers(model):
             with bench(plugin, model) as on:
                 able = on.drive.capabilities
-                # Whether a drive's mains can be switched, the contract leaves to the package.
+                # The contract does not require a virtual drive to support power cycles.
                 has_mains = hasattr(on.virtual.inner, "power_cycle")
                 if not (able.stored_writes and able.volatile_writes and has_mains):
                     return
@@ -99,7 +99,7 @@ def forgets_what_was_not_stored(plugin: Protocol, model: Model) -> None:
 
 @check("commands")
 def heeds_the_sign_of_a_reference(plugin: Protocol, model: Model) -> None:
-    """At a negative reference the motor turns backwards or as slowly as it can, or the reference is refused."""
+    """At a negative reference the motor turns backwards or at its lowest speed, or the reference is refused."""
     for unit, value in (("hz", 20), ("percent", 40)):
         with bench(plugin, model) as on:
             if not getattr(on.drive.capabilities, f"reference_{unit}"):

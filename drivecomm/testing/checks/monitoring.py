@@ -1,4 +1,4 @@
-"""Drives that are monitored only: what a master refuses whose model has no commands."""
+"""Checks of drives that are monitoring only: the master refuses every command."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @check("monitoring")
 def refuses_every_command(plugin: Protocol, model: Model) -> None:
-    """A drive whose model has no commands is told nothing: each command is refused before anything is sent."""
+    """A drive whose model has no commands gets none: each command is refused before anything is sent."""
     wrong = []
     with bench(plugin, model) as on:
         drive = on.drive
@@ -42,13 +42,13 @@ def refuses_every_command(plugin: Protocol, model: Model) -> None:
 
 
 def takes_commands(plugin: Protocol, model: str) -> bool:
-    """Return whether drives of a model can be started at all; what else is wrong with one is for its checks to find."""
+    """Return whether drives of a model can be started at all; True if the package raises an unexpected error."""
     try:
         known = known_model(plugin, model)
         options = resolve_options(plugin, known, {})[1]
         next(plugin.operations(plugin.addresses[0], options, known).start())
     except NotSupported:
         return False
-    except Exception:  # noqa: BLE001 - whatever a package does that is not finished
+    except Exception:  # noqa: BLE001 - an unfinished package may raise anything
         return True
     return True

@@ -1,4 +1,4 @@
-"""Commands and the motor: the master's verbs against the virtual drive, held against what its motor does."""
+"""Checks of commands: the effect of the master's verbs on the virtual drive's motor."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import DriveStatus, Model, Protocol
     from drivecomm.testing.bench import Bench
 
-# A reference has steps; the coarsest that is known is 0.01 Hz, or a 16384th of the range.
+# The coarsest known step of a reference is 0.01 Hz, or a 16384th of the range.
 _NEAR_HZ = 0.05
 
 _STOPPING = {
@@ -31,7 +31,7 @@ _STOPPING = {
 
 @check("commands")
 def runs_at_the_reference(plugin: Protocol, model: Model) -> None:
-    """After set_reference and start the motor turns as fast as it was told to, and the status says so."""
+    """After set_reference and start the motor turns at the reference, and the status reports it."""
     with bench(plugin, model) as on:
         able = on.drive.capabilities
     if able.reference_hz:
@@ -79,7 +79,7 @@ def runs_backwards(plugin: Protocol, model: Model) -> None:
 
 @check("commands")
 def stops_in_every_way(plugin: Protocol, model: Model) -> None:
-    """Each way of stopping does to the motor what its name says; the others are refused before anything is sent."""
+    """Each supported way of stopping has the effect of its name; others are refused before anything is sent."""
     wrong = []
     for how in Stop:
         with bench(plugin, model) as on:
@@ -101,9 +101,9 @@ def stops_in_every_way(plugin: Protocol, model: Model) -> None:
 
 @check("commands")
 def tells_its_faults(plugin: Protocol, model: Model) -> None:
-    """A drive that has tripped says so, with the code that it tripped with and the model's text for it.
+    """A tripped drive reports the fault, with the right code and the model's text for it.
 
-    One whose capabilities say that it tells no faults is not taken for running.
+    A drive whose capabilities exclude faults must at least not report that it is running.
     """
     wrong = []
     for code in list(model.faults) or [1, 4]:
@@ -130,9 +130,9 @@ def tells_its_faults(plugin: Protocol, model: Model) -> None:
 
 @check("commands")
 def is_reset_and_stands(plugin: Protocol, model: Model) -> None:
-    """A tripped drive refuses to start; a reset clears the fault, and the motor does not move by it.
+    """A tripped drive refuses to start; a reset clears the fault and does not move the motor.
 
-    One whose capabilities say that it tells no faults cannot be reset. A model may have no reset; it is refused.
+    The reset is refused if the capabilities exclude faults, or if the model has no reset.
     """
     with bench(plugin, model) as on:
         on.set_some_reference()
@@ -163,7 +163,7 @@ def is_reset_and_stands(plugin: Protocol, model: Model) -> None:
 
 @check("commands")
 def asking_moves_nothing(plugin: Protocol, model: Model) -> None:
-    """Reading, status, probe and identify neither start a motor nor stop it nor change its speed."""
+    """Reading, status, probe and identify do not start or stop a motor or change its speed."""
     for running in (False, True):
         with bench(plugin, model) as on:
             if running:
@@ -186,7 +186,7 @@ def asking_moves_nothing(plugin: Protocol, model: Model) -> None:
 
 @check("commands")
 def does_not_repeat_an_old_command(plugin: Protocol, model: Model) -> None:
-    """After somebody else has stopped the drive, setting the reference does not start it again."""
+    """After another program has stopped the drive, setting the reference does not start it again."""
     with bench(plugin, model) as on:
         on.set_some_reference()
         _started(on)
@@ -195,7 +195,7 @@ def does_not_repeat_an_old_command(plugin: Protocol, model: Model) -> None:
         expect(not on.virtual.motor.running, "stopped by another object for the same drive, it still runs")
         on.set_some_reference()
         on.settle()
-        expect(not on.virtual.motor.running, "a reference starts a drive that somebody else has stopped")
+        expect(not on.virtual.motor.running, "a reference starts a drive that another program has stopped")
 
 
 def _commanded(on: Bench) -> tuple[object, ...]:
@@ -210,7 +210,7 @@ def _started(on: Bench) -> None:
 
 
 def _agrees(status: DriveStatus, on: Bench) -> None:
-    """Raise CheckFailure where a status contradicts a motor that runs at its reference."""
+    """Raise CheckFailure if a status contradicts a motor that runs at its reference."""
     motor = on.virtual.motor
     expect(status.running and status.state is DriveState.RUNNING, f"the motor runs, and the status is {status.state}")
     expect(not status.fault, "the motor runs, and the status says fault")

@@ -1,4 +1,4 @@
-"""What replies name: of every two questions to one drive, whether the answer to one passes for that to the other."""
+"""Check of ambiguous replies: for every two requests to one drive, whether the reply to one passes for the other."""
 
 from __future__ import annotations
 
@@ -21,11 +21,10 @@ _WRITES = 24
 
 @check("confusion")
 def a_question_that_anothers_answer_fits_is_declared(plugin: Protocol, model: Model) -> None:
-    """Where the answer to one question passes for that to another, the other one is asked `nameless` or `distinct`.
+    """A request is sent as `nameless` if another request's reply passes for its own, and never as `distinct` then.
 
-    One that is asked `distinct` promises that no other's passes. A refusal is no such answer: most protocols do not
-    name what they refuse, and a late one raises an error at worst. Nor is what else is said
-    of the same parameter: a write may be answered by its value, and another value written to it by the same words.
+    Refusals are not compared: most protocols do not name what they refuse, and a late refusal only raises an error.
+    Reads and writes of the same parameter are not compared either, nor two writes to it: their replies may be equal.
     """
     wrong = []
     asked, telling = _all_questions(plugin, model)
@@ -48,7 +47,7 @@ def _passes(plugin: Protocol, mine: Asked, other: Asked) -> bool:
 
 
 def _are_of_one_place(mine: Asked, other: Asked) -> bool:
-    """Whether one reads the parameter that the other writes, or both write a value each to one place."""
+    """Whether one request reads the parameter that the other writes, or both write a value to the same parameter."""
     (verb, _, parameter), (other_verb, _, other_parameter) = (each.verb.partition(" ") for each in (mine, other))
     if verb != other_verb and parameter == other_parameter:
         return True
@@ -58,13 +57,13 @@ def _are_of_one_place(mine: Asked, other: Asked) -> bool:
 
 
 def _all_questions(plugin: Protocol, model: Model) -> tuple[list[Asked], set[str]]:
-    """Return what is asked by all reads, by some writes, to look and to identify, and the kinds of reply that tell."""
+    """Return the requests of all reads, some writes, status and identify, and the kinds of reply that carry values."""
     talk = Talk(plugin, model)
     asked: dict[tuple[Message, bool, bool], Asked] = {}
     telling = set()
     for verb, begin in _verbs(talk.operations, model):
         pairs, succeeded = talk.over(verb, begin)
-        # What is looked for with the rest may be refused on the way.
+        # Status and identify may be refused on the way, so their replies do not define the kinds.
         if succeeded and verb.startswith(("read ", "write ")):
             telling |= {each.answer.kind for each in pairs}
         for each in pairs:

@@ -1,4 +1,4 @@
-"""Parameters: the master against the virtual drive, for everything that a model knows."""
+"""Checks of parameters: the master against the virtual drive, for every parameter of a model."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Model, ParameterInfo, Protocol, Reading
     from drivecomm.testing.bench import Bench
 
-# Some parameters of a manual can only be written, or are read with an index.
+# Share of parameters that must be readable: some can only be written, or are read with an index.
 _READABLE = 0.75
-# A few are commands: the drive carries them out and forgets them.
+# Share of parameters that must keep a written value: a few are commands, which the drive carries out and discards.
 _KEPT = 0.85
 
 
 @check("parameters")
 def reads_what_the_drive_holds(plugin: Protocol, model: Model) -> None:
-    """Every parameter is read as the drive holds it, with the name, unit and scale of the model."""
+    """Every parameter reads the value that the drive holds, with the name, unit and scale of the model."""
     wrong = []
     answered = 0
     with bench(plugin, model) as on:
@@ -63,13 +63,13 @@ def _wrong_reading(info: ParameterInfo, reading: Reading, on: Bench) -> Iterator
 
 
 def _is_bare(info: ParameterInfo, reading: Reading) -> bool:
-    """Whether a reading is the plain number, and says so, because its scale is not certain for this drive."""
+    """Whether a reading is a plain number without unit, with a note, because its scale is uncertain for this drive."""
     return reading.note != "" and reading.unit == "" and info.unit != ""
 
 
 @check("parameters")
 def is_found_by_name(plugin: Protocol, model: Model) -> None:
-    """A parameter is the same by the name in the model and by its address."""
+    """A parameter is the same by its name in the model and by its address."""
     wrong = []
     with bench(plugin, model) as on:
         for info in model.parameters.values():
@@ -87,7 +87,7 @@ def is_found_by_name(plugin: Protocol, model: Model) -> None:
 
 @check("parameters")
 def writes_what_was_given(plugin: Protocol, model: Model) -> None:
-    """A value that is written is read back as it was given, at the ends of its range too, or refused as a whole."""
+    """A written value reads back unchanged, also at the ends of its range, or the write is refused as a whole."""
     wrong: list[str] = []
     tried = kept = 0
     for info in model.parameters.values():
@@ -103,7 +103,7 @@ def writes_what_was_given(plugin: Protocol, model: Model) -> None:
 
 
 def _written(plugin: Protocol, model: Model, info: ParameterInfo) -> Iterator[tuple[str, bool]]:
-    """Write some values; yield for each what is wrong with what came of it, and whether the drive took a new value."""
+    """Write some values; for each, yield the mistake in the outcome or "", and whether the drive took a new value."""
     with bench(plugin, model) as on:
         place = on.place
         for value in _values(info):
@@ -117,7 +117,7 @@ def _written(plugin: Protocol, model: Model, info: ParameterInfo) -> Iterator[tu
                     yield f"{info.address} := {value}: {error}", False
                 return
             if on.place != place:
-                # It was told to speak elsewhere or otherwise, and does.
+                # The written value changed the drive's address or line settings.
                 return
             if info.access == "r":
                 yield f"{info.address} can only be read, and {value} was written to it", False
@@ -134,8 +134,8 @@ def _written(plugin: Protocol, model: Model, info: ParameterInfo) -> Iterator[tu
 def _wrong_write(
     info: ParameterInfo, value: Decimal, reading: Reading, confirmed: Reading | None, *, unchanged: bool
 ) -> str:
-    """Return what is wrong with what is read after a write; a command leaves nothing to read."""
-    # Of a number of no known type nobody knows whether its first bit is a sign; the reading says so.
+    """Return the mistake in the value read after a write, or ""; a command leaves nothing to read."""
+    # For a number of unknown type the first bit may or may not be a sign; the reading has a note then.
     sign_unknown = value < 0 and not info.type and reading.note != ""
     if reading.value != value and not (unchanged or sign_unknown or _is_bare(info, reading)):
         return f"{info.address} := {value} is read back as {as_data(reading.value)}"
@@ -149,7 +149,7 @@ def _wrong_write(
 
 
 def _values(info: ParameterInfo) -> list[Decimal]:
-    """Return physical values that show sign, scale and the ends of the range, the one that the drive has last."""
+    """Return values that cover sign, scale and the ends of the range; the drive's start value comes last."""
     step, start = info.factor, info.start if isinstance(info.start, Decimal) else Decimal(0)
     near = {start + step, -start, *(raw * step for raw in (0, 1, 3, -1, 258, 32767, -32768, 40000, 70000))}
     for end in (info.minimum, info.maximum):
@@ -160,7 +160,7 @@ def _values(info: ParameterInfo) -> list[Decimal]:
 
 @check("parameters")
 def stores_nothing_where_it_cannot(plugin: Protocol, model: Model) -> None:
-    """Where no write can be stored, asking for it is refused before anything is sent."""
+    """If no write can be stored, a write with `store` is refused before anything is sent."""
     wrong = []
     with bench(plugin, model) as on:
         if on.drive.capabilities.stored_writes:

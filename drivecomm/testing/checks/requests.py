@@ -1,7 +1,7 @@
-"""Requests: what is asked again when the reply is lost, and what a package says that each of them is for.
+"""Checks of requests: retries after a lost reply, and the intent that a package declares for each request.
 
-That decides what anybody may send again, and what a fault plan means by a reply to a read. A mistake in it is seen by
-no telegram, so it is held against what a virtual drive makes of the requests.
+The intent decides which requests may be sent again, and which replies a fault plan affects. No telegram shows a wrong
+intent, so it is compared with the effect of the request on a virtual drive.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Model, ParameterInfo, Protocol, VirtualReply
     from drivecomm.testing.bench import Bench
 
-# A telegram or two, and the silence before them; late answers are waited out for seconds.
+# The duration of a telegram or two, and the silence before them; waiting out late replies takes seconds.
 _AT_ONCE_S = 0.5
 
-# Characters: the telegrams of one attempt, and those around it.
+# Number of characters in one attempt, with the telegrams around it.
 _FEW_TELEGRAMS = 100
 
 
 @check("commands")
 def a_lost_answer_is_asked_for_again(plugin: Protocol, model: Model) -> None:
-    """A read whose answers are lost is sent as often as the drive's attempts say, the same each time, and no more."""
+    """A read whose replies are lost is sent exactly as often as the drive's attempts say, unchanged each time."""
     with bench(plugin, model) as on:
         parameter = _readable(on, model)
         wanted = on.drive.read(parameter).raw
@@ -51,7 +51,7 @@ def a_lost_answer_is_asked_for_again(plugin: Protocol, model: Model) -> None:
 
 @check("commands")
 def a_start_is_not_repeated(plugin: Protocol, model: Model) -> None:
-    """The telegram that makes the motor run is never sent twice: with its answer lost, the start ends in an error."""
+    """The telegram that starts the motor is never sent twice: if its reply is lost, the start ends in an error."""
     for reverse in (False, True):
         with bench(plugin, model) as on:
             if reverse and not on.drive.capabilities.reverse:
@@ -71,7 +71,7 @@ def a_start_is_not_repeated(plugin: Protocol, model: Model) -> None:
 
 @check("commands")
 def a_stop_is_repeated(plugin: Protocol, model: Model) -> None:
-    """A stop whose first answer is lost is sent again, and the motor stands afterwards."""
+    """A stop whose first reply is lost is sent again, and the motor stands afterwards."""
     with bench(plugin, model) as on:
         _set_needed_reference(on, plugin, model)
         on.drive.start()
@@ -86,7 +86,7 @@ def a_stop_is_repeated(plugin: Protocol, model: Model) -> None:
 
 @check("commands")
 def a_stop_waits_for_no_late_answer(plugin: Protocol, model: Model) -> None:
-    """A stop goes out at once after a read that nobody answered, whatever may still come of that."""
+    """A stop is sent immediately after a read without a reply; it does not wait for a late reply."""
     with bench(plugin, model) as on:
         _set_needed_reference(on, plugin, model)
         on.drive.start()
@@ -112,7 +112,7 @@ def a_stop_waits_for_no_late_answer(plugin: Protocol, model: Model) -> None:
 def a_stop_reaches_a_drive_that_is_not_heard(plugin: Protocol, model: Model) -> None:
     """A drive whose replies are all lost is stopped within one attempt of the call, by every way to stop.
 
-    So it is where the same program has started the motor, and where another one has, of which nothing is known.
+    This holds if the same program has started the motor, and if an unknown other program has.
     """
     with bench(plugin, model) as on:
         ways = sorted(on.drive.capabilities.stops, key=lambda stop: stop.value)
@@ -138,7 +138,7 @@ def a_stop_reaches_a_drive_that_is_not_heard(plugin: Protocol, model: Model) -> 
 
 @check("commands")
 def a_deaf_drive_is_reported(plugin: Protocol, model: Model) -> None:
-    """From a drive that never answers, every verb ends in NoReplyError, and not before the reply time is over."""
+    """If a drive never answers, every verb ends in NoReplyError, and not before the reply timeout."""
     verbs: dict[str, tuple[str, ...]] = dict.fromkeys(("status", "probe", "start", "stop", "reset"), ())
     verbs["read"] = (next(iter(model.parameters)),)
     for name, arguments in verbs.items():
@@ -153,15 +153,15 @@ def a_deaf_drive_is_reported(plugin: Protocol, model: Model) -> None:
                 expect(waited >= least, f"{name} gives up after {waited * 1000:.1f} ms of {least * 1000:g}")
             except DriveCommError as error:
                 if name == "reset" and isinstance(error, NotSupported):
-                    # A model may have none.
+                    # A model may have no reset.
                     continue
-                raise CheckFailure(f"nobody answers, and {name} raises {type(error).__name__}: {error}") from error
+                raise CheckFailure(f"no reply comes, and {name} raises {type(error).__name__}: {error}") from error
             else:
-                raise CheckFailure(f"nobody answers, and {name} is taken for done")
+                raise CheckFailure(f"no reply comes, and {name} is taken for done")
 
 
 def _set_needed_reference(on: Bench, plugin: Protocol, model: Model) -> None:
-    """Set a reference if a drive of this model is not started without one; others are left as they are."""
+    """Set a reference if drives of this model refuse to start without one."""
     with bench(plugin, model) as other:
         try:
             other.drive.start()
@@ -170,7 +170,7 @@ def _set_needed_reference(on: Bench, plugin: Protocol, model: Model) -> None:
 
 
 def _readable(on: Bench, model: Model) -> str:
-    """Return a parameter that the drive tells, with one telegram."""
+    """Return a parameter that the drive answers with one telegram."""
     for info in model.parameters.values():
         before = len(on.virtual.heard)
         try:
@@ -183,7 +183,7 @@ def _readable(on: Bench, model: Model) -> str:
 
 
 def _losing(on: Bench, number: int) -> list[bytes]:
-    """Let the next so many answers be lost; returns a list that collects the requests of these."""
+    """Drop the next N replies; the returned list records their requests."""
     lost: list[bytes] = []
 
     def between(find: Framed, reply: VirtualReply | None) -> VirtualReply | None:
@@ -197,7 +197,7 @@ def _losing(on: Bench, number: int) -> list[bytes]:
 
 
 def _not_heard(on: Bench) -> list[float]:
-    """Lose all replies; returns a list that collects the times at which the motor is found told to stop."""
+    """Drop all replies; the returned list records the times at which the motor is no longer commanded to run."""
     times: list[float] = []
 
     def between(_: Framed, __: VirtualReply | None) -> VirtualReply | None:
@@ -210,7 +210,7 @@ def _not_heard(on: Bench) -> list[float]:
 
 
 def _losing_what_starts(on: Bench) -> list[bytes]:
-    """Lose the answer to the first telegram that makes the motor run, and all after it; returns that telegram."""
+    """Drop the reply to the telegram that starts the motor and all later ones; the list records that telegram."""
     starting: list[bytes] = []
 
     def between(find: Framed, reply: VirtualReply | None) -> VirtualReply | None:
@@ -224,7 +224,7 @@ def _losing_what_starts(on: Bench) -> list[bytes]:
 
 @check("commands")
 def tells_asking_from_acting(plugin: Protocol, model: Model) -> None:
-    """A request that only asks changes no motor and no parameter; all that reads, looks and probes only asks."""
+    """A request declared to move nothing changes nothing; read, status and probe send only such requests."""
     intent = plugin.intent
     if intent is None:
         return
@@ -240,7 +240,7 @@ def tells_asking_from_acting(plugin: Protocol, model: Model) -> None:
 
 @check("commands")
 def tells_what_requests_are_for(plugin: Protocol, model: Model) -> None:
-    """What reads a parameter is for reading, what changes one for writing, and what moves a motor is no reading."""
+    """Requests that read or write a parameter declare that access; none that moves a motor is declared a read."""
     intent = plugin.intent
     if intent is None:
         return
@@ -261,7 +261,7 @@ def tells_what_requests_are_for(plugin: Protocol, model: Model) -> None:
 
 @check("commands")
 def what_only_asks_moves_no_drive(plugin: Protocol, model: Model) -> None:
-    """No request of the vectors that is said to ask only gives a virtual drive's motor another command."""
+    """No request of the vectors that is declared to move nothing changes the command of a virtual drive's motor."""
     intent, options = plugin.intent, resolve_options(plugin, model, {})[1]
     if intent is None:
         return
@@ -270,7 +270,7 @@ def what_only_asks_moves_no_drive(plugin: Protocol, model: Model) -> None:
         if vector.direction != "request" or not vector.valid or vector.options:
             continue
         message = decoded(codec, vector.data, "request")
-        # A request to no such address goes to all, or it ends a conversation.
+        # A request without such an address is a broadcast, or ends a conversation.
         address: Any = getattr(message, "address", None)
         if message is None or address not in plugin.addresses:
             continue
@@ -286,7 +286,7 @@ _CHANGES, _MOVES, _HALTS = "changes a parameter", "makes the motor run", "stops 
 
 
 def _acting(plugin: Protocol, model: Model) -> list[tuple[str, Framed]]:
-    """Return telegrams that change something in a virtual drive, each with what it does."""
+    """Return telegrams that change something in a virtual drive, each with its effect."""
     with bench(plugin, model) as on:
         _set_needed_reference(on, plugin, model)
         running = _watching(on, lambda: on.virtual.motor.running)
@@ -303,12 +303,12 @@ def _acting(plugin: Protocol, model: Model) -> list[tuple[str, Framed]]:
 
 
 def _changing(plugin: Protocol, model: Model, kind: type[Decimal | str]) -> list[Framed]:
-    """Return the telegrams that change the first parameter of this kind that takes a new value."""
+    """Return the telegrams that change the first parameter of this kind that accepts a new value."""
     for info in model.parameters.values():
         if "w" not in info.access or not isinstance(info.start, kind):
             continue
         with bench(plugin, model) as on:
-            changing = _watching(on, lambda: on.virtual.peek(info.address, on.line.time))  # noqa: B023 - used at once
+            changing = _watching(on, lambda: on.virtual.peek(info.address, on.line.time))  # noqa: B023 - called within this iteration
             place = on.place
             for value in _others(info):
                 with suppress(DriveCommError):
@@ -319,14 +319,14 @@ def _changing(plugin: Protocol, model: Model, kind: type[Decimal | str]) -> list
 
 
 def _others(info: ParameterInfo) -> tuple[Decimal | str, ...]:
-    """Return values near the one that the drive starts with; a text is as long as it was."""
+    """Return values near the start value of the drive; a text keeps its length."""
     if isinstance(info.start, Decimal):
         return info.start + info.factor, info.start - info.factor
     return (f"{str(info.start)[1:]}0",)
 
 
 def _watching(on: Bench, look: Callable[[], object]) -> list[Framed]:
-    """Return a list that collects the telegrams after which something looks different."""
+    """Record the telegrams that change the result of `look`; the returned list collects them."""
     changing: list[Framed] = []
     last = look()
 

@@ -1,4 +1,4 @@
-"""Schemas: the functions made of them do what the declared ones say."""
+"""Checks of schemas: the compiled functions do the same as the declared schemas."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ if TYPE_CHECKING:
 
 @check("schemas", "linked")
 def compiles_whole(form: Form[Any]) -> None:
-    """The schema is read and written by functions of its own, not leaf by leaf."""
+    """The schema is read and written by compiled functions, not leaf by leaf."""
     interpreted = form.parse_compiled == form.parse_declared or form.build_compiled == form.build_declared
     expect(not interpreted, "a leaf cannot be said in code, so all of the schema is interpreted")
 
 
 @check("vectors", "compiled", costly=True)
 def compiled_as_interpreted(case: Case) -> None:
-    """Every form of the protocol reads and writes the telegram, and what is left of it, in both ways alike."""
+    """Every form reads and writes the telegram and damaged copies alike, compiled and interpreted."""
     data = case.vector.data
     message = case.codec.decode(data, case.vector.direction) if case.vector.valid else None
     for title, form in case.plugin.forms().items():
         for each in (data, data[:-1], data + b"0", *_changed_at(len(data) // 2, data)):
             same_both_ways(title, form, each)
-        # A form that another telegram belongs to finds out at the first wrong constant; this one's are gone through.
+        # Only the matching form reads past the first wrong constant, so only it is tried with every byte.
         if _outcome(form.parse_compiled, data) is not None:
             for place in range(len(data)):
                 for each in _changed_at(place, data):
@@ -42,7 +42,7 @@ def compiled_as_interpreted(case: Case) -> None:
 def same_both_ways(title: str, form: Form[Any], data: bytes) -> None:
     """The compiled and the interpreted schema give the same message for these bytes, or both refuse them alike.
 
-    What they read is written in both ways too.
+    The message is then written in both ways as well.
     """
     fast, declared = _outcome(form.parse_compiled, data), _outcome(form.parse_declared, data)
     found, judged = _refusal(form.parse, data), _refusal(form.parse_declared, data)
@@ -56,7 +56,7 @@ def same_both_ways(title: str, form: Form[Any], data: bytes) -> None:
 
 
 def _same_writing(title: str, form: Form[Any], message: Message) -> None:
-    """The compiled and the interpreted schema write this message alike, or both refuse it; others are left alone."""
+    """Check that both schemas, compiled and interpreted, write this message alike; skip messages of other types."""
     if type(message) is not form.message:
         return
     fast, declared = _outcome(form.build_compiled, message), _outcome(form.build_declared, message)
@@ -64,28 +64,28 @@ def _same_writing(title: str, form: Form[Any], message: Message) -> None:
 
 
 def _changed_at(place: int, data: bytes) -> Iterator[bytes]:
-    """Yield the telegram with this byte wrong, in a few ways that differ in what they look like."""
+    """Yield the telegram with several wrong values in the byte at this index."""
     for wrong in (data[place] ^ 1, data[place] ^ 0x80, 0x20, 0x61):
         yield data[:place] + bytes([wrong]) + data[place + 1 :]
 
 
 def _refusal(parse: Callable[[bytes], Any], data: bytes) -> tuple[str, ...]:
-    """Return what a form says of a telegram that is none, nothing where it is one."""
+    """Return the category, field and text with which a form refuses these bytes; () if it accepts them."""
     try:
         parse(data)
     except TelegramError as error:
         return error.category, error.field, str(error)
-    except Exception as error:  # noqa: BLE001 - a form is asked here for what its codec would never give it
+    except Exception as error:  # noqa: BLE001 - a form gets bytes here that its codec would never pass on
         return (type(error).__name__,)
     return ()
 
 
 def _outcome(function: Callable[[Any], Any], given: Any) -> Any:
-    """Return what a function makes of this, None where it refuses it."""
+    """Return the result of a function, or None if it refuses its argument."""
     try:
         return function(given)
     except DriveCommError as error:
         expect(isinstance(error, TelegramError), f"refused by {type(error).__name__}, not by a TelegramError")
         return None
-    except Exception:  # noqa: BLE001 - the compiled one may refuse with anything
+    except Exception:  # noqa: BLE001 - compiled code may refuse with any exception
         return None

@@ -1,4 +1,4 @@
-"""Whole telegrams: fields out of bytes, bytes out of fields, and everything that must be refused."""
+"""Checks of whole telegrams: decoding, encoding, and refusing invalid bytes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @check("vectors", "decode")
 def decodes(case: Case) -> None:
-    """Decoding gives the fields of the vector, or is refused in its category."""
+    """Decoding gives the fields of the vector, or is refused in the vector's category."""
     vector = case.vector
     try:
         found = fields_of(case.codec.decode(vector.data, vector.direction))
@@ -38,7 +38,7 @@ def decodes(case: Case) -> None:
 
 @check("vectors", "decode again", applies_to=is_valid)
 def decodes_the_same_again(case: Case) -> None:
-    """The same bytes have the same content again, which nobody can change: a link asks only once."""
+    """Decoding the same bytes again gives an equal message, which must be immutable because a link caches it."""
     vector = case.vector
     first, again = (case.codec.decode(vector.data, vector.direction) for _ in range(2))
     expect(first == again, f"decoded {first}, and then {again}")
@@ -55,7 +55,7 @@ def encodes(case: Case) -> None:
 
 @check("vectors", "encode", applies_to=lambda vector: vector.valid and not vector.canonical)
 def survives_its_own_encoder(case: Case) -> None:
-    """What was decoded is refused by the encoder, or encoded so that it says the same again."""
+    """A decoded message is refused by the encoder, or encoded to a telegram with the same content."""
     vector, codec = case.vector, case.codec
     message = codec.decode(vector.data, vector.direction)
     try:
@@ -68,7 +68,7 @@ def survives_its_own_encoder(case: Case) -> None:
 
 @check("vectors", "trailing", applies_to=is_valid)
 def refuses_what_follows(case: Case) -> None:
-    """A telegram with anything after it is no telegram."""
+    """A telegram with further bytes after it is refused."""
     vector = case.vector
     for tail in (b"\x00", b"\r\n", b"\xff", vector.data[-1:], vector.data):
         longer = vector.data + tail
@@ -77,7 +77,7 @@ def refuses_what_follows(case: Case) -> None:
 
 @check("vectors", "truncated", applies_to=is_valid)
 def refuses_truncations(case: Case) -> None:
-    """The beginning of a telegram is none, unless it is a shorter one that the vectors list."""
+    """A truncated telegram is refused, unless it is a shorter one that the vectors list."""
     data = case.vector.data
     for length in range(len(data)):
         cut = data[:length]
@@ -86,7 +86,7 @@ def refuses_truncations(case: Case) -> None:
 
 @check("vectors", "flipped", applies_to=is_valid, costly=True)
 def refuses_flips(case: Case) -> None:
-    """Every single wrong bit is noticed, except where the protocol declares that it cannot."""
+    """Every single wrong bit is detected, except in the blind spots that the protocol declares."""
     data, direction = case.vector.data, case.vector.direction
     blind = case.plugin.blind_spots(data, direction)
     beyond = sorted(place for place in blind if place not in range(len(data)))
@@ -113,7 +113,7 @@ def refuses_to_encode(plugin: Protocol, refuse: Refuse) -> None:
 
 
 def finds(codec: Codec, direction: Direction, pieces: Iterable[bytes]) -> list[Find]:
-    """Return all that a framer finds in these pieces, with the gap that ends them."""
+    """Return everything that a framer finds in these pieces, including the gap after them."""
     framer = Framer(codec, direction)
     found = [find for piece in pieces for find in framer.feed(piece)]
     return found + framer.flush()
@@ -135,7 +135,7 @@ def pieces_of(data: bytes, size: int) -> Iterator[bytes]:
 
 @check("vectors", "byte-by-byte")
 def found_byte_by_byte(case: Case) -> None:
-    """Fed byte by byte, a sound telegram is found alone and whole; a refused one is not found."""
+    """Fed byte by byte, a valid telegram is found alone and whole; an invalid one is not found."""
     vector = case.vector
     found = finds(case.codec, vector.direction, pieces_of(vector.data, 1))
     if not vector.valid:
@@ -149,7 +149,7 @@ def found_byte_by_byte(case: Case) -> None:
 
 @check("vectors", "shortest", applies_to=is_valid)
 def is_as_long_as_the_shortest(case: Case) -> None:
-    """What measure says of no bytes at all, the length of the shortest telegram, is not more than this one has."""
+    """The shortest length, which measure returns for no bytes, does not exceed the length of this telegram."""
     vector = case.vector
     shortest = case.codec.measure(b"", vector.direction)
     expect(
@@ -169,7 +169,7 @@ def found_in_a_row(case: Case) -> None:
 
 @check("vectors", "garbage-before", applies_to=is_valid, costly=True)
 def found_after_garbage(case: Case) -> None:
-    """Bytes that begin no telegram do not hide the one that follows them."""
+    """Bytes that begin no telegram do not hide the telegram after them."""
     vector, codec = case.vector, case.codec
     for garbage in _garbage(codec, vector.direction):
         for size in (1, len(garbage) + len(vector.data)):
@@ -179,10 +179,10 @@ def found_after_garbage(case: Case) -> None:
 
 @check("vectors", "false-starts", applies_to=is_valid, costly=True)
 def found_after_false_starts(case: Case) -> None:
-    """A telegram that breaks off, or a character that looks like a start, does not hide the telegram that follows.
+    """A truncated telegram, or a character that looks like a start, does not hide the telegram that follows.
 
-    Behind a gap it is always found. Without one, a cut telegram and the beginning of the next can happen to be a sound
-    telegram: the exclusive-or of something sent twice is nothing.
+    After a gap it is always found. Without a gap, a truncated telegram and the beginning of the next one can happen to
+    form a valid telegram, because repeated bytes cancel out in an exclusive-or checksum.
     """
     vector, codec = case.vector, case.codec
     starts = [vector.data[:length] for length in range(1, len(vector.data))] + [vector.data[:1] * 3]
@@ -200,7 +200,7 @@ def found_after_false_starts(case: Case) -> None:
 
 @check("vectors", "garbage-after", applies_to=is_valid, costly=True)
 def found_before_garbage(case: Case) -> None:
-    """What follows a telegram does not hide it."""
+    """Bytes after a telegram do not hide it."""
     vector, codec = case.vector, case.codec
     for garbage in _garbage(codec, vector.direction):
         after_gap = Framer(codec, vector.direction)
@@ -208,7 +208,7 @@ def found_before_garbage(case: Case) -> None:
         expect([find.data for find in found] == [vector.data], f"found {_listed(found)}")
         rest = [*after_gap.feed(garbage), *after_gap.flush()]
         expect(not _telegrams(rest), f"found {_listed(rest)} in {shown(garbage[:8])}...")
-        # A telegram of one character can be the beginning of a longer one; then only the gap tells.
+        # A telegram of one character can be the beginning of a longer one; then only the gap separates them.
         if codec.measure(vector.data + garbage[:1], vector.direction) == len(vector.data):
             telegrams = frames(codec, vector.direction, [vector.data + garbage])
             expect(telegrams[:1] == [vector.data], f"before {shown(garbage[:8])}... found {telegrams}")
@@ -216,7 +216,7 @@ def found_before_garbage(case: Case) -> None:
 
 @check("vectors", "truncated-stream", applies_to=is_valid, costly=True)
 def nothing_in_truncations(case: Case) -> None:
-    """In the beginning of a telegram there is none, unless it is one that the vectors list."""
+    """No telegram is found in a truncated one, unless the vectors list it."""
     vector, codec = case.vector, case.codec
     for length in range(1, len(vector.data)):
         for telegram in frames(codec, vector.direction, [vector.data[:length]]):
@@ -239,7 +239,7 @@ def noise_of(codec: Codec, direction: Direction) -> bytes:
 
 
 def _garbage(codec: Codec, direction: Direction) -> list[bytes]:
-    """Return strings of bytes none of which can begin a telegram, so that they may hide nothing."""
+    """Return strings of bytes none of which can begin a telegram."""
     silent = noise_of(codec, direction)
     if not silent:
         return []

@@ -1,4 +1,4 @@
-"""Options: what they refuse and how, and whether a drive works with each of them at another value."""
+"""Checks of options: invalid values are refused, and a drive works with each valid one."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _ODD_FIELDS: tuple[Any, ...] = (*_ODD, 2**70, "\N{SNOWMAN}", ("x",), b"")
 
 @check("contract")
 def refuses_options_as_usage_errors(plugin: Protocol) -> None:
-    """An option of the right type that cannot be raises UsageError, and nothing else; one that can be makes a codec."""
+    """An invalid option of the right type raises UsageError only; a valid one makes a codec."""
     wrong = []
     for field in dataclasses.fields(plugin.options):
         for value in _ODD:
@@ -40,7 +40,7 @@ def refuses_options_as_usage_errors(plugin: Protocol) -> None:
 
 @check("contract")
 def refuses_odd_fields_by_its_own_errors(plugin: Protocol) -> None:
-    """Whatever stands in one field of a telegram, a text for a number say, is encoded or refused with TelegramError."""
+    """Any value in one field of a telegram, such as text for a number, is encoded or refused with a DriveCommError."""
     wrong = []
     codec = plugin.codec(plugin.options())
     seen: set[tuple[str, str]] = set()
@@ -61,7 +61,7 @@ def refuses_odd_fields_by_its_own_errors(plugin: Protocol) -> None:
 
 
 def _spoilt(message: Message) -> Iterator[dict[str, Any]]:
-    """Yield the fields of a message with something odd in one of them."""
+    """Yield the fields of a message with an odd value in one of them."""
     fields = fields_of(message)
     for name in fields.keys() - {"kind"}:
         yield from ({**fields, name: value} for value in _ODD_FIELDS)
@@ -69,7 +69,7 @@ def _spoilt(message: Message) -> Iterator[dict[str, Any]]:
 
 @check("contract")
 def works_with_each_option(plugin: Protocol) -> None:
-    """With each option that is a choice at each other value, a drive is read, tells its status, is started, stopped."""
+    """With each value of each option that is a choice, a drive can be read, started and stopped, and has a status."""
     wrong = []
     model = known_model(plugin, plugin.default_model)
     for name, value in _choices(plugin):
@@ -81,8 +81,8 @@ def works_with_each_option(plugin: Protocol) -> None:
 
 
 def _choices(plugin: Protocol) -> Iterator[tuple[str, Any]]:
-    """Yield each option that is a choice of a few values, with each value that is not its usual one."""
-    # What a read can be told as well is about single telegrams.
+    """Yield each option that is a choice of a few values, with each value that is not its default."""
+    # Options that a read takes as well concern single telegrams.
     of_a_read = signature(plugin.operations(plugin.addresses[0], plugin.options(), None).read).parameters
     for name, values in choices_of(plugin.options).items():
         usual = getattr(plugin.options(), name)
@@ -102,7 +102,7 @@ def _does_not_work(plugin: Protocol, model: Model, options: dict[str, Any]) -> I
                 on.set_some_reference()
                 on.drive.start()
             except DriveError:
-                # A drive with this option may be told otherwise, or not at all.
+                # A drive with this option may take commands in another way, or none.
                 return
             on.settle()
             if not on.virtual.motor.running:
@@ -112,7 +112,7 @@ def _does_not_work(plugin: Protocol, model: Model, options: dict[str, Any]) -> I
             if on.virtual.motor.running:
                 yield "a stop leaves the motor running"
     except UsageError:
-        # The model says what cannot be with it.
+        # The model excludes this value of the option.
         return
     except ReplyError as error:
         yield f"the drive is not understood: {error}"

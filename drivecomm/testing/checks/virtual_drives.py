@@ -1,4 +1,4 @@
-"""Replies and their requests: what belongs together, and how the virtual drive answers."""
+"""Checks of replies: whether they match their requests, and how the virtual drive answers."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ def _is_request(vector: Vector) -> bool:
 
 @check("vectors", "answers", applies_to=lambda vector: vector.valid and vector.answers_to is not None)
 def belongs_to_its_request(case: Case) -> None:
-    """The protocol says of the reply what the vector says: that it answers the request, or in what it differs."""
+    """The protocol matches the reply as the vector says: it answers the request, or differs in the named field."""
     vector, codec = case.vector, case.codec
     request_data = vector.answers_to or b""
     request = codec.decode(request_data, "request")
     reply = codec.decode(vector.data, "reply")
-    # An adapter that hands back what it sends is told by the bytes, before the protocol is asked. Where the answer is
-    # the request itself, as to a mirror telegram, the protocol says so.
+    # The link recognises an echo by its bytes, without the protocol. If the reply equals the request, as to a mirror
+    # telegram, the protocol decides.
     is_echo = vector.data == request_data and not vector.answers
     found = "echo" if is_echo else case.plugin.mismatch(request, reply)
     wanted = "" if vector.answers else vector.mismatch
@@ -43,7 +43,7 @@ def belongs_to_its_request(case: Case) -> None:
 
 @check("vectors", "silence", applies_to=lambda vector: _is_request(vector) and not vector.reply_expected)
 def stays_silent(case: Case) -> None:
-    """Nobody answers this request: neither a drive that it is for, nor one that overhears it."""
+    """No drive answers this request: neither its addressee, nor a drive that overhears it."""
     for address in _some_addresses(case):
         answers = _answers(case, address)
         expect(not answers, f"drive {address} answers {[shown(answer.data) for answer in answers]}")
@@ -51,11 +51,11 @@ def stays_silent(case: Case) -> None:
 
 @check("vectors", "virtual-drive", applies_to=lambda vector: _is_request(vector) and vector.reply_expected)
 def is_answered_by_the_right_drive(case: Case) -> None:
-    """What the virtual drive answers, if anything, is a reply to this request; other drives are silent."""
+    """The virtual drive's answer, if any, matches this request; other drives are silent."""
     vector, codec, plugin = case.vector, case.codec, case.plugin
     request = codec.decode(vector.data, "request")
     own: Any = getattr(request, "address", None)
-    # A request that names no drive is for the only one of its line.
+    # A request without an address is for the only drive of its line.
     for address in _some_addresses(case) if own is not None else ():
         answers = _answers(case, address) if address != own else []
         expect(not answers, f"the request is for {own}, and drive {address} answers")
@@ -72,14 +72,14 @@ def is_answered_by_the_right_drive(case: Case) -> None:
 
 @check("vectors", "virtual-drive", applies_to=lambda vector: vector.direction == "request" and not vector.valid)
 def survives_damage(case: Case) -> None:
-    """A drive that hears a refused telegram raises nothing, and answers a sound reply or not at all."""
+    """A drive that receives an invalid telegram raises nothing, and sends a valid reply or none."""
     for address in _some_addresses(case):
         for answer in _answers(case, address):
             case.codec.decode(answer.data, "reply")
 
 
 def _some_addresses(case: Case) -> list[int]:
-    """Return the two lowest and the highest address that a drive of this variant can have."""
+    """Return the two lowest addresses and the highest one that are valid for a drive of this variant."""
     exists, addresses = partial(_exists, case), case.plugin.addresses
     return sorted({*islice(filter(exists, addresses), 2), *islice(filter(exists, reversed(addresses)), 1)})
 
@@ -93,7 +93,7 @@ def _exists(case: Case, address: int) -> bool:
 
 
 def _answers(case: Case, address: int) -> list[VirtualReply]:
-    """Return what a drive at this address answers when the telegram arrives and nothing follows it."""
+    """Return the replies of a drive at this address to the telegram, with nothing after it."""
     drive = _drive(case, address)
     found = finds(drive.codec, "request", [case.vector.data])
     replies = [drive.hear(find, _NOW) for find in found if not isinstance(find, Noise)]
@@ -101,7 +101,7 @@ def _answers(case: Case, address: int) -> list[VirtualReply]:
 
 
 def _drive(case: Case, address: int) -> VirtualDrive:
-    """Return a drive of the variant that the telegram is for, as far as options and fields say it."""
+    """Return a drive of the variant that matches the telegram's options and fields."""
     plugin = case.plugin
     model = known_model(plugin, plugin.default_model)
     own = {field.name for field in dataclass_fields(plugin.options)}
@@ -116,7 +116,7 @@ def _drive(case: Case, address: int) -> VirtualDrive:
 
 @check("parameters")
 def a_refusal_is_no_reading(plugin: Protocol, model: Model) -> None:
-    """A read that a virtual drive refuses, with whichever code the protocol lists, is an error and never a value."""
+    """A read that a virtual drive refuses, with any code that the protocol lists, is an error and never a value."""
     with bench(plugin, model) as on:
         drive, parameter = on.virtual.inner, on.read_first(model)
         if not isinstance(drive, Refuses) or not parameter:

@@ -1,4 +1,4 @@
-"""What a virtual drive does when its master falls silent, where a model says how that is set."""
+"""Check of the virtual drive's watchdog, for models that describe how it is set."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ if TYPE_CHECKING:
     from drivecomm.testing.bench import Bench
 
 _WATCHDOG_S = 4
-# Longer than the time of the watchdog and the ramp of the motor together.
+# Longer than the watchdog timeout and the motor's ramp together.
 _SILENT_S = 60.0
 
 
 @check("commands")
 def notices_that_its_master_is_silent(plugin: Protocol, model: Model) -> None:
-    """With its watchdog set, a drive runs until its master was silent so long, and then does what its model says."""
+    """With its watchdog set, a drive runs until its master has been silent for that time, then follows its policy."""
     wrong = []
     for policy in policies(model):
         with bench(plugin, model) as on:
-            # Some drives count from their last command, and act at once if that was long ago.
+            # Some drives count from their last command, and would react immediately if that was long ago.
             on.drive.stop()
             set_watchdog(on.drive, policy, _WATCHDOG_S)
             on.drive.watched(None if policy == "hold" else _WATCHDOG_S)
@@ -50,7 +50,7 @@ def notices_that_its_master_is_silent(plugin: Protocol, model: Model) -> None:
 
 
 def _does(on: Bench, policy: LinkLoss) -> bool:
-    """Return whether the motor does what a policy says."""
+    """Return whether the motor acts according to a policy."""
     motor = on.virtual.motor
     motor.advance(on.line.time)
     if policy == "trip":

@@ -1,4 +1,4 @@
-"""Virtual lines for masters that use pyserial: a URL for a line in this process, and Python's clocks on the line's."""
+"""Virtual lines for masters with pyserial: a URL for a line in this process, and clocks in the line's time."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ _turns: WeakKeyDictionary[VirtualLine, Condition] = WeakKeyDictionary()
 
 
 def serial_url(line: VirtualLine) -> str:
-    """Return the URL under which `serial.serial_for_url` of this process opens the master's end of a line.
+    """Return the URL with which `serial.serial_for_url` of this process opens the master's end of a line.
 
-    It is in virtual time: a read with a timeout costs no time, however long it waits on the line's clock.
+    The line runs in virtual time: a read with a timeout takes no real time, however long it waits on the line's clock.
     """
     import serial
 
@@ -41,20 +41,20 @@ def serial_url(line: VirtualLine) -> str:
 
 
 def line_at(url: str) -> VirtualLine | None:
-    """Return the line of a URL, None where there is none any more."""
+    """Return the line of a URL, or None if it no longer exists."""
     return _lines.get(url)
 
 
 def turn_on(line: VirtualLine) -> Condition:
-    """Return the lock of a line for the threads of a master, which is notified when time has passed or bytes went out.
+    """Return the lock of a line for a master's threads; it is notified after time has passed or bytes were sent.
 
-    Ports, sleeps and assertions of several threads use the line one after the other.
+    Ports, sleeps and assertions of several threads use the line in turn.
     """
     return _turns.setdefault(line, Condition())
 
 
 def advance(line: VirtualLine, seconds: float) -> None:
-    """Let time pass on a line that several threads may use."""
+    """Advance the time of a line that several threads may use."""
     turn = turn_on(line)
     with turn:
         line.advance(seconds)
@@ -63,11 +63,11 @@ def advance(line: VirtualLine, seconds: float) -> None:
 
 @contextmanager
 def clock_of(line: VirtualLine) -> Iterator[None]:
-    """Let `time.sleep` and the clocks of the module `time` follow the clock of a line for the time of the block.
+    """Make `time.sleep` and the clocks of the module `time` follow a line's clock for the duration of the block.
 
-    Without it a master that sleeps between its telegrams does so in real time, while the line's clock stands still.
-    What was imported from the module by name before, such as `from time import sleep`, does not follow, nor do waits
-    of other modules, such as `threading.Event.wait`.
+    Without it, a master that sleeps between its telegrams sleeps in real time, while the line's clock stands still.
+    Names imported before, as with `from time import sleep`, do not follow, nor do waits of other modules, such as
+    `threading.Event.wait`.
     """
     began = line.time
     followers: dict[str, Any] = {"sleep": partial(advance, line)}

@@ -1,4 +1,4 @@
-"""pyserial's handler for virtual://NUMBER, found by its name: the master's end of a virtual line in this process."""
+"""pyserial's handler for virtual://NUMBER, found by its module name: the master's end of a virtual line."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from drivecomm.virtual import VirtualLine, VirtualPort
 
 PATIENCE_S = 5.0
-"""How long, in real time, a read without a timeout waits for another thread of the master to send something."""
+"""Real time in seconds for which a read without a timeout waits until another thread of the master sends something."""
 
 
 class Serial(SerialBase):
-    """A port in virtual time: its time passes while it is read with a timeout, and a little with each look at it."""
+    """A port in virtual time, which passes during reads with a timeout, and with each poll of `in_waiting`."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         self._line: VirtualLine | None = None
@@ -32,7 +32,7 @@ class Serial(SerialBase):
         super().__init__(*args, **kwargs)
 
     def open(self) -> None:
-        """Open the master's end of the line. Raises SerialException for a line that is there no more."""
+        """Open the master's end of the line. Raises SerialException if the line no longer exists."""
         if self.is_open:
             raise SerialException(f"{self.port} is open already")
         self._line = line_at(str(self.port))
@@ -46,14 +46,14 @@ class Serial(SerialBase):
         self._reconfigure_port()
 
     def close(self) -> None:
-        """Let it go; what waits for it in another thread ends."""
+        """Close the port; blocked reads in other threads end."""
         with self._turn:
             self.is_open = False
             self._turn.notify_all()
 
     @property
     def in_waiting(self) -> int:
-        """How much has come. A look lets as much time pass as one character takes, so that a loop of looks ends."""
+        """Number of received bytes. Each call advances the time by one character, so that a polling loop ends."""
         end = self._opened()
         with self._turn, _as_pyserial_has_it():
             end.wait(end.now() + 11 / self.baudrate)
@@ -61,7 +61,7 @@ class Serial(SerialBase):
             return len(self._buffer)
 
     def read(self, size: int = 1) -> bytes:
-        """Return so many bytes, or what has come until the timeout is over."""
+        """Return up to `size` bytes: fewer if the timeout expires first."""
         end, line = self._opened(), self._line
         with self._turn, _as_pyserial_has_it():
             until = end.now() + (self.timeout or 0.0)
@@ -80,7 +80,7 @@ class Serial(SerialBase):
             return found
 
     def write(self, data: Any) -> int:
-        """Send."""
+        """Send the data, and return its length."""
         end, sent = self._opened(), bytes(data)
         with self._turn, _as_pyserial_has_it():
             end.write(sent)
@@ -88,25 +88,25 @@ class Serial(SerialBase):
         return len(sent)
 
     def flush(self) -> None:
-        """Wait until all is out."""
+        """Wait until all data is sent."""
         end = self._opened()
         with self._turn, _as_pyserial_has_it():
             end.wait(end.now() + (self._line.backlog_s if self._line else 0.0))
 
     def reset_input_buffer(self) -> None:
-        """Throw away what has come."""
+        """Discard all received bytes."""
         end = self._opened()
         with self._turn, _as_pyserial_has_it():
             end.take()
             self._buffer.clear()
 
     def reset_output_buffer(self) -> None:
-        """Nothing is held back here."""
+        """Do nothing: no data is buffered for sending."""
         self._opened()
 
     @property
     def out_waiting(self) -> int:
-        """Nothing is held back here."""
+        """Number of bytes buffered for sending; always 0."""
         self._opened()
         return 0
 
@@ -122,22 +122,22 @@ class Serial(SerialBase):
             end.configure(LineSettings(**chosen))
 
     def _update_break_state(self) -> None:
-        """A break means nothing to drives here."""
+        """Do nothing: virtual drives ignore a break."""
 
     def _update_rts_state(self) -> None:
-        """Nor do the lines beside the data."""
+        """Do nothing: virtual drives ignore RTS."""
 
     def _update_dtr_state(self) -> None:
-        """Nor do the lines beside the data."""
+        """Do nothing: virtual drives ignore DTR."""
 
     cts = dsr = cd = True
-    """A master that waits for them goes on, as with an adapter that ties them to its own."""
+    """Always set, as by an adapter with these lines bridged, so that a master waiting for them continues."""
     ri = False
 
 
 @contextmanager
 def _as_pyserial_has_it() -> Iterator[None]:
-    """Turn errors of the line into those of pyserial."""
+    """Convert errors of the line to those of pyserial."""
     try:
         yield
     except (LinkError, UsageError) as error:

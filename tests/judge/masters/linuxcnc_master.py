@@ -1,4 +1,4 @@
-"""A driver of LinuxCNC as a master that runs until it is ended: linuxcnc_master.py PORT; prints what its pins show."""
+"""LinuxCNC driver as a continuous master: linuxcnc_master.py PORT; prints the values of its pins."""
 
 import sys
 import tempfile
@@ -18,7 +18,7 @@ def main(port):
     ):
         spindle.set(speed_command=1380, spindle_fwd=1)
         while True:
-            # It tells its drive what changes.
+            # The driver sends to its drive only when a pin changes.
             for on in (0, 1, 1, 1, 1, 1):
                 spindle.set(spindle_on=on)
                 print(f"output {spindle.get('frequency-out')} Hz", flush=True)

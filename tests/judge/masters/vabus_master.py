@@ -1,6 +1,6 @@
-"""A small master for VABus in plain pyserial, with mistakes that can be chosen: vabus_master.py PORT TASK [WORDS...].
+"""Small VABus master in plain pyserial with optional mistakes: vabus_master.py PORT TASK [WORDS...].
 
-Without MISTAKE in its environment it is a correct one.
+The environment variable MISTAKE selects the mistakes; without it the master is correct.
 """
 
 import os
@@ -50,7 +50,7 @@ class Master:
             time.sleep(0.004)
 
     def drain(self):
-        """Wait until nothing comes any more."""
+        """Read until no more bytes arrive."""
         if "late" in MISTAKES:
             time.sleep(0.2)
         if MISTAKES & {"flush", "late"}:

@@ -1,4 +1,4 @@
-"""The plug-in as pytest finds it, and lines made without pytest around them."""
+"""Fixtures for running the pytest plug-in, and for making lines without pytest."""
 
 import tomllib
 from pathlib import Path
@@ -13,13 +13,13 @@ from drivecomm.testing import LineMaker
 
 ROOT = Path(__file__).resolve().parents[3]
 
-# Loaded here, so that test runs within this one do not load them a second time.
+# Loaded here, so that inner test runs in this process do not load them again.
 PLUGINS = list(installed.working())
 
 
 @pytest.fixture(scope="session")
 def plugin_folder(tmp_path_factory):
-    """A folder with what an installer writes down of the plug-in, whatever is installed beside this tree."""
+    """Return a folder with the plug-in's installation metadata, independent of the installed packages."""
     points = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["entry-points"]["pytest11"]
     folder = tmp_path_factory.mktemp("installed")
     metadata = folder / "drivecomm_plugin_of_this_tree-1.dist-info"
@@ -32,7 +32,7 @@ def plugin_folder(tmp_path_factory):
 
 @pytest.fixture
 def run_pytest(pytester, plugin_folder, monkeypatch):
-    """Run the tests of a text in this process, warnings being errors; gives what pytest printed."""
+    """Return a function that runs tests from a text in this process, with warnings as errors."""
     monkeypatch.syspath_prepend(str(plugin_folder))
 
     def run(text, *arguments):

@@ -1,4 +1,4 @@
-"""Masters in plain pyserial that break a rule of the line: what fixtures, traces and reports say of it."""
+"""Masters in plain pyserial that violate a rule of the line: assertions of fixtures, traces and reports."""
 
 import os
 import re
@@ -50,7 +50,7 @@ def test_assert_timing_fails_for_a_request_before_the_reply(lines):
 
 
 @needs_pty
-def test_gap_longer_than_a_default_is_a_note_that_lets_nothing_fail(lines):
+def test_gap_beyond_a_default_is_only_a_note(lines):
     drive = lines.drive("vabus:1", listen="pty")
     with opened(drive.port) as port:
         for each in ENQUIRY:
@@ -62,11 +62,11 @@ def test_gap_longer_than_a_default_is_a_note_that_lets_nothing_fail(lines):
 
 
 @needs_pty
-def test_assert_settings_fails_for_a_speed_that_a_terminal_shows(lines):
+def test_assert_settings_fails_for_a_wrong_speed_on_a_terminal(lines):
     drive = lines.drive("vabus:1", listen="pty")
     with opened(drive.port, baudrate=1200, bytesize=8, parity="N") as port:
         port.write(ENQUIRY)
-        # The characters are heard all the same: a pseudo-terminal has no wire.
+        # A pseudo-terminal has no wire, so the characters arrive despite the wrong speed.
         assert len(port.read(19)) == 19
     with pytest.raises(
         AssertionError, match="sent with 1200 baud and one stop bit, and the drive listens with 19200 7E1"
@@ -87,7 +87,7 @@ def test_assert_settings_fails_for_two_stop_bits_on_a_terminal(lines):
 
 @needs_pty
 @pytest.mark.parametrize("settings", [{}, {"bytesize": 8, "parity": "N"}])
-def test_assert_settings_passes_for_what_a_terminal_does_not_show(lines, settings):
+def test_assert_settings_ignores_parity_and_data_bits_on_a_terminal(lines, settings):
     drive = lines.drive("vabus:1", listen="pty")
     with opened(drive.port, **settings) as port:
         port.write(ENQUIRY)
@@ -96,7 +96,7 @@ def test_assert_settings_passes_for_what_a_terminal_does_not_show(lines, setting
 
 
 @needs_pty
-def test_terminal_that_nobody_set_up_is_no_violation(lines):
+def test_unconfigured_terminal_is_not_a_violation(lines):
     drive = lines.drive("vabus:1", listen="pty")
     with Path(drive.port).open("r+b", buffering=0) as port:
         port.write(ENQUIRY)
@@ -123,7 +123,7 @@ def test_assert_settings_is_refused_over_plain_tcp(lines):
         drive.assert_settings()
 
 
-def test_master_of_drivecomm_breaks_no_rule(lines, plugin):
+def test_drivecomm_as_master_violates_no_rule(lines, plugin):
     drive = lines.drive(f"{plugin.name}:{plugin.scan_addresses[0]}")
     with drivecomm.open_bus(drive.port) as bus:
         asked = bus.drive(plugin.name, plugin.scan_addresses[0], model=plugin.default_model)
@@ -134,7 +134,7 @@ def test_master_of_drivecomm_breaks_no_rule(lines, plugin):
     assert not drive.violations
 
 
-def test_needs_pause_is_a_rule_and_what_the_drive_does(lines):
+def test_needs_pause_is_checked_and_simulated(lines):
     drive = lines.drive("vabus:1", needs_pause_s=0.5)
     with drivecomm.open_bus(drive.port) as bus:
         asked = bus.drive("vabus", 1, attempts=1)
@@ -145,7 +145,7 @@ def test_needs_pause_is_a_rule_and_what_the_drive_does(lines):
         drive.assert_timing()
 
 
-def test_keys_of_a_plant_file_are_options_of_a_drive_on_a_line(lines):
+def test_line_accepts_plant_file_keys_as_drive_options(lines):
     line = lines.line(["lecom:1,needs_pause_s=0.01,reply_delay_s=0.3"])
     with drivecomm.open_bus(line.port) as bus, pytest.raises(NoReplyError):
         bus.drive("lecom", 1, model="lenze-82xx", attempts=1).status()
@@ -164,7 +164,7 @@ def test_keys_of_a_plant_file_are_options_of_a_drive_on_a_line(lines):
         'kind = "drop"\nof = "reply to a read"\nevery = 2 # lines as in a file\n',
     ],
 )
-def test_fixtures_take_the_faults_of_a_plant_file(lines, faults):
+def test_fixtures_accept_faults_as_in_a_plant_file(lines, faults):
     drive = lines.drive("vabus:1", faults=faults)
     answers = []
     with drivecomm.open_bus(drive.port) as bus:
@@ -179,7 +179,7 @@ def test_fixtures_take_the_faults_of_a_plant_file(lines, faults):
     assert "fault: drop of reply to a read, every 2; happened: 2 of 4" in dict(lines.traces()).popitem()[1]
 
 
-def test_power_cut_is_for_the_only_drive_of_a_line(lines):
+def test_power_cut_applies_to_the_only_drive_of_a_line(lines):
     for cut in ({"power": {"off_at_s": 5}}, PowerCutStep(drive="vabus:1", off_at_s=5)):
         drive = lines.drive("vabus:1", faults=cut)
         with drivecomm.open_bus(drive.port) as bus:
@@ -192,12 +192,12 @@ def test_power_cut_is_for_the_only_drive_of_a_line(lines):
 @pytest.mark.parametrize(
     "wrong", [[3], {"kind": "dropp"}, {"kind": "drop", "evry": 3}, "kind = ", {"power": {"off_at_s": -1}}]
 )
-def test_what_is_no_fault_is_refused(lines, wrong):
+def test_invalid_fault_is_refused(lines, wrong):
     with pytest.raises((UsageError, FileFormatError)):
         lines.drive("vabus:1", faults=wrong)
 
 
-def test_junit_xml_of_a_failing_test_has_seed_and_trace(run_pytest, pytester):
+def test_junit_xml_of_a_failed_test_contains_seed_and_trace(run_pytest, pytester):
     text = """
         import drivecomm
         def test_fails(virtual_drive):

@@ -1,4 +1,4 @@
-"""Watched lines and drives: what was received, what is held, in virtual and in real time, and how failures read."""
+"""Watched lines and drives in virtual and real time: received telegrams, held values, and failure messages."""
 
 import os
 import socket
@@ -40,7 +40,7 @@ def received_from(master, length):
 
 
 class TestReceived:
-    def test_telegrams_for_this_drive_with_fields_and_times(self, lines):
+    def test_received_has_fields_and_times_of_the_drives_telegrams(self, lines):
         line = lines.line(["vabus:1", "vabus:2", "danfoss-fc:3"])
         with drivecomm.open_bus(line.port) as bus:
             bus.drive("vabus", 1, model="agile").read("481")
@@ -55,7 +55,7 @@ class TestReceived:
         assert [each.kind for each in second.received] == ["select"]
         assert [each.fields["pnu"] for each in third.received] == [1614]
 
-    def test_broadcasts_are_for_everybody(self, lines, plugin):
+    def test_broadcast_is_received_by_every_drive(self, lines, plugin):
         if plugin.name not in COMMANDED:
             pytest.skip("drives of this protocol are monitored only")
         if plugin.broadcast_address is None:
@@ -65,11 +65,11 @@ class TestReceived:
         with drivecomm.open_bus(line.port) as bus:
             bus.broadcast(plugin.name, model=plugin.default_model).stop()
         line.advance(1)
-        # An LS drive is told to stop, that it may be written, and to stop.
+        # The LS stop for all drives takes three telegrams: stop, write enable, stop.
         for drive in line.drives:
             drive.assert_received(times=3 if plugin.name == "ls-bus" else 1)
 
-    def test_replies_of_others_are_not(self, lines, plugin):
+    def test_replies_of_other_drives_are_not_received(self, lines, plugin):
         names = [f"{plugin.name}:{plugin.addresses[0]}", f"{plugin.name}:{plugin.addresses[1]}"]
         line = lines.line(names)
         with drivecomm.open_bus(line.port) as bus:
@@ -77,7 +77,7 @@ class TestReceived:
         assert line.drive(names[0]).received
         assert not line.drive(names[1]).received
 
-    def test_damaged_telegrams(self, lines):
+    def test_damaged_telegram_is_recorded_and_mentioned_in_the_failure(self, lines):
         drive = lines.drive("vabus:1")
         drive.line.virtual.configure(VABUS)
         drive.line.inject(bytes.fromhex("04 41 02 30 30 34 38 30 30 38 30 30 30 30 30 34 42 30 03 00"))
@@ -86,7 +86,7 @@ class TestReceived:
         with pytest.raises(AssertionError, match="no select telegram, but it heard 1 damaged ones"):
             drive.assert_received(kind="select")
 
-    def test_begin_anew(self, lines):
+    def test_forget_received_clears_earlier_telegrams(self, lines):
         drive = lines.drive("vabus:1")
         with drivecomm.open_bus(drive.port) as bus:
             pump = bus.drive("vabus", 1, model="agile")
@@ -107,14 +107,14 @@ class TestAssertReceived:
             pump.read("481")
         return drive
 
-    def test_what_came(self, asked):
+    def test_assert_received_passes_for_received_telegrams(self, asked):
         asked.assert_received()
         asked.assert_received(kind="select", parameter=480, data="000004B0")
         asked.assert_received(kind="enquiry", times=2)
         asked.assert_received(kind="enquiry", parameter=482, times=0, within_s=0)
         asked.assert_nothing_received(parameter=482)
 
-    def test_what_did_not_come_is_said_with_the_closest_that_did(self, asked):
+    def test_failure_names_the_closest_received_telegram(self, asked):
         with pytest.raises(AssertionError) as caught:
             asked.assert_received(kind="select", parameter=481)
         text = str(caught.value)
@@ -122,22 +122,22 @@ class TestAssertReceived:
         assert "enquiry address=1 sys=0 dataset=0 parameter=481 (kind is 'enquiry', not 'select')" in text
         assert text.count("\n") == 5
 
-    def test_a_field_that_does_not_exist(self, asked):
+    def test_failure_names_a_misspelt_field(self, asked):
         with pytest.raises(AssertionError, match=r"it has no paramter"):
             asked.assert_received(kind="select", paramter=480)
 
-    def test_another_number_of_them(self, asked):
+    def test_assert_received_fails_for_a_wrong_number_of_telegrams(self, asked):
         with pytest.raises(AssertionError, match=r"received 2 enquiry telegrams, and not 1:\n"):
             asked.assert_received(kind="enquiry", times=1)
         with pytest.raises(AssertionError, match=r"received 1 select telegram, and not 2:\n"):
             asked.assert_received(kind="select", times=2)
 
-    def test_nothing(self, lines, asked):
+    def test_assert_nothing_received_fails_after_any_telegram(self, lines, asked):
         lines.drive("vabus:1").assert_nothing_received()
         with pytest.raises(AssertionError, match=r"received 3 telegrams:\n  0\."):
             asked.assert_nothing_received()
 
-    def test_many_are_not_all_listed(self, lines):
+    def test_failure_lists_only_the_latest_telegrams(self, lines):
         drive = lines.drive("vabus:1")
         with drivecomm.open_bus(drive.port) as bus:
             for _ in range(25):
@@ -145,7 +145,7 @@ class TestAssertReceived:
         with pytest.raises(AssertionError, match=r"received 25 telegrams:\n  \(15 earlier ones are left out\)\n"):
             drive.assert_nothing_received()
 
-    def test_fields_as_python_or_as_written(self, lines):
+    def test_fields_match_as_python_value_or_as_text(self, lines):
         drive = lines.drive("vlt3500:3")
         with drivecomm.open_bus(drive.port) as bus:
             bus.drive("vlt3500", 3, model="vlt3500").write("205", Decimal("42.5"))
@@ -153,7 +153,7 @@ class TestAssertReceived:
         drive.assert_received(value="42.5")
         drive.assert_received(value=Decimal("42.5"))
 
-    def test_in_virtual_time_a_telegram_on_its_way_arrives(self, lines):
+    def test_assert_received_advances_virtual_time_for_a_telegram_under_way(self, lines):
         drive = lines.drive("vabus:1")
         drive.line.virtual.configure(VABUS)
         drive.line.virtual.transmit(ENQUIRY)
@@ -162,7 +162,7 @@ class TestAssertReceived:
 
 
 class TestHolds:
-    def test_as_a_reading_shows_it(self, lines):
+    def test_holds_returns_the_raw_value_of_a_reading(self, lines):
         drive = lines.drive("vabus:1", model="agile")
         assert drive.holds("481") == "000003E8"
         assert drive.holds("fixed_frequency_2") == "000003E8"
@@ -171,15 +171,15 @@ class TestHolds:
         with pytest.raises(AssertionError, match=r"vabus:1 holds '000003E8' in 481, and not 1001 \('000003E9'\)"):
             drive.assert_holds("481", 1001)
 
-    def test_what_nobody_holds(self, lines):
+    def test_holds_raises_for_an_unknown_parameter(self, lines):
         drive = lines.drive("vabus:1")
         with pytest.raises(ParameterAddressError):
             drive.holds("1599")
         with pytest.raises(ParameterAddressError):
             drive.assert_holds("1599", 1)
 
-    def test_raw_numbers_of_every_protocol(self, lines, plugin):
-        """What can be set to a number is held as that number, and as no other one."""
+    def test_assert_holds_compares_raw_numbers_in_every_protocol(self, lines, plugin):
+        """A parameter that can be set to a number is held as that number, and as no other one."""
         drive = lines.drive(f"{plugin.name}:{plugin.addresses[0]}")
         model = load_model(plugin.package, plugin.name, plugin.default_model)
         tried = 0
@@ -199,14 +199,14 @@ class TestHolds:
                 drive.assert_holds(parameter, 4, within_s=0)
         assert tried > (10 if len(model.parameters) > 40 else 1)
 
-    def test_what_is_measured_is_compared_as_it_is(self, lines):
+    def test_assert_holds_compares_measured_values_without_conversion(self, lines):
         drive = lines.drive("vabus:1", model="agile")
         for wrong in (5, 0, "x"):
             with pytest.raises(AssertionError):
                 drive.assert_holds("210", wrong, within_s=0)
         drive.assert_holds("210", "00000000")
 
-    def test_waits_for_what_comes_about(self, lines):
+    def test_assert_holds_waits_for_the_value(self, lines):
         drive = lines.drive("vabus:1", model="agile")
         with drivecomm.open_bus(drive.port) as bus:
             pump = bus.drive("vabus", 1, model="agile")
@@ -218,7 +218,7 @@ class TestHolds:
 
 
 class TestWhatHappens:
-    def test_poke_and_trip(self, lines):
+    def test_poke_and_trip_change_the_drive(self, lines):
         drive = lines.drive("vabus:1", model="agile")
         drive.poke("481", 2500)
         with drivecomm.open_bus(drive.port) as bus:
@@ -227,7 +227,7 @@ class TestWhatHappens:
             drive.trip(3)
             assert pump.status().fault_code == 3
 
-    def test_power(self, lines):
+    def test_power_off_silences_one_drive_until_power_on(self, lines):
         line = lines.line(["vabus:1", "vabus:2"])
         with drivecomm.open_bus(line.port) as bus:
             pumps = [bus.drive("vabus", address) for address in (1, 2)]
@@ -239,7 +239,7 @@ class TestWhatHappens:
             pumps[0].probe()
         assert line.now() == line.virtual.time > 1
 
-    def test_what_was_written_to_ram_is_lost_with_the_power(self, lines):
+    def test_power_off_loses_volatile_writes(self, lines):
         drive = lines.drive("danfoss-fc:3", model="fc300")
         with drivecomm.open_bus(drive.port) as bus:
             fan = bus.drive("danfoss-fc", 3, model="fc300")
@@ -249,13 +249,13 @@ class TestWhatHappens:
             drive.power_on()
             drive.assert_holds("3-41", 300)
 
-    def test_faults_of_a_line(self, lines):
+    def test_fault_plan_drops_every_telegram(self, lines):
         line = lines.line(["vabus:1"], faults=FaultPlan(rate=1.0, kinds=[Fault.DROP]))
         with drivecomm.open_bus(line.port) as bus, pytest.raises(drivecomm.NoReplyError):
             bus.drive("vabus", 1).read("481")
         line.drive("vabus:1").assert_nothing_received()
 
-    def test_an_adapter_that_is_pulled_out_and_put_back(self, lines):
+    def test_unplugged_adapter_works_again_after_plug_in(self, lines):
         drive = lines.drive("vabus:1")
         with drivecomm.open_bus(drive.port) as bus:
             pump = bus.drive("vabus", 1)
@@ -266,20 +266,20 @@ class TestWhatHappens:
             drive.line.advance(10)
             pump.read("481")
 
-    def test_something_at_a_time(self, lines):
+    def test_call_at_runs_an_action_at_its_time(self, lines):
         drive = lines.drive("vabus:1")
         drive.line.call_at(5, lambda: drive.poke("481", 7))
         drive.assert_holds("481", 7, within_s=10)
         assert drive.line.now() == pytest.approx(5, abs=0.01)
 
-    def test_echo(self, lines):
+    def test_line_with_echo_serves_a_master_with_echo(self, lines):
         drive = lines.drive("vabus:1", echo=True)
         with drivecomm.open_bus(drive.port, echo=True) as bus:
             bus.drive("vabus", 1).read("481")
 
 
 class TestWhatCannotBe:
-    def test_names(self, lines):
+    def test_invalid_drive_names_are_refused(self, lines):
         line = lines.line(["vabus:1"])
         with pytest.raises(UsageError, match=r"no vabus:2 is on this line; there are vabus:1"):
             line.drive("vabus:2")
@@ -292,18 +292,18 @@ class TestWhatCannotBe:
         with pytest.raises(UsageError, match="no option 'modle'"):
             lines.drive("vabus:1", modle="act")
 
-    def test_faults(self, lines):
+    def test_fault_rate_above_one_is_refused(self, lines):
         with pytest.raises(UsageError, match=r"from 0 to 1, and not 5"):
             lines.line([], faults=5)
 
-    def test_places(self, lines):
+    def test_invalid_or_used_listening_address_is_refused(self, lines):
         with pytest.raises(UsageError, match="cannot listen at 'com:1'"):
             lines.drive("vabus:1", listen="com:1")
         taken = lines.drive("vabus:1", listen="tcp").port.removeprefix("socket://")
         with pytest.raises(PortError, match="cannot listen at"):
             lines.drive("vabus:1", listen=f"tcp:{taken}")
 
-    def test_a_served_line_is_not_in_this_process(self, lines):
+    def test_served_line_refuses_actions_of_virtual_time(self, lines):
         drive = lines.drive("vabus:1", listen="tcp")
         for act in (
             drive.power_off,
@@ -318,7 +318,7 @@ class TestWhatCannotBe:
 
 
 class TestServed:
-    def test_tcp(self, lines):
+    def test_line_is_served_over_tcp(self, lines):
         drive = lines.drive("vabus:1", listen="tcp")
         with connected(drive.port) as master:
             master.sendall(ENQUIRY)
@@ -327,21 +327,21 @@ class TestServed:
         drive.assert_holds("481", 1000)
 
     @needs_pty
-    def test_pty(self, lines):
+    def test_line_is_served_at_a_pseudo_terminal(self, lines):
         drive = lines.drive("vabus:1", listen="pty")
         with drivecomm.open_bus(drive.port) as bus:
             assert bus.drive("vabus", 1, model="agile").read("481").value == 10
         drive.assert_received(kind="enquiry")
 
     @pytest.mark.soak
-    def test_rfc2217_and_several_protocols(self, lines):
+    def test_line_with_two_protocols_is_served_over_rfc2217(self, lines):
         line = lines.line(["vabus:1", "danfoss-fc:3"], listen="rfc2217", echo=True)
         with drivecomm.open_bus(line.port, echo=True) as bus:
             bus.drive("vabus", 1).read("481")
             bus.drive("danfoss-fc", 3, model="fc300").read("16-14")
         assert [drive.received[0].kind for drive in line.drives] == ["enquiry", "parameter"]
 
-    def test_a_telegram_on_its_way_is_waited_for(self, lines):
+    def test_assert_received_waits_for_a_late_telegram(self, lines):
         drive = lines.drive("vabus:1", listen="tcp")
         with connected(drive.port) as master:
             late = threading.Timer(0.2, master.sendall, [ENQUIRY])
@@ -349,7 +349,7 @@ class TestServed:
             drive.assert_received(kind="enquiry")
             late.join()
 
-    def test_what_does_not_come_is_not_waited_for_for_ever(self, lines):
+    def test_assertions_on_a_served_line_end_in_time(self, lines):
         drive = lines.drive("vabus:1", listen="tcp")
         began = time.monotonic()
         drive.assert_nothing_received(for_s=0.05)
@@ -357,7 +357,7 @@ class TestServed:
             drive.assert_received(within_s=0.1)
         assert 0.15 <= time.monotonic() - began < 2
 
-    def test_requests_that_are_lost(self, lines):
+    def test_served_line_drops_requests(self, lines):
         plan = FaultPlan(rate=1.0, kinds=[Fault.DROP])
         drive = lines.drive("vabus:1", listen="tcp", faults=plan)
         with connected(drive.port) as master:
@@ -365,7 +365,7 @@ class TestServed:
             drive.assert_nothing_received()
         assert plan.happened == {Fault.DROP: 1}
 
-    def test_replies_that_are_late(self, lines):
+    def test_served_line_delays_replies(self, lines):
         drive = lines.drive(
             "vabus:1",
             listen="tcp",
@@ -376,17 +376,17 @@ class TestServed:
             began = time.monotonic()
             master.sendall(ENQUIRY)
             assert received_from(master, len(VALUE)) == VALUE
-            # The first delay that seed 1 draws.
+            # Seed 1 draws a first delay longer than this.
             assert time.monotonic() - began > 0.05
 
-    def test_requests_that_come_twice(self, lines):
+    def test_served_line_duplicates_requests(self, lines):
         plan = FaultPlan(rate=1.0, kinds=[Fault.DUPLICATE], replies=False)
         drive = lines.drive("vabus:1", listen="tcp", faults=plan)
         with connected(drive.port) as master:
             master.sendall(ENQUIRY)
             drive.assert_received(times=2)
 
-    def test_foreign_traffic(self, lines):
+    def test_served_line_injects_foreign_traffic(self, lines):
         plan = FaultPlan(rate=1.0, kinds=[Fault.FOREIGN], traffic=[ENQUIRY], traffic_within_s=0.05)
         line = lines.line(["vabus:1", "fuji:7"], listen="tcp", faults=plan)
         with connected(line.port) as master:
@@ -395,7 +395,7 @@ class TestServed:
             assert ENQUIRY in received_from(master, len(ENQUIRY))
         assert "??  04 41 30 30 34 38 31 05  enquiry" in line.trace()
 
-    def test_closed_early(self, lines):
+    def test_received_telegrams_stay_after_close(self, lines):
         drive = lines.drive("vabus:1", listen="tcp")
         with connected(drive.port) as master:
             master.sendall(ENQUIRY)
@@ -405,7 +405,7 @@ class TestServed:
             pass
         assert len(drive.received) == 1
 
-    def test_poking_while_it_is_served(self, lines):
+    def test_poke_works_while_the_line_is_served(self, lines):
         drive = lines.drive("vabus:1", listen="tcp", reply_delay_s=0.0, model="agile")
         with connected(drive.port) as master:
             for number in range(100):
@@ -415,7 +415,7 @@ class TestServed:
 
 
 class TestTrace:
-    def test_of_pieces_and_damage(self, lines):
+    def test_trace_joins_pieces_and_marks_damage(self, lines):
         line = lines.line(["vabus:1,gap_s=1"], listen="tcp")
         with connected(line.port) as master:
             master.sendall(ENQUIRY[:3])
@@ -433,13 +433,13 @@ class TestTrace:
         assert shown[3][2].startswith("nak")
         assert shown[4] == ["->", "68 65 6C 6C 6F", "[no telegram]"]
 
-    def test_of_wrong_line_settings(self, lines):
+    def test_trace_marks_wrong_line_settings(self, lines):
         line = lines.line(["vabus:1"])
         with drivecomm.open_bus(line.port) as bus, pytest.raises(drivecomm.ReplyError):
             bus.drive("vabus", 1, baudrate=9600).read("481")
         assert "[sent with 9600 7E1, which no drive here listens with]" in line.trace()
 
-    def test_of_a_collision(self, lines):
+    def test_trace_marks_a_collision(self, lines):
         line = lines.line(["vabus:1"])
         line.virtual.configure(VABUS)
         line.virtual.transmit(ENQUIRY)
@@ -448,7 +448,7 @@ class TestTrace:
         line.advance(1)
         assert "[met others on the wire, or broke off]" in line.trace()
 
-    def test_of_a_long_test_is_its_end(self, lines):
+    def test_trace_shows_the_last_80_telegrams(self, lines):
         line = lines.line(["vabus:1"])
         with drivecomm.open_bus(line.port) as bus:
             for number in range(50):
@@ -458,7 +458,7 @@ class TestTrace:
         assert rows[0] == "(70 earlier ones are left out)"
         assert len(rows) == 81
 
-    def test_names_the_telegrams_of_every_protocol_on_the_line(self, lines):
+    def test_trace_decodes_every_protocol_on_the_line(self, lines):
         from drivecomm.protocol import installed
 
         plugins = list(installed.working())
@@ -475,7 +475,7 @@ class TestTrace:
                 assert each.data.hex(" ").upper() in trace
 
 
-def test_lines_are_closed_with_their_maker(tmp_path):
+def test_line_maker_closes_its_lines_on_exit(tmp_path):
     before = threading.active_count()
     with LineMaker(0, folder=lambda: tmp_path) as maker:
         maker.drive("vabus:1", listen="tcp")

@@ -1,4 +1,4 @@
-"""Masters that use pyserial, on virtual lines in this process: in virtual time, with the errors of pyserial."""
+"""Masters with pyserial on virtual lines in this process: virtual time, and the errors of pyserial."""
 
 import gc
 import time
@@ -33,7 +33,7 @@ def ask(port):
     return port.read(LENGTH)
 
 
-def test_a_master_reads_a_drive(drive):
+def test_pyserial_master_reads_a_virtual_drive(drive):
     with opened(drive) as port:
         assert int(ask(port)[9:17], 16) == 2550
     drive.assert_received(kind="enquiry", parameter=481, times=1)
@@ -49,7 +49,7 @@ def test_ten_minutes_of_silence_take_no_time(drive):
     assert time.monotonic() - began < 10
 
 
-def test_nobody_hears_a_master_with_other_settings(drive):
+def test_drive_ignores_a_master_with_other_line_settings(drive):
     with opened(drive, baudrate=1200, bytesize=8, parity="N") as port:
         assert ask(port) == b""
         port.baudrate, port.bytesize, port.parity = 19200, 7, "E"
@@ -57,12 +57,12 @@ def test_nobody_hears_a_master_with_other_settings(drive):
 
 
 @pytest.mark.parametrize("settings", [{"baudrate": 10}, {"bytesize": 5}])
-def test_settings_that_no_drive_has_are_an_error_of_pyserial(drive, settings):
+def test_unsupported_line_settings_raise_serial_exception(drive, settings):
     with pytest.raises(serial.SerialException):
         opened(drive, **settings)
 
 
-def test_what_was_not_read_stays(drive):
+def test_unread_bytes_stay_until_read_or_reset(drive):
     with opened(drive) as port:
         port.write(ENQUIRY)
         first = port.read(1)
@@ -74,7 +74,7 @@ def test_what_was_not_read_stays(drive):
         assert port.in_waiting == 0
 
 
-def test_a_loop_of_looks_ends(drive):
+def test_polling_in_waiting_advances_virtual_time(drive):
     with opened(drive, timeout=0) as port:
         port.write(ENQUIRY)
         port.flush()
@@ -84,18 +84,18 @@ def test_a_loop_of_looks_ends(drive):
         assert port.read(1) == b""
 
 
-def test_a_read_without_a_timeout_gets_what_is_on_its_way(drive):
+def test_read_without_timeout_returns_bytes_under_way(drive):
     with opened(drive, timeout=None) as port:
         assert len(ask(port)) == LENGTH
 
 
-def test_a_read_without_a_timeout_ends_where_nothing_will_come(drive, monkeypatch):
+def test_read_without_timeout_raises_if_no_bytes_can_come(drive, monkeypatch):
     monkeypatch.setattr(protocol_virtual, "PATIENCE_S", 0.05)
     with opened(drive, timeout=None) as port, pytest.raises(serial.SerialException, match="give the port a timeout"):
         port.read(1)
 
 
-def test_a_thread_that_reads_gets_what_another_asked_for(drive):
+def test_reading_thread_gets_the_reply_to_another_threads_request(drive):
     found = []
     with opened(drive, timeout=None) as port:
         reader = Thread(target=lambda: found.append(port.read(LENGTH)))
@@ -105,7 +105,7 @@ def test_a_thread_that_reads_gets_what_another_asked_for(drive):
     assert [len(each) for each in found] == [LENGTH]
 
 
-def test_a_port_that_is_closed_lets_its_reader_go(drive):
+def test_closing_a_port_ends_a_blocked_read(drive):
     found = []
     port = opened(drive, timeout=None)
     reader = Thread(target=lambda: found.append(port.read(LENGTH)))
@@ -117,19 +117,19 @@ def test_a_port_that_is_closed_lets_its_reader_go(drive):
         port.write(b"x")
 
 
-def test_an_adapter_that_is_unplugged_is_an_error_of_pyserial(drive):
+def test_unplugged_adapter_raises_serial_exception(drive):
     with opened(drive) as port:
         drive.line.virtual.broken = True
         with pytest.raises(serial.SerialException, match="broken"):
             port.write(ENQUIRY)
 
 
-def test_a_line_that_is_gone_cannot_be_opened():
+def test_unknown_virtual_url_raises_serial_exception():
     with pytest.raises(serial.SerialException, match="no virtual line virtual://0"):
         serial.serial_for_url("virtual://0")
 
 
-def test_a_line_has_one_url_and_is_let_go():
+def test_line_keeps_its_url_and_can_be_garbage_collected():
     from drivecomm.virtual import VirtualLine
 
     line = VirtualLine()
@@ -141,7 +141,7 @@ def test_a_line_has_one_url_and_is_let_go():
     assert pyserial.line_at(url) is None
 
 
-def test_the_clocks_of_python_follow_the_line(virtual_drive):
+def test_python_clocks_follow_the_line(virtual_drive):
     drive = virtual_drive("vabus:1", listen="virtual", model="agile")
     real = time.monotonic()
     with opened(drive) as port, drive.line.clock():
@@ -154,14 +154,14 @@ def test_the_clocks_of_python_follow_the_line(virtual_drive):
     assert time.monotonic() - real < 10
 
 
-def test_clocks_are_those_of_the_system_behind_the_block(drive):
+def test_system_clocks_are_restored_after_the_block(drive):
     clocks = time.sleep, time.monotonic, time.perf_counter, time.time
     with drive.line.clock():
         assert time.sleep is not clocks[0]
     assert (time.sleep, time.monotonic, time.perf_counter, time.time) == clocks
 
 
-def test_a_watchdog_of_ten_minutes_trips_at_once(drive):
+def test_watchdog_of_ten_minutes_trips_in_virtual_time(drive):
     """413 of a VABus drive is the time without an exchange after which it trips with F2010 (VEC 383, p. 35)."""
     drive.poke("413", 600)
     real = time.monotonic()
@@ -177,7 +177,7 @@ def test_a_watchdog_of_ten_minutes_trips_at_once(drive):
 
 
 def held_up_by_a_read(drive, port, work):
-    """Do something in a thread while another one reads; returns whether it was done before the read had ended."""
+    """Run `work` in a thread during a read of another thread; return whether the work had to wait for the read."""
     done = []
     thread = Thread(target=lambda: done.append(work()))
 
@@ -194,24 +194,24 @@ def held_up_by_a_read(drive, port, work):
     return not done_meanwhile[0]
 
 
-def test_sleep_of_a_thread_waits_while_another_one_reads(drive):
+def test_sleep_waits_for_the_read_of_another_thread(drive):
     with opened(drive) as port, drive.line.clock():
         assert held_up_by_a_read(drive, port, lambda: time.sleep(1) or True)
     assert drive.line.now() == pytest.approx(2, abs=0.1)
 
 
-def test_advance_of_a_thread_waits_while_another_one_reads(drive):
+def test_advance_waits_for_the_read_of_another_thread(drive):
     with opened(drive) as port:
         assert held_up_by_a_read(drive, port, lambda: drive.line.advance(1) or True)
 
 
-def test_second_port_of_a_line_waits_while_the_first_one_reads(drive):
+def test_write_to_a_second_port_waits_for_a_read_on_the_first(drive):
     with opened(drive) as port, opened(drive) as other:
         assert held_up_by_a_read(drive, port, lambda: other.write(ENQUIRY))
 
 
 def test_two_threads_of_a_master_share_a_port_and_the_clock(drive):
-    """One asks and sleeps, the other looks whether something has come; all in the time of the line."""
+    """One thread sends requests and sleeps, the other polls for replies, all in the line's time."""
     found = bytearray()
 
     def asking():
@@ -233,7 +233,7 @@ def test_two_threads_of_a_master_share_a_port_and_the_clock(drive):
     assert len(found) == 100 * LENGTH
 
 
-def test_read_without_a_timeout_ends_with_what_a_sleep_of_another_thread_brings(drive):
+def test_sleep_of_another_thread_lets_bytes_arrive_for_a_read(drive):
     with opened(drive, timeout=None) as port, drive.line.clock(), ThreadPoolExecutor(1) as threads:
         reading = threads.submit(port.read, 3)
         drive.line.call_at(100.0, lambda: drive.line.inject(b"abc"))
@@ -249,6 +249,6 @@ def test_clocks_in_nanoseconds_follow_the_line(drive):
     assert [after - before for before, after in zip(began, ended, strict=True)] == pytest.approx([600e9] * 3)
 
 
-def test_master_that_waits_for_modem_lines_goes_on(drive):
+def test_modem_lines_are_all_set(drive):
     with opened(drive) as port:
         assert (port.cts, port.dsr, port.cd, port.ri) == (True, True, True, False)

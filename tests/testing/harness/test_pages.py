@@ -1,4 +1,4 @@
-"""The pages about testing, carried out as a reader would: their files written, their commands run, output compared."""
+"""Pages about testing, executed like a reader would: their files written, commands run, and output compared."""
 
 import os
 import shlex
@@ -17,7 +17,7 @@ BY_US = "tests/harness/test_pages.py runs it"
 @pytest.mark.soak
 @pytest.mark.skipif(os.name != "posix", reason="the pages use a pseudo-terminal and a shell")
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_page(page, pytester, plugin_folder, monkeypatch):
+def test_commands_on_the_page_print_the_shown_output(page, pytester, plugin_folder, monkeypatch):
     monkeypatch.syspath_prepend(str(plugin_folder))
     monkeypatch.setenv("COLUMNS", "80")
     ran = 0

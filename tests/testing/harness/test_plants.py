@@ -1,4 +1,4 @@
-"""Whole plants in a test: their lines and drives by name, in virtual and in real time, watched as single ones are."""
+"""Watched plants: lines and drives by name, in virtual and real time."""
 
 import os
 import threading
@@ -56,7 +56,7 @@ def path(tmp_path):
     return path
 
 
-def test_in_virtual_time(lines, path):
+def test_plant_file_runs_in_virtual_time(lines, path):
     plant = lines.plant(path)
     assert list(plant.lines) == ["hall", "yard"]
     assert list(plant.drives) == ["pump", "fan", "gate"]
@@ -69,7 +69,7 @@ def test_in_virtual_time(lines, path):
         plant.drive("fan").assert_nothing_received()
         plant.line("hall").advance(100)
         assert master.status().fault_code == 5
-        # The drive is another one after it came back as new, and still watched.
+        # The factory reset has replaced the drive by a new one, which must be watched as well.
         plant.line("hall").advance(150)
         pump.forget_received()
         master.read("481")
@@ -80,14 +80,14 @@ def test_in_virtual_time(lines, path):
     assert pump.motor.fault == 3
 
 
-def test_made_of_a_plant(lines, path):
+def test_plant_object_is_accepted_in_place_of_a_file(lines, path):
     plant = lines.plant(read_plant(path))
     assert plant.line("yard").drive("gate") is plant.drive("gate")
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("listen", ["tcp", "pty"])
-def test_served(lines, path, listen):
+def test_plant_is_served_in_real_time(lines, path, listen):
     if listen == "pty" and os.name != "posix":
         pytest.skip("this system has no pseudo-terminals")
     threads = threading.active_count()
@@ -108,14 +108,14 @@ def test_served(lines, path, listen):
     assert threading.active_count() == threads
 
 
-def test_traces_have_the_names_of_the_lines(lines, path):
+def test_trace_titles_name_the_lines(lines, path):
     lines.plant(path)
     titles = [title for title, _ in lines.traces()]
     assert titles == ["line hall: pump, fan, in virtual time", "line yard: gate, in virtual time"]
     assert dict(lines.traces())[titles[1]].startswith("faults: rate 0.5, seed 3; happened: none yet")
 
 
-def test_what_cannot_be(lines, path):
+def test_invalid_names_and_files_of_a_plant_are_refused(lines, path):
     plant = lines.plant(path)
     with pytest.raises(UsageError, match="no line 'roof' in this plant; it has hall, yard"):
         plant.line("roof")
@@ -128,7 +128,7 @@ def test_what_cannot_be(lines, path):
         lines.plant(path)
 
 
-def test_a_watched_drive_notices_that_its_master_is_silent(lines, tmp_path):
+def test_watched_drive_trips_on_a_silent_master(lines, tmp_path):
     path = tmp_path / "plant.toml"
     drive = 'name = "gate"\ndrive = "fuji:7"\nline = "yard"\noptions = { model = "frenic" }\n'
     drive += "values = { y08 = 4, y02 = 0 }\n"

@@ -1,4 +1,4 @@
-"""The plug-in inside pytest: what it costs those who do not use it, what it shows of a failing test, what it leaves."""
+"""The plug-in inside pytest: cost for projects that do not use it, trace of a failed test, and clean-up."""
 
 import os
 import subprocess
@@ -49,20 +49,20 @@ class TestLoadedOnlyWhenUsed:
         ).stdout
 
     @pytest.mark.soak
-    def test_a_run_that_does_not_use_it_loads_nothing_of_drivecomm(self, pytester, plugin_folder):
+    def test_run_without_fixtures_imports_nothing_of_drivecomm(self, pytester, plugin_folder):
         output = self.run(pytester, plugin_folder, "def test_a(): pass")
         assert "1 passed" in output
         assert "plug-in: True" in output
         assert "loaded: []" in output
 
     @pytest.mark.soak
-    def test_a_run_that_uses_it_loads_the_protocol_that_it_uses(self, pytester, plugin_folder):
+    def test_run_with_a_fixture_imports_only_its_protocol(self, pytester, plugin_folder):
         output = self.run(pytester, plugin_folder, PASSES)
         assert "1 passed" in output
         assert "drivecomm_vabus" in output
         assert "drivecomm_fuji" not in output
 
-    def test_it_is_loaded_in_less_than_five_milliseconds(self):
+    def test_plugin_import_takes_less_than_five_milliseconds(self):
         code = (
             "import sys, time, pytest\n"
             "def took():\n"
@@ -75,12 +75,12 @@ class TestLoadedOnlyWhenUsed:
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
         assert float(done.stdout) < 0.005
 
-    def test_it_can_be_left_out(self, run_pytest):
+    def test_plugin_can_be_disabled(self, run_pytest):
         run_pytest(PASSES, "-p", "no:drivecomm").stdout.fnmatch_lines(["*fixture 'virtual_line' not found"])
 
 
 class TestTheTraceOfAFailingTest:
-    def test_is_attached_and_decoded(self, run_pytest):
+    def test_failed_test_shows_the_decoded_trace(self, run_pytest):
         result = run_pytest(FAILS)
         result.assert_outcomes(failed=1)
         result.stdout.fnmatch_lines(
@@ -91,22 +91,22 @@ class TestTheTraceOfAFailingTest:
             ]
         )
 
-    def test_is_not_attached_to_one_that_passes(self, run_pytest):
+    def test_passed_test_shows_no_trace(self, run_pytest):
         result = run_pytest(PASSES, "-rA")
         result.assert_outcomes(passed=1)
         result.stdout.no_fnmatch_line("*drivecomm: line*")
 
-    def test_is_not_attached_where_no_line_was_made(self, run_pytest):
+    def test_failed_test_without_lines_shows_no_trace(self, run_pytest):
         result = run_pytest("def test_a(): assert False")
         result.assert_outcomes(failed=1)
         result.stdout.no_fnmatch_line("*drivecomm:*")
 
-    def test_is_not_attached_to_what_is_expected_to_fail(self, run_pytest):
+    def test_expected_failure_shows_no_trace(self, run_pytest):
         result = run_pytest("    import pytest\n" + FAILS.replace("def test_a", "@pytest.mark.xfail\n    def test_a"))
         result.assert_outcomes(xfailed=1)
         result.stdout.no_fnmatch_line("*drivecomm: line*")
 
-    def test_is_one_section_for_each_line(self, run_pytest):
+    def test_trace_has_one_section_per_line(self, run_pytest):
         result = run_pytest("""
             import drivecomm
 
@@ -126,7 +126,7 @@ class TestTheTraceOfAFailingTest:
             ]
         )
 
-    def test_of_a_fixture_that_fails(self, run_pytest):
+    def test_failed_fixture_shows_the_trace(self, run_pytest):
         result = run_pytest("""
             import pytest, drivecomm
 
@@ -141,7 +141,7 @@ class TestTheTraceOfAFailingTest:
         result.assert_outcomes(errors=1)
         result.stdout.fnmatch_lines(["*drivecomm: line 1: vabus:1*", "*nak address=1*"])
 
-    def test_of_a_property_test_is_that_of_the_smallest_example(self, run_pytest):
+    def test_failed_property_test_shows_the_smallest_example_last(self, run_pytest):
         result = run_pytest(
             """
             import drivecomm
@@ -162,7 +162,7 @@ class TestTheTraceOfAFailingTest:
         result.assert_outcomes(failed=1)
         text = result.stdout.str()
         assert text.count("drivecomm: line") == 8
-        # 100 Hz are 10000, and that is 2710 in hexadecimal.
+        # 100 Hz is sent as 10000, which is 2710 in hexadecimal.
         assert "data='00002710'" in text.rpartition("drivecomm: line")[2]
 
 
@@ -187,18 +187,18 @@ class TestSeed:
     def happened(self, result):
         return next(line for line in result.stdout.lines if line.startswith("E  "))
 
-    def test_is_printed_with_what_happened(self, run_pytest):
+    def test_seed_is_printed_with_the_faults_that_occurred(self, run_pytest):
         run_pytest(self.TEST).stdout.fnmatch_lines(
             ["faults: rate 0.5, seed 0; the same again with --drivecomm-seed=0; happened: *drop *"]
         )
 
     @pytest.mark.soak
-    def test_the_same_seed_is_the_same_course(self, run_pytest):
+    def test_same_seed_repeats_the_faults(self, run_pytest):
         first, again, other = (run_pytest(self.TEST, f"--drivecomm-seed={seed}") for seed in (5, 5, 6))
         first.stdout.fnmatch_lines(["faults: rate 0.5, seed 5; the same again with --drivecomm-seed=5; *"])
         assert self.happened(first) == self.happened(again) != self.happened(other)
 
-    def test_a_plan_of_ones_own_keeps_its_seed(self, run_pytest):
+    def test_fault_plan_of_the_test_keeps_its_seed(self, run_pytest):
         result = run_pytest("""
             from drivecomm.plant import FaultPlan
 
@@ -208,7 +208,7 @@ class TestSeed:
         """)
         result.stdout.fnmatch_lines(["faults: rate 0.1, seed 99; happened: none yet"])
 
-    def test_a_seed_is_a_number(self, run_pytest):
+    def test_seed_option_must_be_a_number(self, run_pytest):
         result = run_pytest("def test_a(): pass", "--drivecomm-seed=x")
         result.stderr.fnmatch_lines(["*--drivecomm-seed: invalid int value: 'x'"])
 
@@ -217,7 +217,7 @@ class TestNothingIsLeft:
     @pytest.mark.soak
     @needs_pty
     @pytest.mark.parametrize("end", ["pass", "assert False"])
-    def test_behind(self, run_pytest, end):
+    def test_no_threads_files_or_links_are_left_after_a_test(self, run_pytest, end):
         threads = threading.active_count()
         descriptors = Path("/proc/self/fd")
         before = len(list(descriptors.iterdir())) if descriptors.exists() else 0
@@ -237,7 +237,7 @@ class TestNothingIsLeft:
         assert (len(list(descriptors.iterdir())) if descriptors.exists() else 0) == before
         assert not os.path.lexists(Path("path").read_text())
 
-    def test_a_line_that_broke_fails_its_test(self, run_pytest):
+    def test_failed_serving_thread_fails_the_test(self, run_pytest):
         result = run_pytest("""
             import socket, pytest
 

@@ -1,4 +1,4 @@
-"""A virtual plant with a server in a test: reached by HTTP, by the library and by commands, and gone after it."""
+"""A virtual plant with a server in a test: HTTP, library and commands reach it, and it is gone afterwards."""
 
 import json
 import os
@@ -57,21 +57,21 @@ def until(condition, seconds=10):
     return found
 
 
-def test_values_come_by_http(lines, path):
+def test_served_plant_delivers_values_by_http(lines, path):
     server = lines.server(path)
     found = until(lambda: [each for each in asked(server, "values") if each["quality"] == "good" and each["reading"]])
     assert {each["drive"] for each in found} == {"pump"}
     assert server.plant.drive("pump").received_with(kind="enquiry")
 
 
-def test_a_trip_is_an_event(lines, path):
+def test_trip_of_a_served_drive_is_an_event(lines, path):
     server = lines.server(path)
     until(lambda: asked(server, "drives/pump")["reachability"] == "answers")
     server.plant.drive("pump").trip(3)
     assert until(lambda: [each for each in asked(server, "events") if each["kind"] == "fault"])[0]["drive"] == "pump"
 
 
-def test_the_library_goes_through_it(lines, path):
+def test_client_reads_and_writes_through_the_server(lines, path):
     server = lines.server(path)
     pump = server.client.drive("pump")
     assert str(pump.read("480")) == "12.00 Hz"
@@ -80,7 +80,7 @@ def test_the_library_goes_through_it(lines, path):
 
 
 @pytest.mark.soak
-def test_commands_go_through_it(lines, path):
+def test_command_line_reads_through_the_server(lines, path):
     lines.server(path)
     done = subprocess.run(
         [sys.executable, "-m", "drivecomm", "read", "pump", "480", "--plant", path],
@@ -93,12 +93,12 @@ def test_commands_go_through_it(lines, path):
     assert "12.00 Hz" in done.stdout
 
 
-def test_whatever_port_the_file_says_it_takes_a_free_one(lines, path):
+def test_http_door_uses_a_free_port_instead_of_the_configured_one(lines, path):
     path.write_text(PLANT + '[[door]]\nkind = "http"\nlisten = "127.0.0.1:1"\n')
     assert asked(lines.server(path), "plant")["you"]["role"] == "view"
 
 
-def test_two_at_once(lines, path, tmp_path):
+def test_two_servers_run_in_one_process(lines, path, tmp_path):
     other = tmp_path / "other.toml"
     other.write_text(PLANT.replace("pump", "fan").replace("USB0", "USB1"))
     first, second = lines.server(path), lines.server(other)
@@ -107,7 +107,7 @@ def test_two_at_once(lines, path, tmp_path):
     assert [str(server.client.drive(name).read("480")) for server, name in [(first, "pump"), (second, "fan")]]
 
 
-def test_nothing_is_left_of_it(path):
+def test_closing_a_server_leaves_no_threads_files_or_variables(path):
     threads, before = set(threading.enumerate()), dict(os.environ)
     with LineMaker(0, folder=lambda: path.parent) as lines:
         server = lines.server(path)
@@ -121,14 +121,14 @@ def test_nothing_is_left_of_it(path):
         asked(server, "plant")
 
 
-def test_a_file_that_cannot_be_is_said(lines, path):
+def test_invalid_plant_file_raises_file_format_error(lines, path):
     path.write_text(PLANT.replace("status_period_s", "status_perod_s"))
     with pytest.raises(FileFormatError, match="status_period_s"):
         lines.server(path)
 
 
 @pytest.mark.soak
-def test_the_fixture(run_pytest, path):
+def test_served_plant_fixture_returns_a_server(run_pytest, path):
     run_pytest(
         f"""
         def test_it(served_plant):
@@ -139,7 +139,7 @@ def test_the_fixture(run_pytest, path):
     ).assert_outcomes(passed=1)
 
 
-def test_open_plant_does_the_same(lines, path):
+def test_open_plant_uses_the_running_server(lines, path):
     lines.server(path)
     with drivecomm.open_plant(path) as plant:
         assert str(plant.drive("pump").read("480")) == "12.00 Hz"

@@ -1,4 +1,4 @@
-"""The strategies that others build their property tests on: what they promise of what they draw."""
+"""Public hypothesis strategies: properties of the drawn examples."""
 
 import pytest
 from benches import COMMANDED
@@ -30,7 +30,7 @@ NUMBERS = {
     ("toshiba", "request"): "communication_number",
     ("toshiba", "reply"): "communication_number",
 }
-"""A field that holds a number, or what names a parameter where replies have no number, where it is not the address."""
+"""Number field of each protocol and direction, or the field that names a parameter; `address` for other protocols."""
 MODELS = {plugin.name: load_model(plugin.package, plugin.name, plugin.default_model) for plugin in installed.working()}
 
 
@@ -38,7 +38,7 @@ MODELS = {plugin.name: load_model(plugin.package, plugin.name, plugin.default_mo
 @every_protocol
 @FEW
 @given(data=st.data())
-def test_a_drive_understands_every_call_of_a_conversation(name, data):
+def test_drive_understands_every_drawn_call_of_a_conversation(name, data):
     calls = data.draw(strategies.conversations(name, max_size=6))
     address = installed[name].addresses[0]
     line = VirtualLine([virtual_drive(name, address, model=MODELS[name])])
@@ -48,17 +48,17 @@ def test_a_drive_understands_every_call_of_a_conversation(name, data):
             try:
                 call.carry_out(drive)
             except DriveError:
-                # The drive understood, and its state does not allow it.
+                # The drive understood the call, but its state does not allow it.
                 continue
             except ValueRefusedError:
-                # A write before it has lowered the maximum frequency.
+                # An earlier write may have lowered the maximum frequency.
                 assert call.verb == "set_reference"
 
 
 @every_protocol
 @FEW
 @given(data=st.data())
-def test_a_drive_that_was_just_switched_on_does_every_read_and_write(name, data):
+def test_new_drive_accepts_every_drawn_read_and_write(name, data):
     is_access = lambda call: call.verb in ("read", "write")  # noqa: E731
     call = data.draw(strategies.verb_calls(name).filter(is_access))
     address = installed[name].addresses[0]
@@ -69,7 +69,7 @@ def test_a_drive_that_was_just_switched_on_does_every_read_and_write(name, data)
 
 @pytest.mark.soak
 @every_protocol
-def test_conversations_have_all_sorts_of_calls(name):
+def test_conversations_contain_all_kinds_of_calls(name):
     verbs = set()
 
     @settings(FEW, max_examples=60)
@@ -81,7 +81,7 @@ def test_conversations_have_all_sorts_of_calls(name):
     draw()
     commands = {"start", "stop", "set_reference"} if name in COMMANDED else set()
     infos = MODELS[name].parameters.values()
-    # Of a drive that is monitored only, commands are not written, and EI Bisynch lists nothing else that can be.
+    # Commands of monitoring-only drives are never written, and EI Bisynch lists no other writable parameter.
     writes = {"write"} if any("w" in each.access and each.kind != "command" for each in infos) else set()
     assert {"read"} | writes | commands <= verbs
 
@@ -89,7 +89,7 @@ def test_conversations_have_all_sorts_of_calls(name):
 @pytest.mark.soak
 @every_protocol
 @pytest.mark.parametrize("direction", ["request", "reply"])
-def test_values_of_a_field_are_encoded(name, direction):
+def test_drawn_field_values_have_the_right_type(name, direction):
     field = NUMBERS.get((name, direction), "address")
 
     @FEW
@@ -100,12 +100,12 @@ def test_values_of_a_field_are_encoded(name, direction):
     draw()
 
 
-def test_a_field_that_no_telegram_has():
+def test_unknown_field_raises_usage_error():
     with pytest.raises(UsageError, match="no vabus request has a field 'adress'; they have address, "):
         strategies.field_values("vabus", "request", "adress")
 
 
-def test_a_protocol_that_is_not_there():
+def test_unknown_protocol_raises_an_error():
     for strategy in (strategies.telegrams, strategies.messages, strategies.telegram_fields):
         with pytest.raises(drivecomm.UnknownProtocolError):
             strategy("profibus", "request")
@@ -115,7 +115,7 @@ def test_a_protocol_that_is_not_there():
 
 @FEW
 @given(data=st.data())
-def test_a_protocol_is_named_or_given(data):
+def test_protocol_is_accepted_by_name_or_as_plugin(data):
     for protocol in ("vabus", installed["vabus"]):
         sent = data.draw(strategies.telegrams(protocol, "request"))
         assert drivecomm.decode("vabus", sent, direction="request").data == sent
@@ -123,16 +123,16 @@ def test_a_protocol_is_named_or_given(data):
 
 @FEW
 @given(plan=strategies.fault_plans(highest_rate=0.4, kinds=[Fault.DROP, Fault.CORRUPT]))
-def test_fault_plans(plan):
+def test_drawn_fault_plans_keep_their_limits_and_are_repeatable(plan):
     assert isinstance(plan, FaultPlan)
     assert 0 <= plan.rate <= 0.4
     assert set(plan.kinds) <= {Fault.DROP, Fault.CORRUPT}
-    # The same plan is the same course.
+    # An equal plan produces the same faults.
     again = FaultPlan(rate=plan.rate, seed=plan.seed, kinds=plan.kinds, delay_s=plan.delay_s)
     assert [plan.request(b"12345678") for _ in range(30)] == [again.request(b"12345678") for _ in range(30)]
 
 
-def test_calls_read_as_they_are_written():
+def test_repr_of_a_verb_call_is_its_source_text():
     call = strategies.VerbCall("write", ("481", 12), {"store": True})
     assert repr(call) == "write('481', 12, store=True)"
     assert repr(strategies.VerbCall("status")) == "status()"
@@ -140,7 +140,7 @@ def test_calls_read_as_they_are_written():
 
 @FEW
 @given(lowest=st.integers(-(1 << 32), 0), highest=st.integers(0, 1 << 32))
-def test_limits(lowest, highest):
+def test_limits_finds_the_range_in_few_steps(lowest, highest):
     asked = []
 
     def accepts(number):
@@ -151,7 +151,7 @@ def test_limits(lowest, highest):
     assert len(asked) < 150
 
 
-def test_limits_of_what_has_none():
+def test_limits_stops_for_an_unlimited_range():
     lowest, highest = limits(0, lambda _: True)
     assert lowest == -highest
     assert highest >= 1 << 32

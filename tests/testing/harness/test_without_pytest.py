@@ -1,4 +1,4 @@
-"""Lines and drives for other test frameworks: a test of unittest, in a process of its own that never loads pytest."""
+"""Lines and drives for other test frameworks: a unittest in a separate process that never loads pytest."""
 
 import os
 import subprocess
@@ -29,7 +29,7 @@ class Test(unittest.TestCase):
 """
 
 
-def test_unittest_of_a_stranger_uses_a_line_by_its_url(tmp_path):
+def test_foreign_unittest_uses_a_line_by_its_url(tmp_path):
     (tmp_path / "test_stranger.py").write_text(STRANGER, encoding="utf-8")
     command = [sys.executable, "-m", "unittest", "test_stranger"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
@@ -38,7 +38,7 @@ def test_unittest_of_a_stranger_uses_a_line_by_its_url(tmp_path):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a pseudo-terminal")
-def test_line_maker_needs_no_folder_of_a_test():
+def test_line_maker_works_without_a_test_folder():
     with LineMaker() as lines:
         port = Path(lines.drive("vabus:1", listen="pty").port)
         assert port.exists()

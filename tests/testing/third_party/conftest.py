@@ -1,4 +1,4 @@
-"""A stranger's distribution, installed as an installer would leave it, and commands of an environment that has it."""
+"""A third-party distribution, installed as by an installer, and commands in an environment that contains it."""
 
 import contextlib
 import io
@@ -20,7 +20,7 @@ from drivecomm.protocol import installed
 
 @pytest.fixture(scope="session")
 def site(tmp_path_factory):
-    """The folder in which the stranger's package is installed, and the pytest plug-in of this tree."""
+    """Return a folder with the installed third-party package, and the pytest plug-in of this tree."""
     site = tmp_path_factory.mktemp("site")
     shutil.copytree(PACKAGE, site / PACKAGE.name, ignore=shutil.ignore_patterns("__pycache__"))
     project = tomllib.loads((SOURCE / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -33,7 +33,7 @@ def site(tmp_path_factory):
 
 @dataclass(frozen=True)
 class Done:
-    """What a command has left: its exit code and what it printed."""
+    """Result of a command: its exit code and its output."""
 
     code: int
     out: str
@@ -45,7 +45,7 @@ class Done:
 
 
 class Shell:
-    """Runs programs in a folder of their own, in an environment in which the stranger's package is installed."""
+    """Runner of programs in a new folder, in an environment with the third-party package."""
 
     def __init__(self, site, folder):
         self.folder = folder
@@ -54,14 +54,14 @@ class Shell:
         self._running = []
 
     def __call__(self, *arguments):
-        """Carry out a drivecomm command in this process, which is quicker and finds the package in the same way."""
+        """Run a drivecomm command in this process, which is quicker and finds the package in the same way."""
         out, err = io.StringIO(), io.StringIO()
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
             code = main(list(arguments))
         return Done(code, out.getvalue(), err.getvalue())
 
     def python(self, *arguments):
-        """Run a new Python in the folder."""
+        """Run a new Python process in the folder."""
         done = subprocess.run(
             [sys.executable, *arguments],
             cwd=self.folder,
@@ -74,7 +74,7 @@ class Shell:
         return Done(done.returncode, done.stdout, done.stderr)
 
     def serve(self, *arguments):
-        """Start what runs until it is told to end; returns the first object that it prints."""
+        """Start a long-running command; return the first object that it prints."""
         process = subprocess.Popen(
             [sys.executable, "-m", "drivecomm", *arguments, "--json"],
             cwd=self.folder,
@@ -95,7 +95,7 @@ class Shell:
 
 
 def forget_the_package():
-    """Let nothing of the stranger's package stay in this process."""
+    """Remove the third-party package from this process."""
     installed._loaded.pop("acme", None)
     for name in [name for name in sys.modules if name.partition(".")[0] == PACKAGE.name]:
         del sys.modules[name]

@@ -1,4 +1,4 @@
-"""Where the stranger's distribution is, and what an installer writes down of one."""
+"""Location of the third-party distribution, and installation metadata like that of an installer."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ PACKAGE = SOURCE / "drivecomm_acme"
 
 
 def leave_metadata(site, project, groups):
-    """Write down what an installer does: the name, the version and the entry points of a distribution."""
+    """Write the metadata of an installed distribution: its name, version and entry points."""
     folder = site / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
     folder.mkdir()
     heading = f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n"

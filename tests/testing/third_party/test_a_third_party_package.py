@@ -1,7 +1,7 @@
-"""A stranger's protocol package goes through everything that drivecomm has, and drivecomm does not know it.
+"""A third-party protocol package works with all features of drivecomm, which does not know the package.
 
-The package in the folder drivecomm_acme is a distribution of its own. It is found by
-its entry point, as are the four protocols that come with drivecomm.
+The package in the folder drivecomm_acme is a separate distribution. It is found by its entry point, like the protocols
+that come with drivecomm.
 """
 
 import ast
@@ -23,7 +23,7 @@ CONTRACT = {"drivecomm.protocol", "drivecomm.protocol.schema", "drivecomm.errors
 
 
 def imports_of(path):
-    """Return the modules that a file imports when it runs; what only the type checker reads does not count."""
+    """Return the modules that a file imports at run time; imports for the type checker only are ignored."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     checked = {
         id(inner)
@@ -36,14 +36,14 @@ def imports_of(path):
     return plain | {node.module for node in nodes if isinstance(node, ast.ImportFrom)}
 
 
-def test_it_imports_only_the_contract():
+def test_third_party_package_imports_only_the_contract():
     for path in PACKAGE.glob("*.py"):
         ours = {name for name in imports_of(path) if name.partition(".")[0] == "drivecomm"}
         assert ours <= CONTRACT, path.name
         assert not imports_of(path) & {"time", "socket", "serial", "asyncio", "threading", "select"}, path.name
 
 
-def test_drivecomm_does_not_name_it():
+def test_drivecomm_does_not_mention_the_third_party_package():
     trees = [ROOT / "drivecomm", ROOT / "protocols", ROOT / "pytest_drivecomm"]
     paths = [path for tree in trees for path in tree.rglob("*") if path.suffix in {".py", ".toml", ".md"}]
     assert len(paths) > 100
@@ -51,7 +51,7 @@ def test_drivecomm_does_not_name_it():
 
 
 @pytest.mark.soak
-def test_a_new_process_lists_it(shell):
+def test_new_process_lists_the_third_party_protocol(shell):
     listed = {each["protocol"]: each for each in shell.python("-m", "drivecomm", "protocols", "--json").objects}
     assert set(listed) == {"acme", *(each.name for each in installed.working())}
     assert listed["acme"]["title"] == "Acme A10 line protocol"
@@ -59,15 +59,15 @@ def test_a_new_process_lists_it(shell):
 
 
 class TestTelegrams:
-    def test_decode_finds_it_among_all_protocols(self, shell):
+    def test_decode_detects_the_third_party_protocol(self, shell):
         done = shell("decode", READ)
         assert (done.code, done.out) == (0, "acme request: read address=5 parameter=1\n")
 
-    def test_encode_and_decode(self, shell):
+    def test_encode_writes_a_third_party_telegram(self, shell):
         done = shell("encode", "acme", "kind=write", "address=5", "parameter=1", "data=2500")
         assert (done.code, done.out) == (0, WRITE + "\n")
 
-    def test_what_cannot_be_encoded_is_refused_in_a_sentence(self, shell):
+    def test_invalid_third_party_telegram_is_refused_in_one_sentence(self, shell):
         done = shell("encode", "acme", "kind=read", "address=64", "parameter=1")
         assert (done.code, done.out) == (4, "")
         assert done.err.startswith("drivecomm: read telegram, address: ")
@@ -76,7 +76,7 @@ class TestTelegrams:
 
 class TestTheKit:
     @pytest.mark.soak
-    def test_everything_that_a_protocol_must_stand(self, shell):
+    def test_third_party_package_passes_the_conformance_run(self, shell):
         *checks, whole = (done := shell("conformance", "acme", "--quick", "--json")).objects
         assert [(check["check"], check["reason"]) for check in checks if not check["passed"]] == []
         assert (done.code, whole["protocol"], whole["failed"]) == (0, "acme", 0)
@@ -88,8 +88,8 @@ class TestTheKit:
             assert {each["id"] for each in vectors[kind]} <= names, kind
 
     @pytest.mark.soak
-    def test_it_notices_a_wrong_check(self, shell, site):
-        """The same package with another check sum: what the kit says of it depends on what it does."""
+    def test_wrong_checksum_of_a_third_party_package_is_found(self, shell, site):
+        """The kit runs on the same package with another checksum, and must judge it by its behaviour."""
         other = shell.folder / "drivecomm_acme"
         other.mkdir()
         for path in (site / "drivecomm_acme").rglob("*"):
@@ -108,7 +108,7 @@ class TestTheKit:
 @posix
 class TestASimulatedDrive:
     @pytest.mark.soak
-    def test_every_verb_of_the_command_line(self, shell):
+    def test_command_line_verbs_work_on_a_third_party_drive(self, shell):
         told = shell.serve("simulate", "-d", "acme:5", "-d", "vabus:1", "-l", "pty:line")
         assert told == {"listening": "line", "drives": ["acme:5", "vabus:1"]}
 
@@ -138,7 +138,7 @@ class TestASimulatedDrive:
         assert on_the_line("stop", "acme:*").code == 0
 
     @pytest.mark.soak
-    def test_recorded_replayed_and_made_into_vectors(self, shell):
+    def test_third_party_traffic_is_recorded_replayed_and_made_into_vectors(self, shell):
         shell.serve("simulate", "-d", "acme:5", "-d", "vabus:1", "-l", "pty:line")
         recorded = shell("read", "acme:5,model=a10", "reference", "--port", "line", "--record", "day.jsonl")
         assert recorded.code == 0
@@ -162,7 +162,7 @@ class TestASimulatedDrive:
         assert checked.out.endswith(" 0 failed\n")
 
     @pytest.mark.soak
-    def test_a_plant_is_served_and_steered(self, shell, monkeypatch):
+    def test_plant_with_a_third_party_drive_is_simulated(self, shell, monkeypatch):
         (shell.folder / "plant.toml").write_text(
             'format = 1\n[[line]]\nname = "hall"\nlisten = "pty:line"\n'
             '[[drive]]\nname = "mixer"\ndrive = "acme:5"\nline = "hall"\nvalues = { "001" = 1234 }\n'
@@ -209,8 +209,8 @@ with drivecomm.open_bus(line.port, record="mixed.jsonl") as bus:
 
 
 @pytest.mark.soak
-def test_on_a_line_with_another_protocol(shell):
-    """Virtual time, a recording, and a sniffer that tells the two apart in it."""
+def test_third_party_drive_shares_a_line_with_another_protocol(shell):
+    """Virtual time, a recording, and a sniffer that separates the two protocols in it."""
     done = shell.python("-c", MIXED)
     assert (done.code, done.err) == (0, "")
     assert done.out.splitlines() == [
@@ -234,14 +234,14 @@ def test_on_a_line_with_another_protocol(shell):
 
 
 @pytest.mark.soak
-def test_beside_another_protocol(shell):
+def test_cohabit_judges_a_third_party_protocol(shell):
     verdicts = shell("cohabit", "-d", "acme:5", "-d", "vabus:1")
     assert verdicts.code == 0, verdicts.out
     assert verdicts.out.count(": safe\n") >= 2
 
 
 @pytest.mark.soak
-def test_the_fixtures_of_pytest_know_it(shell):
+def test_pytest_fixtures_support_a_third_party_protocol(shell):
     (shell.folder / "test_mixer.py").write_text(
         "import drivecomm\n\n"
         "def test_mixer(virtual_drive):\n"
@@ -264,7 +264,7 @@ def test_the_fixtures_of_pytest_know_it(shell):
 
 @posix
 @pytest.mark.soak
-def test_its_masters_are_judged(shell, monkeypatch):
+def test_judge_supports_a_third_party_protocol(shell, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", shell.environment["PYTHONPATH"])
     listed = shell("judge", "--drive", "acme:5", "--task", "read", "--list")
     assert "read-other-drive" in listed.out

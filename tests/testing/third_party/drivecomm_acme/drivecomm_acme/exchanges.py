@@ -1,4 +1,4 @@
-"""The conversations of a master with an Acme drive, A10 line manual, sections 3 and 4."""
+"""Exchanges of a master with an Acme drive, A10 line manual, sections 3 and 4."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class AcmeOperations:
 
     @property
     def capabilities(self) -> Capabilities:
-        """What an Acme drive can be asked to do."""
+        """Capabilities of an Acme drive."""
         return Capabilities(
             stops=frozenset(_STOPS),
             reverse=True,
@@ -44,7 +44,7 @@ class AcmeOperations:
 
     @property
     def extra(self) -> Mapping[str, Callable[..., Exchange[Any]]]:
-        """No verbs of its own."""
+        """Extra verbs: none."""
         return {}
 
     def read(self, parameter: str) -> Exchange[Reading]:
@@ -59,7 +59,7 @@ class AcmeOperations:
         return conversation()
 
     def write(self, parameter: str, value: ParameterValue | float, *, store: bool = False) -> Exchange[Reading | None]:
-        """Write a parameter; the result is what the drive then holds, None from all drives."""
+        """Write a parameter; return the value that the drive then holds, or None from a broadcast."""
         number, info = number_of(parameter, self._model)
         if store and self._address == ALL_DRIVES:
             raise NotSupported("all Acme drives at once cannot be made to store; write without store, or to each drive")
@@ -77,32 +77,32 @@ class AcmeOperations:
         return f"{number_of(parameter, self._model)[0]:03d}"
 
     def status(self) -> Exchange[DriveStatus]:
-        """Read status word and fault code; a poll commands nothing."""
+        """Read status word and fault code; the poll telegram commands nothing."""
         self._must_be_one_drive("status")
         return self._status()
 
     def start(self, *, reverse: bool = False) -> Exchange[None]:
-        """Start, unless the drive has a fault."""
+        """Start the motor, unless the drive has a fault."""
         self._must_be_one_drive("start")
         return self._start(words.RUN | (words.REVERSE if reverse else 0))
 
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
-        """Stop down the ramp, down the quick ramp, or by coasting."""
+        """Stop by the ramp, by the quick ramp, or by coasting."""
         if how not in _STOPS:
             raise NotSupported(f"an Acme drive cannot stop by {how.value}; it can by ramp, quick and coast")
         return self._command(_STOPS[how], urgent=True, attempts=None)
 
     def reset(self) -> Exchange[None]:
-        """Acknowledge a fault by an edge of the reset bit; does nothing on a drive without a fault."""
+        """Acknowledge a fault by an edge of the reset bit; do nothing without a fault."""
         self._must_be_one_drive("reset")
         return self._reset()
 
     def set_reference_percent(self, percent: ParameterValue | float) -> Exchange[None]:
-        """Not possible (section 4.2)."""
+        """Raise NotSupported: the drive takes no reference in percent (section 4.2)."""
         raise NotSupported(f"an Acme drive takes its reference in hertz, not as {percent} %")
 
     def set_reference_hz(self, hz: ParameterValue | float) -> Exchange[None]:
-        """Write the reference frequency, 0.01 Hz steps, without storing it."""
+        """Write the reference frequency in steps of 0.01 Hz, without storing it."""
         raw = unscaled(exact(hz, "reference"), Decimal("0.01"), "reference", "Hz")
         if not 0 <= raw <= _HIGHEST_HZ * 100:
             raise ValueRefusedError(f"a reference of {hz} Hz is not 0 to {_HIGHEST_HZ} Hz; start turns the motor round")
@@ -114,7 +114,7 @@ class AcmeOperations:
         return conversation()
 
     def probe(self) -> Exchange[None]:
-        """Poll once."""
+        """Poll the drive once."""
         self._must_be_one_drive("probe")
 
         def conversation() -> Exchange[None]:
@@ -122,7 +122,7 @@ class AcmeOperations:
 
         return conversation()
 
-    def identify(self, only: Collection[str] = ()) -> Exchange[Mapping[str, str]]:  # noqa: ARG002 - there is one
+    def identify(self, only: Collection[str] = ()) -> Exchange[Mapping[str, str]]:  # noqa: ARG002 - there is only one entry
         """Read the software version."""
         self._must_be_one_drive("identify")
 
@@ -151,7 +151,7 @@ class AcmeOperations:
         if not (yield from self._status()).fault:
             return
         yield from self._command(words.RESET, attempts=1)
-        # Takes the bit away again, so that the next reset has an edge.
+        # Clear the reset bit, so that the next reset has an edge.
         yield from self._command(0, attempts=None)
 
     def _command(self, control_word: int, *, attempts: int | None, urgent: bool = False) -> Exchange[None]:
@@ -160,7 +160,7 @@ class AcmeOperations:
     def _say(
         self, request: Preset | Order, *, attempts: int | None = None, urgent: bool = False
     ) -> Exchange[Value | Accepted | State | None]:
-        """Tell all drives, or ask the one what it did."""
+        """Send a request to one drive and return its reply, or broadcast it and return None."""
         if self._address == ALL_DRIVES:
             yield Tell(message=request)
             return None

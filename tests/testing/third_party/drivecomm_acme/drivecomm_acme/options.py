@@ -1,4 +1,4 @@
-"""What differs between Acme drives."""
+"""Options of Acme drives."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AcmeOptions:
-    """What differs between Acme drives.
+    """Options of an Acme drive.
 
-    reply_delay_s: how long a virtual drive takes to answer, in seconds; a real one takes up to 0.15 (section 1).
+    reply_delay_s: reply delay of a virtual drive in seconds; a real drive takes up to 0.15 (section 1).
     """
 
     reply_delay_s: float = 0.004

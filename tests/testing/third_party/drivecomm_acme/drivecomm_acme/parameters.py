@@ -16,7 +16,7 @@ _DIGITS = 3
 
 
 def number_of(parameter: str, model: Model | None) -> tuple[int, ParameterInfo | None]:
-    """Return the number of a parameter and what the model knows of it. Raises ParameterAddressError."""
+    """Return the number of a parameter and its entry in the model, if any. Raises ParameterAddressError."""
     info = model.find(parameter) if model else None
     address = info.address if info else parameter
     if len(address) != _DIGITS or not (address.isascii() and address.isdigit()):
@@ -25,7 +25,7 @@ def number_of(parameter: str, model: Model | None) -> tuple[int, ParameterInfo |
 
 
 def physical(info: ParameterInfo, word: int) -> int | Decimal:
-    """Return what a 16-bit word stands for; INT is two's complement."""
+    """Return the physical value of a 16-bit word; INT is two's complement."""
     return scaled(word - 0x10000 if info.type == SIGNED and word >= 0x8000 else word, info.factor)
 
 
@@ -40,7 +40,7 @@ def word_for(parameter: str, info: ParameterInfo | None, value: Value | float) -
 
 
 def reading(number: int, info: ParameterInfo | None, word: int) -> Reading:
-    """Return a value with what the model knows of it."""
+    """Return a reading of a word, with name and unit from the model."""
     if info is None:
         note = "no model: the unsigned word as sent"
         return Reading(parameter=f"{number:0{_DIGITS}}", value=word, raw=word, note=note)

@@ -1,4 +1,4 @@
-"""What the Acme line protocol gives to drivecomm."""
+"""Plug-in of the Acme line protocol for drivecomm."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def _virtual(address: int, options: AcmeOptions, model: Model) -> VirtualDrive:
 
 
 def _blind_spots(_data: bytes, _direction: Direction) -> frozenset[int]:
-    """None: each single wrong bit changes the sum, or one of the characters that are fixed."""
+    """Return no blind spots: each single wrong bit changes the sum, or one of the fixed characters."""
     return frozenset()
 
 

@@ -41,7 +41,7 @@ _ANYBODY = range(64)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Query:
-    """The master reads a parameter."""
+    """Request to read a parameter."""
 
     kind: ClassVar[str] = "read"
     address: int
@@ -50,7 +50,7 @@ class Query:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Preset:
-    """The master writes a parameter. kind: write, until the power goes, or store."""
+    """Request to write a parameter. kind: write (lost at power-off) or store."""
 
     kind: str
     address: int
@@ -60,7 +60,7 @@ class Preset:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Poll:
-    """The master asks for the status."""
+    """Request for the status."""
 
     kind: ClassVar[str] = "poll"
     address: int
@@ -68,7 +68,7 @@ class Poll:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Order:
-    """The master commands."""
+    """Request with a control word."""
 
     kind: ClassVar[str] = "order"
     address: int
@@ -77,7 +77,7 @@ class Order:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Value:
-    """The drive says what a parameter now holds. kind: of the request, read, write or store."""
+    """Reply with the value of a parameter. kind: that of the request: read, write or store."""
 
     kind: str
     address: int
@@ -87,7 +87,7 @@ class Value:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class State:
-    """The drive says how it is."""
+    """Reply with the status."""
 
     kind: ClassVar[str] = "state"
     address: int
@@ -97,7 +97,7 @@ class State:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Accepted:
-    """The drive acts on a control word."""
+    """Reply that accepts a control word."""
 
     kind: ClassVar[str] = "accepted"
     address: int
@@ -106,7 +106,7 @@ class Accepted:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refusal:
-    """The drive will not. of: the kind of the request; parameter: 0 where it was an order."""
+    """Reply that refuses a request. of: the kind of the request. parameter: 0 for an order."""
 
     kind: ClassVar[str] = "refused"
     address: int
@@ -184,10 +184,10 @@ _LETTER_AT = 3
 
 
 class AcmeCodec:
-    """Telegrams to bytes and back; the letter says how long a telegram is."""
+    """Codec of Acme telegrams; the letter determines the length of a telegram."""
 
     def measure(self, head: bytes, direction: Direction) -> int:
-        """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
+        """Return the length of the telegram that begins with these bytes, see `Codec.measure`."""
         if not head:
             return _SHORTEST[direction]
         if head[:1] != b":" or not (head[1:_LETTER_AT] or b"0").isdigit():
@@ -233,7 +233,7 @@ def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
 
 
 def mismatch(request: Message, reply: Message) -> str:
-    """Name the first field in which a sound reply does not belong to a request; empty when it belongs."""
+    """Return the first field in which a valid reply does not match a request, or "" if it matches."""
     if getattr(reply, "address", None) != getattr(request, "address", None):
         return "address"
     if isinstance(reply, Refusal):
@@ -251,5 +251,5 @@ def mismatch(request: Message, reply: Message) -> str:
 
 
 def titled_forms() -> dict[str, Form[Any]]:
-    """Return all forms by the title that the documentation gives them."""
+    """Return all forms by their title in the documentation."""
     return {form.message.__name__: form for form in _FORMS.values()}

@@ -1,4 +1,4 @@
-"""How an Acme drive answers, A10 line manual, sections 3 and 4."""
+"""Virtual Acme drive, A10 line manual, sections 3 and 4."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _REFERENCE, _RAMP_UP, _RAMP_DOWN, _FREQUENCY, _CURRENT, _FAULT = "001", "010", "
 
 
 class VirtualAcmeDrive:
-    """One Acme drive: parameters, a control word, a motor. Damaged telegrams meet silence (section 2.4)."""
+    """Virtual Acme drive: parameters, a control word, a motor. It does not answer damaged telegrams (section 2.4)."""
 
     def __init__(self, address: int, options: AcmeOptions, model: Model) -> None:
         self.address = address
@@ -51,7 +51,7 @@ class VirtualAcmeDrive:
         self._control = 0
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
-        """Act on a sound telegram for this drive or for all; answer it if it is for this drive alone."""
+        """Act on a valid telegram for this drive or all drives; answer it if it is for this drive alone."""
         if isinstance(find, Damaged):
             return None
         request = find.message
@@ -64,7 +64,7 @@ class VirtualAcmeDrive:
         return VirtualReply(data=self.codec.encode(reply), delay_s=self._delay_s)
 
     def peek(self, parameter: str, now: float) -> int:
-        """Return the word that a read would get, by address or name. Raises ParameterAddressError."""
+        """Return a parameter's word as a read would, by address or name. Raises ParameterAddressError."""
         self.motor.advance(now)
         address = self._held(parameter)
         measured = {
@@ -80,7 +80,7 @@ class VirtualAcmeDrive:
         self._words[address] = self._stored[address] = int(raw) & 0xFFFF
 
     def power_cycle(self, now: float) -> None:
-        """Switch mains off and on: what is not stored is gone, so are command and fault (section 3.2)."""
+        """Switch mains off and on: values that are not stored, the command and the fault are lost (section 3.2)."""
         self.motor.stop(Command.OFF, now)
         self.motor.reset(now)
         self._words, self._control = dict(self._stored), 0
@@ -139,7 +139,7 @@ class VirtualAcmeDrive:
         self._turn(now)
 
     def _turn(self, now: float) -> None:
-        """Let the motor do what control word, reference and ramps say."""
+        """Update the motor from control word, reference and ramps."""
         motor = self.motor
         motor.ramp_up_s, motor.ramp_down_s = self._words[_RAMP_UP] / 10, self._words[_RAMP_DOWN] / 10
         if self._control & words.COAST:

@@ -31,7 +31,7 @@ _FLAGS = {
 
 
 def status(word: int, fault_code: int, faults: Mapping[int, str]) -> DriveStatus:
-    """Return what a status word and a fault code say; faults: texts by code."""
+    """Return the status that a status word and a fault code mean. faults: texts by code."""
     running, fault = bool(word & RUNNING), bool(word & FAULT)
     state = DriveState.RUNNING if running else DriveState.READY
     if word & STOPPING:
