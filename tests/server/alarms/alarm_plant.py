@@ -1,4 +1,4 @@
-"""A served plant with one drive, as alarms see it; tests say what changes."""
+"""A stand-in for a served plant with one drive, for tests of alarms; the test sets its state."""
 
 import asyncio
 
@@ -47,7 +47,7 @@ class AlarmPlant:
         return self.read[-1]
 
     def see(self, state, kind=""):
-        """Let the drive be so; told by an event of a kind, or by its polled status."""
+        """Set the state of the drive, and report it by an event of this kind, or as a polled status without a kind."""
         self.state = state
         event = Event(number=1, time_s=0.0, kind=kind, text="", drive="pump") if kind else None
         status = CurrentValue(time_s=1.0, drive="pump", name=STATUS, reading=None, quality="good")

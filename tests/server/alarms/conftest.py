@@ -1,4 +1,4 @@
-"""What tests of alarms stand on."""
+"""Fixtures of the alarm tests."""
 
 import time
 
