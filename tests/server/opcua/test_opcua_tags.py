@@ -1,4 +1,4 @@
-"""Tags of the plant file are display names, and the exported address of a value is its node id."""
+"""Tags of the plant file as display names; the exported address of a value is its node id."""
 
 import asyncio
 
