@@ -18,7 +18,7 @@ ARGUMENTS = [
 TIMEOUT_MS = 8000
 
 
-@pytest.fixture(scope="module")  # Playwright's loop occupies this thread
+@pytest.fixture(scope="module")  # Playwright's event loop occupies the thread until it ends
 def browser():
     playwright = pytest.importorskip("playwright.sync_api", reason="the page is tested with playwright")
     with playwright.sync_playwright() as started:
