@@ -1,4 +1,4 @@
-"""A test that hangs in a child of it ends, and so does the child."""
+"""A test that hangs in a child process ends at its time limit, together with the child."""
 
 import os
 import subprocess
@@ -53,5 +53,5 @@ def test_children_of_a_test_end_at_its_time_limit(tmp_path, workers):
 
 def is_gone(number):
     stat = Path("/proc", number, "stat")
-    # Whose parent was killed with it is a zombie where nobody collects those.
+    # A child whose parent was killed stays a zombie if no process collects it.
     return not stat.exists() or stat.read_text().rpartition(")")[2].split()[0] == "Z"
