@@ -33,7 +33,7 @@ def pytest_configure(config):
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection():
-    """Collected tests stay until the end of the run, so they are excluded from garbage collection."""
+    """Exclude collected tests from garbage collection, since they stay until the end of the run."""
     gc.disable()
     try:
         return (yield)

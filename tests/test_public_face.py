@@ -132,7 +132,7 @@ def loaded_by(statement):
     return done.stdout.split()
 
 
-def test_importing_loads_no_port_no_command_line_and_no_protocol():
+def test_importing_drivecomm_loads_no_port_command_line_or_protocol():
     assert [name for name in loaded_by("import drivecomm") if name.startswith("drivecomm")] == ["drivecomm"]
     loaded = loaded_by("import drivecomm; drivecomm.open_bus")
     assert "drivecomm.bus.bus" in loaded
@@ -144,13 +144,13 @@ def test_importing_loads_no_port_no_command_line_and_no_protocol():
     ]
 
 
-def test_listing_protocols_loads_none_of_them():
+def test_listing_protocols_imports_no_protocol_package():
     loaded = loaded_by("import drivecomm; list(drivecomm.protocols())")
     assert not [name for name in loaded if name.startswith("drivecomm_")]
     assert "construct" not in loaded
 
 
-def test_using_one_protocol_loads_no_other():
+def test_using_one_protocol_imports_no_other():
     loaded = loaded_by("import drivecomm; drivecomm.decode('vabus', bytes([4]), direction='request')")
     assert {name.partition(".")[0] for name in loaded if name.startswith("drivecomm_")} == {"drivecomm_vabus"}
     assert not {"serial", "rich", "click", "asyncio"} & {name.partition(".")[0] for name in loaded}

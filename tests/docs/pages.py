@@ -1,8 +1,12 @@
 """The code blocks of the documentation, and the remarks that say what tests do with them.
 
-A block is run, unless the comment `<!-- not run: why -->` precedes it; then a Python block is still compiled. `<!--
-continues -->` gives a block the names of the block before it. `<!-- prints -->` precedes the output of the Python block
-above it, in which `...` matches anything. A block with a title is a file, not a script.
+A block is run, unless the comment `<!-- not run: why -->` precedes it; then a Python block is still compiled.
+
+`<!-- continues -->` gives a block the names of the block before it.
+
+`<!-- prints -->` precedes the output of the Python block above it, in which `...` matches anything.
+
+A block with a title is a file, not a script.
 """
 
 import re

@@ -217,7 +217,7 @@ while True:
 """
 """Program that accepts connections in place of a door.
 
-It measures the load that the peer itself puts on the machine.
+A run against it shows the load that the peer itself puts on the machine.
 """
 
 _GET = b"GET /api/v1/values HTTP/1.1\r\nHost: localhost\r\n\r\n"

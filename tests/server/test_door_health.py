@@ -47,7 +47,7 @@ def own_state(tmp_path, monkeypatch):
 def served(tmp_path):
     """Return a function that serves a plant of one virtual drive with these doors and an HTTP door.
 
-    It returns a function that reads the samples of doors from `/metrics`.
+    That function returns another one, which reads the samples of doors from `/metrics`.
     """
     file = tmp_path / "hall.toml"
 

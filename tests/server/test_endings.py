@@ -1,4 +1,4 @@
-"""Ends of a server, of its clients and of its resources, each with the outcome for the motors."""
+"""Failures and shutdowns of a server, of its clients and of its resources, each with the outcome for the motors."""
 
 import json
 import os

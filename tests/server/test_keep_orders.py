@@ -175,7 +175,7 @@ async def test_local_caller_may_keep_a_motor_started_by_another_verb(tmp_path):
 
 @pytest.mark.parametrize("arguments", [{"percent": -5}, {"hz": "-5"}, {"percent": -0.1}])
 @pytest.mark.parametrize("verb", ["set_reference", "keep"])
-def test_negative_reference_from_a_network_is_reversing(verb, arguments):
+def test_negative_reference_from_a_network_needs_the_word_reverse(verb, arguments):
     forwards = replace(FAN, network=NetworkAccess(verbs={"http": ("start", "reference")}))
     with pytest.raises(NotAllowedError, match="add 'reverse' to network"):
         Rights().check(OPERATOR, Command(drive="fan", verb=verb, arguments=arguments), forwards)

@@ -144,7 +144,7 @@ class TestWhileTheAuditIsWritten:
     @pytest.mark.soak
     @pytest.mark.parametrize("verb", ["keep", "start"])
     @awaited
-    async def test_stop_wins_over_a_start_in_progress(self, core, verb):
+    async def test_stop_wins_over_a_start_that_waits_for_its_audit_record(self, core, verb):
         gate = Gate()
         async with core(audit=gate) as (served, control):
             lease = leased(served, ENGINEER, "pump", 5)

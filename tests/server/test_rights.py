@@ -63,7 +63,7 @@ def test_reads_need_role_view_and_commands_a_higher_role():
             assert needs.commands
 
 
-def test_every_verb_has_its_needs_and_every_network_word_its_verb():
+def test_every_verb_has_requirements_and_every_network_word_a_verb():
     declared = {
         name for name in dir(AsyncDrive) if name[0] != "_" and hasattr(getattr(AsyncDrive, name), "__wrapped__")
     }

@@ -160,7 +160,7 @@ class TestOnALine:
             await until(lambda: not runs(control, "fan"), 15)
 
     @awaited
-    async def test_broadcast_that_all_drives_confirm_is_no_warning(self, tmp_path):
+    async def test_broadcast_that_all_drives_confirm_causes_no_warning(self, tmp_path):
         async with cut_core(tmp_path, FAN_AND_MIXER) as (core, _, _cable):
             sent = stops_sent(core)
             assert (await asked(core, ENGINEER, "danfoss-fc:*", "stop", line="yard")).outcome == "done"

@@ -1,4 +1,4 @@
-"""Stops demanded by a door over time: starts are refused, and a motor that runs all the same is stopped again."""
+"""Stops that a door demands until it releases them: starts are refused, and a running motor is stopped again."""
 
 import asyncio
 import time

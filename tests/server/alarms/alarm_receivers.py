@@ -24,7 +24,7 @@ class Hook:
 
     @property
     def told(self):
-        """Event of each alarm that has arrived, in order of arrival."""
+        """Events of all received alarms, such as "raised", in order of arrival."""
         return [each["what"] for message in self.got for each in message["alarms"]]
 
     def __enter__(self):

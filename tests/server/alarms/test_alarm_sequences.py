@@ -18,7 +18,7 @@ STEP_S = 0.25
 
 
 class Account:
-    """The same alarm logic, computed in steps of a quarter of a second."""
+    """Simple model of one limit alarm, computed in steps of a quarter of a second."""
 
     def __init__(self, for_s, over_s):
         self.for_s, self.over_s = for_s, over_s

@@ -194,7 +194,7 @@ def test_alarm_is_confirmed_once_after_it_was_acknowledged():
     assert (clock.alarm.acknowledged_by, clock.alarm.confirmed_by) == ("", "")
 
 
-def test_comment_changes_nothing_else():
+def test_comment_does_not_acknowledge_an_alarm():
     clock = Clock(rule(remind_s=600.0))
     clock.at(0, pump("F1"))
     assert clock.treat("commented", comment="eva looks").text == "pump fault: comment of ann (fault F1): eva looks"

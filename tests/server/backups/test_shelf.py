@@ -42,7 +42,7 @@ def test_first_set_is_written_to_a_file_named_by_its_time(shelf):
     assert (found.before, found.changed, found.another) == (None, (), ())
 
 
-def test_nothing_is_written_when_nothing_changed(shelf):
+def test_unchanged_set_is_not_written_again(shelf):
     first = kept(shelf, KNOWN, 0)
     assert kept(shelf, KNOWN, 1).file is None
     assert shelf.files("pump") == [first.file]

@@ -97,7 +97,7 @@ def settings_of(url, **more):
     return broker_settings(table, table.take(BROKER_KEYS))
 
 
-def test_version_that_the_broker_does_not_speak_is_named():
+def test_error_names_the_mqtt_version_that_the_broker_refuses():
     async def test():
         async with served(OldBroker()) as url:
             with pytest.raises(VersionRefused, match=r'does not speak MQTT 5; write version = "3\.1\.1" if it speaks'):

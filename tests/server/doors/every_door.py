@@ -59,7 +59,7 @@ PLANT = (
 
 
 class Audit(NoteBook):
-    """A notebook that can delay the record of a command, and thereby its sending."""
+    """An audit that can delay the record of a command, and thereby its sending."""
 
     def __init__(self):
         super().__init__()

@@ -171,7 +171,7 @@ def test_fleet_can_be_shown_after_any_messages(messages):
 
 
 class Refusing:
-    """A broker that refuses some subscriptions. of: text of the refused filters; messages: retained messages."""
+    """A broker that refuses some subscriptions. of: text in the refused filters; messages: retained messages."""
 
     def __init__(self, of, messages):
         self.of, self.messages = of, messages

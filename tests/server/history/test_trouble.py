@@ -158,7 +158,7 @@ def test_gap_is_recorded_although_its_first_writes_failed(file, said, monkeypatc
 def test_quantity_and_text_of_a_rolled_back_batch_are_written_again(file):
     """A batch fails at a value that cannot be stored.
 
-    Its new quantity and text must be written again with the next value.
+    The new quantity and text of that batch must be written again with the next value.
     """
     with closing(store.Store(file)) as opened:
         opened.add([value(1, name="new", text="a text"), value(2, name="new", time_s=float("nan"))], [])

@@ -72,7 +72,7 @@ def until(condition):
         time.sleep(0.01)
 
 
-def test_third_reader_gets_503_and_stops_still_work(local, plant):
+def test_third_concurrent_reader_gets_503_and_stops_still_work(local, plant):
     plant.history.count = 10**9
     with begun(local), begun(local):
         found = local.get(f"{PATH}&format=csv")

@@ -134,7 +134,7 @@ def test_request_with_a_repeated_header_is_refused(door, local, plant, twice):
     assert not plant.commands
 
 
-def test_request_with_the_own_origin_is_accepted(door):
+def test_request_from_the_page_of_the_server_is_accepted(door):
     host = f"127.0.0.1:{door.port}"
     client = Client(door, "ottootto")
     assert client.ask("POST", START, {"id": "1"}, Host=host, Origin=f"http://{host}").status == 200

@@ -1,4 +1,4 @@
-"""Any telegram of a master gets a reply or an exception, and moves no motor."""
+"""Any telegram of a master gets a normal reply or an exception reply, and moves no motor."""
 
 import asyncio
 import struct

@@ -35,7 +35,7 @@ class TestCommanders:
             second.write()
             for _ in range(20):
                 plc.cycle()
-                # The first connection is open and counts, so the second one is ignored.
+                # The heartbeat of the first connection counts up, so the second connection is ignored.
                 second.cycle()
                 time.sleep(0.02)
             second.command, second.sequence = START, 1

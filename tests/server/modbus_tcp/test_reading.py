@@ -198,7 +198,7 @@ def test_fault_register_shows_the_active_fault(plant, master, code, told):
 
 
 def test_silent_drive_gives_exception_11(plant, master):
-    """No read of the drive succeeds, of one register or of all, except that of the quality."""
+    """Every read fails, of one register or of all, except a read of only the quality and age of a value."""
     plant.states["pump"] = replace(plant.states["pump"], status=None, reachability="silent")
     give(plant, master, status_value(quality="bad"), value("pump", "output_frequency", quality="bad"))
     for address, count in ((1, 1), (1, 3), (0, 8), (0, 120), (FREQUENCY, 2), (0, 6)):

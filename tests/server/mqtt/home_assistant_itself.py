@@ -43,7 +43,7 @@ class HomeAssistant:
         (folder / "configuration.yaml").write_text(SETTINGS.format(port=self.port))
         self.process = None
         self.token = ""
-        # Log position. The log begins with complaints about missing optional parts, which do not concern drives.
+        # Position in the log. The log begins with complaints about missing optional parts, which do not concern drives.
         self._read = 0
 
     def start(self):
@@ -73,7 +73,7 @@ class HomeAssistant:
             return False
 
     def ask(self, path, content=None, *, form=None):
-        """Return the reply to a GET request, or with content or a form, to a POST request."""
+        """Return the reply to a GET request, or to a POST request if `content` or `form` is given."""
         headers = {"Authorization": f"Bearer {self.token}"} if self.token else {}
         data = None if form is None else urlencode(form).encode()
         if content is not None:
@@ -129,7 +129,7 @@ class HomeAssistant:
         self.ask(f"/api/services/{service.replace('.', '/')}", {"entity_id": entity, **fields})
 
     def no_complaints(self, *, seen=False):
-        """Check that the log has no new complaints since the last check. seen: accept any."""
+        """Check that the log has no new complaints since the last check. seen: ignore the new complaints."""
         news = self._news()
         self._read += len(news.encode())
         if not seen:

@@ -27,7 +27,7 @@ def value(number):
 
 
 class Broker:
-    """Accepts a number of messages, then disconnects."""
+    """A broker that accepts a number of messages, then disconnects."""
 
     def __init__(self, takes=10_000):
         self.messages, self._takes = [], takes

@@ -1,4 +1,4 @@
-"""Discovery messages for Home Assistant on a real broker: complete, and without anything that could act later."""
+"""Discovery messages for Home Assistant on a real broker: complete, and without commands that could act later."""
 
 import asyncio
 import json

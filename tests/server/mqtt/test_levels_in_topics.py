@@ -37,7 +37,7 @@ async def served(tmp_path, **more):
 
 
 def kept(client, topic):
-    """Return the last payload received on a topic, in a list; empty if there is none."""
+    """Return a list of the last payload received on a topic; an empty list if no payload was received."""
     return [each.payload for each in client.heard if each.topic == f"{PREFIX}/{topic}"][-1:]
 
 

@@ -23,7 +23,7 @@ def hello(buffers=65535, url=b"opc.tcp://x/"):
 
 
 async def is_cut_off(reader, seconds=5):
-    """Return whether the server closes the connection within this time, after any reply."""
+    """Return whether the server closes the connection within this time; replies before that are ignored."""
     with suppress(ConnectionError):
         async with asyncio.timeout(seconds):
             while await reader.read(65536):
@@ -36,7 +36,7 @@ async def is_cut_off(reader, seconds=5):
     [
         b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n",
         b"\x00" * 64,
-        # A message with a declared length of four gigabytes, which asyncua alone would collect.
+        # A message with a declared length of four gigabytes, which asyncua without our limits would buffer.
         b"MSGF" + b"\xff\xff\xff\xff" + b"x" * 10_000,
         b"HELF" + struct.pack("<I", 4) + b"x" * 16,
         b"MSGF" + struct.pack("<I", 9) + b"x",
@@ -87,7 +87,7 @@ def test_flood_of_one_client_does_not_delay_a_stop_of_another(door):
                 took.append(time.monotonic() - begun)
             for each in flooding:
                 each.cancel()
-            # A stop takes some tenths of a second during the flood; the bound leaves room for a busy machine.
+            # A stop takes some tenths of a second during the flood; the bound allows for a busy machine.
             assert min(took) < 2
 
     door.run(test)

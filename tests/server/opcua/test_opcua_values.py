@@ -296,7 +296,7 @@ def test_subscription_receives_changes(door):
 def test_line_that_is_being_closed_is_ignored(door, monkeypatch):
     async def test(one):
         lines = one.plant.lines()
-        # The plant has lost this line, and the core is still closing it.
+        # The plant no longer has this line, but the core has not closed it yet.
         monkeypatch.setattr(one.plant, "lines", lambda: [LineState(name="gone", port=""), *lines])
         async with one.client("vera") as vera:
 

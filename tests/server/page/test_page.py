@@ -286,7 +286,7 @@ def test_page_releases_its_lease_when_closed(page_server, shown):
     assert page_server.leases == {}
 
 
-def test_start_needs_a_confirmation_with_its_policy(page_server, shown):
+def test_start_dialog_asks_for_confirmation_of_the_policy(page_server, shown):
     page = shown("#/drive/pump")
     take_control(page)
     page.get_by_label("Reference", exact=True).fill("32,5")
@@ -309,7 +309,7 @@ def test_start_needs_a_confirmation_with_its_policy(page_server, shown):
     assert abs(body["issued_s"] - time.time()) < 2
 
 
-def test_start_offers_only_policies_that_the_drive_supports(page_server, shown):
+def test_start_dialog_offers_only_policies_that_the_drive_supports(page_server, shown):
     page_server.drives["fan"].update(policies=["hold"], link_loss={"policy": "hold", "watchdog_s": 5})
     page = shown("#/drive/fan")
     take_control(page)
@@ -319,7 +319,7 @@ def test_start_offers_only_policies_that_the_drive_supports(page_server, shown):
     expect(page.get_by_label("after")).to_be_hidden()
 
 
-def test_start_offers_nothing_looser_than_the_plant_file(page_server, shown):
+def test_start_dialog_offers_nothing_looser_than_the_plant_file(page_server, shown):
     both = ["hold", "ramp", "trip"]
     page_server.drives["fan"].update(policies=both, link_loss={"policy": "trip", "watchdog_s": 2})
     page_server.drives["mixer"].update(policies=["hold"])
@@ -409,7 +409,7 @@ def test_events_are_filtered_and_alarms_acknowledged(page_server, shown):
     expect(page.get_by_text("acknowledged by asha")).to_be_visible()
 
 
-def test_drive_is_found_by_its_group_which_its_page_names(page_server, shown):
+def test_drive_search_finds_a_group_shown_on_the_page_of_the_drive(page_server, shown):
     page_server.drives["fan"]["groups"] = ["hall 2", "Air"]
     page = shown()
     page.get_by_label("Find a drive").fill("air")

@@ -158,7 +158,10 @@ def a_session_begins_with_the_birth_of_the_node(seen):
 
 @check("payloads-dbirth-order", "payloads-ndata-order", "payloads-ddata-order")
 def no_data_before_the_births(seen):
-    """A device born after data of other devices must have died before, or must be new in this session."""
+    """Check that each device is born before the first data of a session, or after its own death.
+
+    A device may also be born later if it was missing at the beginning of the session.
+    """
     for session in seen.sessions():
         born, data, dead = set(), set(), set()
         for each in session:

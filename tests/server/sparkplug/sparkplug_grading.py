@@ -63,7 +63,10 @@ def graded(seen):
 
 @dataclass
 class Seen:
-    """Traffic of one edge node, as a listener and a wire observed it. host: whether it waits for a primary host."""
+    """Traffic of one edge node, as a listener and a wire observed it.
+
+    host: whether the edge node waits for a primary host.
+    """
 
     heard: list
     packets: list

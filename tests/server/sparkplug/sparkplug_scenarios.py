@@ -62,7 +62,7 @@ async def started(one, percent=40):
 
 
 async def start_and_values(tmp_path, broker):
-    """The gateway starts, values change, a line fails, and the gateway shuts down in order."""
+    """Play the start of a gateway, changed values, a failed line, and an orderly shutdown."""
     async with shown(tmp_path, broker) as one:
         await born(one)
         assert (
@@ -82,7 +82,7 @@ async def start_and_values(tmp_path, broker):
 
 
 async def drive_silent_and_back(tmp_path, broker):
-    """A drive loses its power, and gets it back."""
+    """Play a drive that loses its power and gets it back."""
     async with shown(tmp_path, broker) as one:
         await born(one)
         one.served.control.order("power", drive="fan", state="off")
@@ -98,7 +98,7 @@ async def drive_silent_and_back(tmp_path, broker):
 
 
 async def rebirth(tmp_path, broker):
-    """A host requests a rebirth several times in a row, while values keep changing."""
+    """Play several rebirth requests of a host in quick succession, while values keep changing."""
     async with shown(tmp_path, broker) as one:
         await born(one)
         await started(one)
@@ -119,7 +119,7 @@ async def rebirth(tmp_path, broker):
 
 
 async def primary_host(tmp_path, broker):
-    """The primary host is missing, appears, is reported offline by an old message, leaves, and returns."""
+    """Play a primary host that is missing, appears, is reported offline by an old message, leaves, and returns."""
     async with shown(tmp_path, broker, host="scada") as one:
         now = round(time.time() * 1000)
         await one.host.until(lambda: one.wire.of("SUBSCRIBE"))
@@ -145,7 +145,7 @@ async def primary_host(tmp_path, broker):
 
 
 async def clean_end(tmp_path, broker, **keys):
-    """The gateway shuts down in order."""
+    """Play an orderly shutdown of the gateway."""
     async with shown(tmp_path, broker, **keys) as one:
         await born(one)
         await end(one.served.task)
@@ -154,12 +154,12 @@ async def clean_end(tmp_path, broker, **keys):
 
 
 async def clean_end_of_3(tmp_path, broker):
-    """The gateway shuts down in order, with MQTT 3.1.1."""
+    """Play an orderly shutdown of the gateway with MQTT 3.1.1."""
     return await clean_end(tmp_path, broker, version="3.1.1")
 
 
 async def outage(tmp_path, broker):
-    """The broker is killed while values change, and restarts; hosts receive the missed values."""
+    """Play a broker that is killed while values change, and restarts; hosts receive the missed values."""
     async with shown(tmp_path, broker) as one:
         await born(one)
         assert (
@@ -191,7 +191,7 @@ async def outage(tmp_path, broker):
 
 
 async def two_brokers(tmp_path, broker, other):
-    """The primary host leaves one broker and appears on the other."""
+    """Play a primary host that leaves one broker and appears on the other."""
     async with listening(broker.port) as one, listening(other.port) as two:
         await one.host(online=True)
         await two.host(online=False)
