@@ -105,7 +105,7 @@ def test_supported_drives_page_is_linked_from_readme_and_index():
     assert PLACE in (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
 
 
-def test_page_lists_the_search_for_missing_name_plates(told):
+def test_page_explains_name_plates_that_were_not_found(told):
     text = (ROOT / "docs" / PLACE).read_text(encoding="utf-8")
     assert any("not found" in cells for cells in told.values())
     assert "## Name plates that were not found" in text

@@ -112,7 +112,7 @@ def runs(control, name):
 async def until(condition, seconds=5.0):
     """Wait until a condition is true. Raises TimeoutError."""
     async with asyncio.timeout(seconds):
-        while not condition():  # noqa: ASYNC110 - it may be about anything
+        while not condition():  # noqa: ASYNC110 - any condition
             await asyncio.sleep(0.005)
 
 

@@ -195,7 +195,7 @@ class TestALineThatCannotBePolled:
             assert "a mistake" in served.drive("pump").error
 
     @awaited
-    async def test_line_without_a_port_does_not_affect_other_lines(self, tmp_path):
+    async def test_line_without_a_port_refuses_commands_and_allows_a_reload(self, tmp_path):
         def port_of(line):
             raise UsageError(f"line {line.name} has no port")
 
@@ -215,7 +215,7 @@ class TestReadFromThreads:
                     try:
                         served.leases.all(now=time.monotonic())
                         served.drives()
-                    except Exception as error:  # noqa: BLE001 - whatever it is
+                    except Exception as error:  # noqa: BLE001 - any exception counts
                         failed.append(error)
 
             looking = threading.Thread(target=look)

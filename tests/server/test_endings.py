@@ -37,7 +37,7 @@ def test_killed_server_leaves_the_motor_to_the_watchdog_of_the_drive(tmp_path):
 
 
 @pytest.mark.soak
-def test_terminated_server_stops_kept_motors_and_restores_the_watchdog(tmp_path):
+def test_terminated_server_stops_kept_motors(tmp_path):
     with serving(tmp_path) as served:
         served.keep("fan")
         served.end(signal.SIGTERM)

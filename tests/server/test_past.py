@@ -97,7 +97,7 @@ def test_many_requests_open_few_files_and_do_not_block_other_threads(tmp_path, m
 
     async def test():
         asked = [asyncio.create_task(past.points("pump", "f", 0, 2 * NOON, 10)) for _ in range(100)]
-        while len(opened) < 4:  # noqa: ASYNC110 - threads are counted
+        while len(opened) < 4:  # noqa: ASYNC110 - counts threads
             await asyncio.sleep(0.001)
         # Other uses of the thread pool, such as a login, still get a thread.
         await asyncio.wait_for(asyncio.gather(*(asyncio.to_thread(len, "") for _ in range(100))), 10)

@@ -126,7 +126,7 @@ async def test_values_of_a_removed_drive_do_not_return(core):
 
 
 @awaited
-async def test_values_of_a_reopened_line_are_not_shown_as_current(core):
+async def test_values_of_a_line_that_fails_to_reopen_are_removed(core):
     async with core() as (served, _):
         await until(lambda: {each.drive for each in served.table.values()} == {"pump", "fan", "mixer"})
 

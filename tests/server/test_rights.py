@@ -47,7 +47,7 @@ def test_command_needs_its_role_or_a_higher_one(verb, door):
         assert allowed == [role for role in Role if role >= NEEDS[verb].role]
 
 
-def test_reads_need_role_view_and_commands_a_higher_role():
+def test_reads_and_stops_need_role_view_and_commands_a_higher_role():
     for verb, needs in NEEDS.items():
         if verb in (
             "read", "read_many", "polled", "polled_many", "status", "polled_status", "wait", "identify", "probe",

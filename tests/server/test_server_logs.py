@@ -233,7 +233,7 @@ class TestFullDisk:
         assert done.returncode == 0
         assert "no space left on the device" in done.stderr
 
-    def test_failed_rotation_continues_with_the_same_file(self, tmp_path, capsys):
+    def test_failed_rotation_is_reported_on_stderr(self, tmp_path, capsys):
         file = RotatingFile(tmp_path / "log", largest=100)
         (tmp_path / "log.1").mkdir()
         (tmp_path / "log.1" / "in the way").touch()

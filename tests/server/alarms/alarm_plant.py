@@ -42,7 +42,7 @@ class AlarmPlant:
     def values(self):
         return self.all_values
 
-    def changes(self, every_s=0.0):  # noqa: ARG002 - every change, whoever is in haste
+    def changes(self, every_s=0.0):  # noqa: ARG002 - reports every change immediately
         self.read.append(Changes())
         return self.read[-1]
 

@@ -62,7 +62,7 @@ def test_messages_of_all_sizes_arrive_whole_over_tls(tmp_path, qos):
 
 
 @needs_mosquitto
-def test_socket_sends_without_waiting_for_acknowledgements(tmp_path):
+def test_socket_of_the_client_has_tcp_nodelay(tmp_path):
     async def test(broker):
         async with connected(settings(broker=broker.url), "client", print) as connection:
             sock = connection._client._client.socket()
@@ -215,7 +215,7 @@ def test_buffered_socket_drops_its_buffer_after_a_broken_connection():
     with connected_pair() as (ours, theirs):
         buffered = BufferedSocket(ours)
         theirs.close()
-        with pytest.raises(OSError, match=r"Broken pipe|reset"):  # noqa: PT012 - the system tells it some time later
+        with pytest.raises(OSError, match=r"Broken pipe|reset"):  # noqa: PT012 - the error comes some sends later
             while True:
                 ours.send(b"anybody?")
                 time.sleep(0.01)

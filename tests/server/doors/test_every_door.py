@@ -16,7 +16,7 @@ WRONG = [(kind, wrong) for kind in KINDS for wrong in HANDS[kind].wrong]
 
 
 @pytest.fixture(params=KINDS)
-def hand(request, hands, at_rest):  # noqa: ARG001 - rests before and after each test
+def hand(request, hands, at_rest):  # noqa: ARG001 - brings the plant to rest around each test
     """Yield a client of one door, with the plant at rest."""
     return hands[request.param]
 

@@ -15,7 +15,7 @@ LONG_AGO_S = datetime(2020, 1, 1, tzinfo=UTC).timestamp()
 
 
 @pytest.fixture(scope="module")
-def silent_fan(hall, hands):  # noqa: ARG001 - doors have clients before
+def silent_fan(hall, hands):  # noqa: ARG001 - connects the clients first
     """Silence the fan of the plant, so that each door shows missing values."""
     until(lambda: hall.plant.value("fan", "output_frequency"))
     hall.control.order("power", drive="fan", state="off")

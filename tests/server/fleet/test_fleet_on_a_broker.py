@@ -241,7 +241,7 @@ def test_fleet_page_without_a_record_has_no_alarms(broker):
         missing.value.close()
 
 
-def test_fleet_page_serves_only_its_own_files(broker):
+def test_fleet_page_serves_its_files_and_refuses_foreign_origins(broker):
     with page(broker) as ask:
         text, headers = ask("/")
         assert b"drivecomm fleet" in text

@@ -202,7 +202,7 @@ def test_refused_deep_subscription_does_not_affect_other_plants(monkeypatch):
         one = Following(settings, Fleet())
         running = asyncio.create_task(one.run())
         async with asyncio.timeout(10):
-            while not one.problem:  # noqa: ASYNC110 - it is set by the task
+            while not one.problem:  # noqa: ASYNC110 - the task sets the attribute
                 await asyncio.sleep(0.01)
         assert one.fleet.plants["mill"].summary.running == 1
         assert not running.done()

@@ -285,7 +285,7 @@ def test_history_files_are_not_accessible_to_other_users(tmp_path, before):
     assert modes == {"history.sqlite": kept, "history.sqlite-wal": kept, "history.sqlite-shm": kept}
 
 
-def test_history_in_a_missing_folder_is_refused(tmp_path):
+def test_history_below_a_file_instead_of_a_folder_is_refused(tmp_path):
     (tmp_path / "no folder").write_text("")
     with pytest.raises(FileFormatError, match=r"history\.sqlite: cannot be written as a history: "):
         Journal(tmp_path / "no folder" / "history.sqlite")

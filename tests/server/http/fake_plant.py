@@ -188,7 +188,7 @@ class FakePlant:
     def events(self):
         return list(self.happened)
 
-    def changes(self, every_s=0.0):  # noqa: ARG002 - every change, whoever is in haste
+    def changes(self, every_s=0.0):  # noqa: ARG002 - reports every change immediately
         changes = FakeChanges(self)
         self.listeners.add(changes)
         return changes
@@ -302,7 +302,7 @@ def served(door, plant):
             asyncio.run(run())
         except asyncio.CancelledError:
             pass
-        except BaseException as error:  # noqa: BLE001 - the test is to see it
+        except BaseException as error:  # noqa: BLE001 - the test checks the exception
             found.error = error
         opened.set()
 

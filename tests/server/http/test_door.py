@@ -194,7 +194,7 @@ def test_open_request_is_answered_while_the_door_closes(plant, tmp_path):
 def _wait_ended(client):
     try:
         client.post("/api/v1/drives/pump/wait", arguments={"goal": "stopped"})
-    except (OSError, DriveCommError, Exception):  # noqa: BLE001 - whatever a client makes of it
+    except (OSError, DriveCommError, Exception):  # noqa: BLE001 - any error of the client
         return "ended"
     return "answered"
 

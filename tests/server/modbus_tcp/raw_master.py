@@ -5,7 +5,7 @@ import struct
 import time
 
 
-class Refused(Exception):  # noqa: N818 - it is an answer
+class Refused(Exception):  # noqa: N818 - a reply, not a failure
     """A reply with an exception code."""
 
     def __init__(self, code):

@@ -150,8 +150,8 @@ def test_pymodbus_shows_the_exception_of_a_refused_request(client):
     assert client.write_registers(1004, [9, 0, 0, 0], device_id=3).exception_code == 3
 
 
-def test_link_loss_policy_acts_after_pymodbus_is_killed(served, client):
-    """pymodbus starts the motor by the full handshake; then its heartbeat stops, and the link-loss policy acts."""
+def test_link_loss_policy_acts_after_pymodbus_disconnects(served, client):
+    """pymodbus starts the motor by the full handshake and disconnects; then the link-loss policy acts."""
     heartbeat, sequence = 0, 7
 
     def cycle(condition, seconds=15):

@@ -59,7 +59,7 @@ class Plant:
         await one.begin()
         running = asyncio.create_task(one.run(broker))
         async with asyncio.timeout(10):
-            while not (until(one) or running.done()):  # noqa: ASYNC110 - it is about several things
+            while not (until(one) or running.done()):  # noqa: ASYNC110 - no single event to wait for
                 await asyncio.sleep(0.01)
         await ended(running)
         await one.end()

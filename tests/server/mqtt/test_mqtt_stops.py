@@ -92,7 +92,7 @@ def stop(drive, payload=b""):
 
 async def quiet(heard):
     """Wait until every received stop is sent."""
-    while heard._stops.wait or heard._stopping:  # noqa: ASYNC110 - they are tasks of its own
+    while heard._stops.wait or heard._stopping:  # noqa: ASYNC110 - waits for internal tasks
         await asyncio.sleep(0)
 
 

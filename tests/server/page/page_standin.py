@@ -248,7 +248,7 @@ class StandIn:
         self._thread.join(10)
 
     async def _let_go(self):
-        while self._hanging:  # noqa: ASYNC110 - another thread says so
+        while self._hanging:  # noqa: ASYNC110 - set by another thread
             await asyncio.sleep(0.02)
 
     def _publish(self, name, content):

@@ -82,7 +82,7 @@ class Listener:
 
     async def until(self, condition, seconds=15.0):
         async with asyncio.timeout(seconds):
-            while not (found := condition()):  # noqa: ASYNC110 - it may be about anything
+            while not (found := condition()):  # noqa: ASYNC110 - any condition
                 await asyncio.sleep(0.01)
             return found
 

@@ -58,7 +58,7 @@ def send(hosts, *values, **more):
 
 async def until(condition):
     async with asyncio.timeout(5):
-        while not condition():  # noqa: ASYNC110 - it may be about anything
+        while not condition():  # noqa: ASYNC110 - any condition
             await asyncio.sleep(0)
 
 
