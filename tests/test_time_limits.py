@@ -15,7 +15,7 @@ SLEEPS = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); pr
 
 @pytest.mark.timeout(1)
 def test_hangs():
-    # It has a child of its own, and is waited for while it is ended.
+    # The child starts a grandchild; the interrupted test still waits for the child in `finally`.
     starts = "import subprocess as s, sys; p = s.Popen([sys.executable, '-c', %r]); print(p.pid, flush=True); p.wait()"
     starts %= SLEEPS
     child = subprocess.Popen([sys.executable, "-c", starts], stdout=subprocess.PIPE, text=True)
