@@ -43,7 +43,7 @@ UNLOADABLE = "import what_there_is_not\n"
 
 pytestmark = [
     pytest.mark.soak,
-    pytest.mark.skipif(sys.platform != "linux", reason="it needs process groups"),
+    pytest.mark.skipif(sys.platform != "linux", reason="the test needs process groups"),
 ]
 
 

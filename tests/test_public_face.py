@@ -176,7 +176,7 @@ def test_plugin_fulfils_the_protocol_contract(plugin):
     assert all(field.kw_only for field in fields(plugin.options))
     assert plugin.options.__doc__
     for field in fields(plugin.options):
-        assert field.name in plugin.options.__doc__, "each option is explained"
+        assert field.name in plugin.options.__doc__, "the docstring must explain each option"
     assert plugin.options()
     assert plugin.title
     assert plugin.facts_source

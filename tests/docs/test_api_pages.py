@@ -27,4 +27,4 @@ def _described(sources, place):
 def test_every_name_of_an_api_page_has_a_docstring(sources, page):
     for module in api_pages.modules_of(page):
         places = [api_pages.place_of(module, name) for name in api_pages.names_of(module)]
-        assert [place for place in places if not _described(sources, place)] == [], "write what it is, below its name"
+        assert [place for place in places if not _described(sources, place)] == [], "write a docstring below the name"

@@ -74,7 +74,7 @@ def test_audit_records_a_command_and_its_outcome(tmp_path):
 
     async def use(audit):
         number = await audit.asked(ANNA, START, LEASE)
-        assert [each["record"] for each in lines_of(path)] == ["asked"], "it is there before anything is sent"
+        assert [each["record"] for each in lines_of(path)] == ["asked"], "the record must precede the command"
         error = StateError("the drive\nis not ready")
         audit.outcome(ANNA, START, number, Answer(id="17", outcome="failed", error=error))
         audit.refused(ANNA, replace(START, verb="write", arguments={"value": Decimal("10.00")}), "no right")
@@ -128,7 +128,7 @@ def test_full_disk_refuses_every_command_except_a_stop(tmp_path):
         begun = time.perf_counter()
         for _ in range(1000):
             audit.stop_asked(ANNA, Command(drive="pump", verb="stop"))
-        assert time.perf_counter() - begun < 1, "a stop waits for nothing"
+        assert time.perf_counter() - begun < 1, "a stop must not wait"
         with pytest.raises(NotAllowedError):
             await audit.asked(ANNA, START, LEASE)
         # The disk has room again.
@@ -187,8 +187,8 @@ def test_hanging_disk_refuses_commands_and_counts_missing_stops(tmp_path, monkey
     stops = [each for each in written if each.get("verb") == "stop"]
     starts = [each for each in written if each.get("verb") == "start" and each["record"] == "asked"]
     assert len(stops) <= 5
-    assert missing >= 20 - len(stops), "what is missing is said"
-    assert [each["drive"] for each in starts] == ["last"], "what was not sent is not said to be"
+    assert missing >= 20 - len(stops), "the number of missing records must be written"
+    assert [each["drive"] for each in starts] == ["last"], "a command that was not sent must have no record"
 
 
 def test_cancelled_command_leaves_no_record(tmp_path, monkeypatch):
@@ -352,7 +352,7 @@ def test_audit_file_keeps_growing_if_it_cannot_be_renamed(tmp_path, monkeypatch)
     assert (tmp_path / "audit.jsonl").read_bytes().split() == [b"%03d" % number for number in range(5)]
 
 
-@pytest.mark.skipif(os.name != "posix", reason="an open file cannot be moved there")
+@pytest.mark.skipif(os.name != "posix", reason="Windows cannot move an open file")
 @pytest.mark.parametrize("how", ["moved", "removed"])
 def test_moved_or_removed_audit_file_is_created_again(tmp_path, how):
     path = tmp_path / "audit.jsonl"
@@ -385,7 +385,7 @@ asyncio.run(main())
 """
 
 
-@pytest.mark.skipif(os.name != "posix", reason="needs a kill that nothing can catch")
+@pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
 def test_records_written_before_a_kill_are_in_the_file(tmp_path):
     path = tmp_path / "audit.jsonl"
     with subprocess.Popen([sys.executable, "-c", KILLED, str(path)], stdout=subprocess.PIPE, text=True) as program:

@@ -66,7 +66,7 @@ def served(tmp_path):
 def soon(condition, seconds=15.0):
     end = time.monotonic() + seconds
     while not condition():
-        assert time.monotonic() < end, "it does not come about"
+        assert time.monotonic() < end, "the condition did not become true"
         time.sleep(0.05)
 
 
@@ -76,7 +76,7 @@ def door_samples(address):
         lines = [line for line in answer.read().decode().splitlines() if line.startswith("drivecomm_door_")]
     samples = [line.rpartition(" ") for line in lines]
     found = {name.removeprefix("drivecomm_door_"): float(number) for name, _, number in samples}
-    assert len(found) == len(samples), "a sample came twice"
+    assert len(found) == len(samples), "a sample is repeated"
     return found
 
 

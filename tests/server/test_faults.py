@@ -97,7 +97,7 @@ def small_disk(tmp_path):
     place.mkdir()
     mount = ["mount", "-t", "tmpfs", "-o", "size=3m", "tmpfs", str(place)]
     if sys.platform != "linux" or os.getuid() or subprocess.run(mount, capture_output=True, check=False).returncode:
-        pytest.skip("a disk of its own can be mounted by root on Linux only")
+        pytest.skip("only root on Linux can mount a disk for the test")
     yield place
     subprocess.run(["umount", "--lazy", str(place)], check=True)
 

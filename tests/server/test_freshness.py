@@ -100,10 +100,10 @@ def test_repeated_command_gets_the_first_result():
         assert (await repeats.once(ANNA, START, act)).result == 1
         time[0] = REMEMBERED_S - 1
         assert (await repeats.once(ANNA, START, act)).result == 1
-        assert (await repeats.once(BEN, START, act)).result == 2, "ids are each caller's own"
+        assert (await repeats.once(BEN, START, act)).result == 2, "ids are separate for each caller"
         assert (await repeats.once(replace(ANNA, door="mqtt"), START, act)).result == 3
         time[0] = REMEMBERED_S
-        assert (await repeats.once(ANNA, START, act)).result == 4, "it is forgotten after a while"
+        assert (await repeats.once(ANNA, START, act)).result == 4, "the result is forgotten after a while"
 
     run(test)
 

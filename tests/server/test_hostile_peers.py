@@ -25,7 +25,7 @@ from drivecomm.server.history.journal import COMMITTED_EVERY_S
 
 pytestmark = [
     pytest.mark.soak,
-    pytest.mark.skipif(os.name != "posix", reason="peers are kept from the cores that are measured by nice"),
+    pytest.mark.skipif(os.name != "posix", reason="nice keeps the peers from the measured cores"),
 ]
 
 _LOG = logging.getLogger("measured")

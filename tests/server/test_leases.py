@@ -27,7 +27,7 @@ def test_lease_is_acquired_renewed_and_released():
     assert (renewed.key, renewed.until_s) == (lease.key, WALL_S + 19)
     assert leases.end(ANNA, "pump", lease.key, now=15) == renewed
     assert (leases.holder_of("pump", now=15), list(leases.all(now=15))) == (None, [])
-    assert not leases.expire(100), "it was given back, it did not end by itself"
+    assert not leases.expire(100), "the lease was released and did not expire"
     assert take(leases, BEN, now=15).holder == BEN
 
 
@@ -61,7 +61,7 @@ def test_holder_acquires_the_lease_again_with_its_key():
     key = take(leases, ANNA).key
     again = take(leases, ANNA, now=5, key=key)
     assert (again.key, again.until_s) == (key, WALL_S + 15)
-    assert take(leases, ANNA, now=20, key=key).key != key, "a new one, the old one is over"
+    assert take(leases, ANNA, now=20, key=key).key != key, "the old lease has expired, so the key is new"
 
 
 def test_commands_are_admitted_without_a_lease_or_with_its_key():
@@ -74,7 +74,7 @@ def test_commands_are_admitted_without_a_lease_or_with_its_key():
     for caller, key in ((ANNA, ""), (ANNA, "\ud800"), (BEN, ""), (BEN, lease.key)):
         with pytest.raises(LeaseError):
             leases.admit(caller, "pump", key, now=1)
-    assert leases.admit(BEN, "pump", "", now=10) is None, "it is over, also when nobody has ended it yet"
+    assert leases.admit(BEN, "pump", "", now=10) is None, "the lease has expired, even before `expire` is called"
 
 
 def test_each_expired_lease_is_reported_once_even_if_acquired_again():
@@ -160,4 +160,4 @@ def test_random_lease_calls_have_one_holder_and_report_every_end(calls):
         held = {each.drive: (each.holder, each.key) for each in leases.all(now=now)}
         assert held == {each: keys[each] for each in keys if until[each] > now}
     ended += [each.key for each in leases.expire(now + 31)]
-    assert sorted(ended + given_back) == sorted(all_keys), "each is given back, or told to have ended, once"
+    assert sorted(ended + given_back) == sorted(all_keys), "each lease is released or reported as expired once"

