@@ -32,7 +32,7 @@ FAN_AND_MIXER = FAN + DRIVE.format(name="mixer", address=4)
 
 
 class Cable:
-    """Opens the port of a line. pulled: the port is missing; deaf: the port stays and requests are lost."""
+    """Opener of a line's port. pulled: the port is missing; deaf: the port stays and requests are lost."""
 
     def __init__(self, address):
         self.pulled = self.deaf = False

@@ -97,7 +97,7 @@ class Seen:
         return median(found)
 
     def waits_s(self):
-        """Return how long each stop waited for its line in seconds, shortest first."""
+        """Return the waiting time of each stop for its line in seconds, shortest first."""
         return sorted(
             next(each.time for each in self.events[line] if each.time >= called and _stops(each)) - called
             for line, called in self.stops

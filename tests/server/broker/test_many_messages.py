@@ -30,7 +30,7 @@ def settings(**said):
 
 
 async def there_and_back(said, qos):
-    """Publish messages to a topic of the same client, and compare what returns."""
+    """Publish messages to a topic of the same client, and compare them with the received ones."""
     heard, sent = [], [bytes([number % 256]) * SIZES[number % len(SIZES)] for number in range(210)]
     async with connected(settings(**said), "client", heard.append) as connection:
         await connection.subscribe("a", qos=qos)

@@ -14,7 +14,7 @@ from drivecomm.server.sparkplug.wire import payload_class
 
 
 class Subscriber:
-    """A client of the broker that records what it receives."""
+    """A client of the broker that records every received message."""
 
     def __init__(self, broker, topic):
         self.heard = []
@@ -145,7 +145,7 @@ class SparkplugHand:
         before, deaths = len(self.outcomes(drive, of_stops=stops)), len(self.messages("DDEATH", drive))
 
         def answered():
-            # The metrics of a dead device change no more.
+            # The metrics of a dead device no longer change.
             died = ["failed"] if len(self.messages("DDEATH", drive)) > deaths else []
             return self.outcomes(drive, of_stops=stops)[before:] or died
 

@@ -90,5 +90,5 @@ def test_stalled_reader_of_raw_values_is_disconnected(local, plant, monkeypatch)
     plant.history.count = 10**9
     with begun(local):
         assert plant.history.ended.wait(10)
-    # No more is read from the history than fits in the buffers.
+    # Only as much is read from the history as fits in the buffers.
     assert plant.history.taken < 200

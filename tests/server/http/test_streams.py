@@ -1,4 +1,4 @@
-"""Streams of values and events: to clients that read, to clients that do not, and to a thousand at once."""
+"""Streams of values and events: to clients that read, to clients that do not, and to a thousand clients."""
 
 import asyncio
 import socket
