@@ -1,4 +1,4 @@
-"""What holds for the run of all tests."""
+"""Set-up of the whole test run."""
 
 import gc
 import re
@@ -12,20 +12,20 @@ import pytest
 import drivecomm
 
 _SAMPLE = re.compile(r"(?<=[\[-])sample(?=[]-])")
-"""The extent of a test, in its name; `extents.extents` gives it."""
+"""Pattern of the extent `sample` in the id of a test; `extents.extents` sets the extent."""
 
 
 def pytest_configure(config):
     if sys.platform == "linux":
         config.pluginmanager.import_plugin("time_limits")
-    # Some tests send themselves SIGHUP, which commands leave ignored where nohup has started them.
+    # Some tests send SIGHUP to themselves; nohup starts them with it ignored, which commands would inherit.
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
         signal.signal(signal.SIGHUP, lambda *_: None)
-    # Others send SIGINT, to themselves or to commands, which a shell leaves ignored for what runs in the background.
+    # Others send SIGINT to themselves or to commands; a shell starts background jobs with it ignored.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    # Each room reads the list of its names when it is loaded, and Python 3.11 fails where two threads do that at the
-    # same time; some tests run servers in threads.
+    # Each package reads its list of names when it is imported. In Python 3.11 this fails if two threads do it at the
+    # same time, as tests with servers in threads would.
     package = Path(drivecomm.__file__).parent
     for names in sorted(package.rglob("__init__.pyi")):
         import_module(".".join(("drivecomm", *names.parent.relative_to(package).parts)))
@@ -33,7 +33,7 @@ def pytest_configure(config):
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection():
-    """What is collected stays until the end of the run, so it is not looked through for garbage again."""
+    """Exclude collected tests from garbage collection, since they stay until the end of the run."""
     gc.disable()
     try:
         return (yield)
@@ -43,7 +43,7 @@ def pytest_collection():
 
 
 def pytest_collection_modifyitems(config, items):
-    """Leave the sample of a test out where all of it is played in the same run."""
+    """Skip the sample of a test if all of its cases run in the same session."""
     if config.option.markexpr:
         return
     names = {item.nodeid for item in items}

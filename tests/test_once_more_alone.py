@@ -1,4 +1,4 @@
-"""`.ci/run` runs a test that failed again, alone, and its exit code and last line then tell what came of that."""
+"""`.ci/run` repeats a failed test alone; exit code and last line show the result of the repetition."""
 
 import os
 import subprocess
@@ -43,13 +43,13 @@ UNLOADABLE = "import what_there_is_not\n"
 
 pytestmark = [
     pytest.mark.soak,
-    pytest.mark.skipif(sys.platform != "linux", reason="it needs process groups"),
+    pytest.mark.skipif(sys.platform != "linux", reason="the test needs process groups"),
 ]
 
 
 def run(folder, *arguments, **files):
-    """Run tests by the runner; return its exit code and its lines."""
-    # As strict as the project's own: a setting that nothing knows is an error there.
+    """Run tests with the runner; return its exit code and its output lines."""
+    # Strict like the project's configuration: an unknown setting is an error.
     (folder / "pytest.ini").write_text("[pytest]\naddopts = -q --strict-config\ncache_dir = .cache/pytest\n")
     for name, text in files.items():
         (folder / f"test_{name}.py").write_text(text)
@@ -62,7 +62,7 @@ def run(folder, *arguments, **files):
 
 
 @pytest.mark.parametrize("workers", [(), ("-n", "2")], ids=["one process", "workers"])
-def test_a_flaky_test_is_listed_and_does_not_fail_the_run(tmp_path, workers):
+def test_flaky_test_is_listed_and_does_not_fail_the_run(tmp_path, workers):
     code, lines = run(tmp_path, *workers, passes=PASSES, flaky=FLAKY, fixture=FLAKY_FIXTURE)
     assert code == 0
     assert lines[-1].startswith("1 passed, 2 flaky in ")
@@ -73,24 +73,24 @@ def test_a_flaky_test_is_listed_and_does_not_fail_the_run(tmp_path, workers):
     assert not any(line.startswith("FAILED") for line in lines)
 
 
-def test_a_test_whose_worker_crashed_runs_again(tmp_path):
+def test_runner_repeats_a_test_whose_worker_crashed(tmp_path):
     code, lines = run(tmp_path, "-n", "1", passes=PASSES, crashes=CRASHES)
     assert (code, lines[-1].partition(" in ")[0]) == (0, "1 passed, 1 flaky")
 
 
-def test_a_test_that_fails_twice_fails_the_run(tmp_path):
+def test_test_that_fails_twice_fails_the_run(tmp_path):
     code, lines = run(tmp_path, passes=PASSES, flaky=FLAKY, fails=FAILS)
     assert (code, lines[-1].partition(" in ")[0]) == (1, "1 failed, 1 passed, 1 flaky")
     assert any(line.startswith("FAILED test_fails.py::test_fails") for line in lines)
 
 
-def test_nothing_runs_again_where_many_fail(tmp_path):
+def test_runner_repeats_nothing_if_many_tests_fail(tmp_path):
     many = "".join(f"def test_{number}(): assert False\n" for number in range(31))
     code, lines = run(tmp_path, flaky=FLAKY, many=many)
     assert (code, lines[-1].partition(" in ")[0]) == (1, "32 failed")
 
 
-def test_a_file_that_cannot_be_loaded_fails_the_run(tmp_path):
+def test_file_that_cannot_be_imported_fails_the_run(tmp_path):
     code, lines = run(tmp_path, passes=PASSES, unloadable=UNLOADABLE)
     assert code == 2
     assert lines[-1].startswith("1 error in ")

@@ -1,4 +1,4 @@
-"""The names that strangers rely on, and what importing them costs."""
+"""The public names of drivecomm, and the modules that importing them loads."""
 
 import inspect
 import subprocess
@@ -87,11 +87,11 @@ NAMES = {
 }
 
 
-def test_the_names_are_there():
+def test_public_names_exist():
     assert {name for name in NAMES if hasattr(drivecomm, name)} == NAMES
 
 
-def test_nothing_else_is_promised():
+def test_no_other_name_is_public():
     assert {*drivecomm.__all__, "__version__"} == NAMES
     public = {
         name for name, value in vars(drivecomm).items() if not name.startswith("_") and not inspect.ismodule(value)
@@ -121,7 +121,7 @@ def test_every_error_is_exported_and_in_the_tree():
         ("DriveCommError", Exception, 1),
     ],
 )
-def test_who_is_at_fault(kind, parent, exit_code):
+def test_error_has_its_base_class_and_exit_code(kind, parent, exit_code):
     assert issubclass(getattr(errors, kind), parent)
     assert getattr(errors, kind).exit_code == exit_code
 
@@ -132,7 +132,7 @@ def loaded_by(statement):
     return done.stdout.split()
 
 
-def test_importing_loads_no_port_no_command_line_and_no_protocol():
+def test_importing_drivecomm_loads_no_port_command_line_or_protocol():
     assert [name for name in loaded_by("import drivecomm") if name.startswith("drivecomm")] == ["drivecomm"]
     loaded = loaded_by("import drivecomm; drivecomm.open_bus")
     assert "drivecomm.bus.bus" in loaded
@@ -144,20 +144,20 @@ def test_importing_loads_no_port_no_command_line_and_no_protocol():
     ]
 
 
-def test_listing_protocols_loads_none_of_them():
+def test_listing_protocols_imports_no_protocol_package():
     loaded = loaded_by("import drivecomm; list(drivecomm.protocols())")
     assert not [name for name in loaded if name.startswith("drivecomm_")]
     assert "construct" not in loaded
 
 
-def test_using_one_protocol_loads_no_other():
+def test_using_one_protocol_imports_no_other():
     loaded = loaded_by("import drivecomm; drivecomm.decode('vabus', bytes([4]), direction='request')")
     assert {name.partition(".")[0] for name in loaded if name.startswith("drivecomm_")} == {"drivecomm_vabus"}
     assert not {"serial", "rich", "click", "asyncio"} & {name.partition(".")[0] for name in loaded}
 
 
 @pytest.mark.parametrize("plugin", list(installed.working()), ids=lambda plugin: plugin.name)
-def test_a_protocol_package_does_no_io(plugin):
+def test_protocol_package_imports_no_io_modules(plugin):
     loaded = loaded_by(f"from drivecomm.protocol.registry import installed; installed[{plugin.name!r}]")
     assert not {"serial", "asyncio", "rich", "click", "drivecomm.transport"} & set(loaded)
     others = {name.partition(".")[0] for name in loaded if name.startswith("drivecomm_")}
@@ -165,18 +165,18 @@ def test_a_protocol_package_does_no_io(plugin):
 
 
 @pytest.mark.parametrize("plugin", list(installed.working()), ids=lambda plugin: plugin.name)
-def test_the_plug_in_contract(plugin):
+def test_plugin_fulfils_the_protocol_contract(plugin):
     assert isinstance(plugin, Protocol)
     unsaid = {field.name for field in fields(Protocol) if getattr(plugin, field.name) is None}
-    # A master may have nothing to remember, addresses be any drive's, and no telegram be for all drives; which
-    # parameters there may be is said where that can be told.
+    # Optional parts: a master without memory, addresses of any drive, no broadcast address; the range of
+    # parameter addresses is given only if it is known.
     assert unsaid <= {"memory", "addresses_of", "broadcast_address", "address_space"}
     assert is_dataclass(plugin.options)
     assert plugin.options.__dataclass_params__.frozen
     assert all(field.kw_only for field in fields(plugin.options))
     assert plugin.options.__doc__
     for field in fields(plugin.options):
-        assert field.name in plugin.options.__doc__, "each option is explained"
+        assert field.name in plugin.options.__doc__, "the docstring must explain each option"
     assert plugin.options()
     assert plugin.title
     assert plugin.facts_source
@@ -199,7 +199,7 @@ def test_the_plug_in_contract(plugin):
             next(getattr(everybody, verb)())
 
 
-def test_decode_and_encode_by_hand():
+def test_decode_and_encode_match_a_telegram_written_by_hand():
     data = bytes.fromhex("0441303034383105")
     telegram = drivecomm.decode("vabus", data, direction="request")
     assert (telegram.protocol, telegram.direction, telegram.data) == ("vabus", "request", data)
@@ -211,7 +211,7 @@ def test_decode_and_encode_by_hand():
     assert encode is drivecomm.encode
 
 
-def test_decode_with_options():
+def test_decode_accepts_options_of_the_protocol():
     data = drivecomm.encode(
         "vabus", {"kind": "value", "address": 1, "parameter": 520, "data": "03G8"}, direction="reply"
     )
@@ -234,6 +234,6 @@ def test_decode_with_options():
         (lambda: drivecomm.decode("vabus", b"", direction="request"), TelegramError, "nothing"),
     ],
 )
-def test_what_cannot_be(call, error, what):
+def test_invalid_decode_or_encode_call_raises_an_error(call, error, what):
     with pytest.raises(error, match=what):
         call()

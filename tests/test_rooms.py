@@ -1,4 +1,4 @@
-"""A module can move inside its room without anybody else noticing: others import the room."""
+"""Modules are private to their package, so that they can move: other packages import only the package itself."""
 
 import ast
 import importlib
@@ -23,12 +23,12 @@ PLACES = (
     "docs",
 )
 FACES_FOR_DOORS = ("drivecomm.server", "drivecomm.server.broker")
-"""The second is shared by doors on a broker."""
+"""Packages that doors may import; the second one is shared by doors on a broker."""
 FILES = sorted(path for place in PLACES for path in (ROOT / place).rglob("*.py"))
 
 
 def room_of(module):
-    """The innermost room that a module, named with dots, is in; empty for one of the top floor or the command line."""
+    """Return the innermost package of a module, both with dots; "" for top-level modules and the command line."""
     parts = module.split(".")
     heads = (".".join(parts[:length]) for length in range(len(parts), 1, -1))
     return next((head for head in heads if head in ROOMS), "")
@@ -41,20 +41,20 @@ def imported(path):
 
 
 def promised(room):
-    """What a room exports, and the rooms in it; its other modules are not for others."""
+    """Return the names that a package exports, and its subpackages; its other modules are private."""
     return {*importlib.import_module(room).__all__, *(each.removeprefix(f"{room}.") for each in ROOMS)}
 
 
 def at_home(path, room):
     relative = path.relative_to(ROOT)
     if relative.parts[0] == "tests":
-        # The search for what moves a motor plants mistakes in the server.
+        # The search for commands that move a motor injects faults into the server.
         home = "server" if relative.parts[1] == "adversary" else relative.parts[1]
         return len(relative.parts) > 2 and room.split(".")[1] == home
     return relative.parts[0] == "drivecomm" and room == room_of(".".join(relative.with_suffix("").parts))
 
 
-def test_others_import_the_room():
+def test_other_packages_import_only_the_package_itself():
     found = [
         f"{path.relative_to(ROOT)}: {module}"
         for path in FILES
@@ -65,7 +65,7 @@ def test_others_import_the_room():
     assert not found
 
 
-def test_doors_know_the_face_of_the_server_and_no_other_door():
+def test_doors_import_only_the_public_server_and_no_other_door():
     doors = {each.module for each in entry_points(group="drivecomm.doors")}
     own = sorted(door for door in doors if door.startswith("drivecomm.server."))
     assert len(own) >= 5
@@ -81,7 +81,7 @@ def test_doors_know_the_face_of_the_server_and_no_other_door():
 
 
 @pytest.mark.parametrize("room", sorted({"drivecomm", *ROOMS}))
-def test_a_room_has_what_it_promises(room):
+def test_package_exports_existing_names_and_no_modules(room):
     face = importlib.import_module(room)
     for name in face.__all__:
         assert not isinstance(getattr(face, name), types.ModuleType), f"{room} hides {name} behind a module"

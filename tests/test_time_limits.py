@@ -1,4 +1,4 @@
-"""A test that hangs in a child of it ends, and so does the child."""
+"""A test that hangs in a child process ends at its time limit, together with the child."""
 
 import os
 import subprocess
@@ -15,7 +15,7 @@ SLEEPS = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); pr
 
 @pytest.mark.timeout(1)
 def test_hangs():
-    # It has a child of its own, and is waited for while it is ended.
+    # The child starts a grandchild; the interrupted test still waits for the child in `finally`.
     starts = "import subprocess as s, sys; p = s.Popen([sys.executable, '-c', %r]); print(p.pid, flush=True); p.wait()"
     starts %= SLEEPS
     child = subprocess.Popen([sys.executable, "-c", starts], stdout=subprocess.PIPE, text=True)
@@ -31,7 +31,7 @@ def test_goes_on():
     pass
 """
 
-pytestmark = [pytest.mark.soak, pytest.mark.skipif(sys.platform != "linux", reason="it looks into /proc")]
+pytestmark = [pytest.mark.soak, pytest.mark.skipif(sys.platform != "linux", reason="the test reads /proc")]
 
 
 @pytest.mark.parametrize("workers", [(), ("-n", "1")], ids=["one process", "a worker"])
@@ -53,5 +53,5 @@ def test_children_of_a_test_end_at_its_time_limit(tmp_path, workers):
 
 def is_gone(number):
     stat = Path("/proc", number, "stat")
-    # Whose parent was killed with it is a zombie where nobody collects those.
+    # A child whose parent was killed stays a zombie if no process collects it.
     return not stat.exists() or stat.read_text().rpartition(")")[2].split()[0] == "Z"

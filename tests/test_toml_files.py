@@ -1,4 +1,4 @@
-"""Files that people write: the same sentence for one that is not there, and whatever their editor makes of the text."""
+"""TOML files that users write: one error text for a missing file, and any byte order mark or line ending."""
 
 from importlib import resources
 from pathlib import Path
@@ -23,7 +23,7 @@ READERS = {
 
 
 @pytest.mark.parametrize("kind", [*READERS, "set"])
-def test_a_file_that_is_not_there(kind, tmp_path):
+def test_missing_file_gives_the_same_error_for_every_kind(kind, tmp_path):
     read = read_set if kind == "set" else READERS[kind][0]
     path = tmp_path / "none.toml"
     with pytest.raises(FileFormatError) as caught:
@@ -34,7 +34,7 @@ def test_a_file_that_is_not_there(kind, tmp_path):
 @pytest.mark.parametrize("kind", READERS)
 @pytest.mark.parametrize("ends", ["\n", "\r\n"])
 @pytest.mark.parametrize("mark", ["", "\ufeff"])
-def test_byte_order_mark_and_ends_of_lines(kind, ends, mark, tmp_path):
+def test_byte_order_mark_and_line_endings_are_accepted(kind, ends, mark, tmp_path):
     read, text = READERS[kind]
     plain, other = tmp_path / "plain.toml", tmp_path / "other.toml"
     plain.write_bytes(text.encode())
@@ -43,7 +43,7 @@ def test_byte_order_mark_and_ends_of_lines(kind, ends, mark, tmp_path):
 
 
 @pytest.mark.parametrize("kind", READERS)
-def test_a_folder_and_bytes_that_are_no_text(kind, tmp_path):
+def test_folder_or_binary_file_is_refused(kind, tmp_path):
     read, _ = READERS[kind]
     path = tmp_path / "wrong.toml"
     path.write_bytes(b"\xff\xfe\x00")

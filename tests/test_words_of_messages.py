@@ -1,4 +1,4 @@
-"""Sentences that name keywords of Python say which, so that the command line can show its own words for them."""
+"""Errors that mention Python keywords declare them, so that the command line can show its own words instead."""
 
 import ast
 import re
@@ -16,7 +16,7 @@ _WITH_WORDS_OF_THEIR_OWN = {"testing", "cli"}
 
 
 def raised():
-    """Yield the texts of all errors that are raised with the place, and what they say that they name."""
+    """Yield place, text and declared keywords of every error raised in the code."""
     roots = [
         Path(drivecomm.__file__).parent,
         *(Path(__import__(p.package).__file__).parent for p in installed.values()),
@@ -27,7 +27,7 @@ def raised():
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if not isinstance(node, ast.Raise) or not isinstance(node.exc, ast.Call):
                 continue
-            # The literal parts of a sentence, with its gaps left open.
+            # Join the literal parts of an f-string, with a gap for each expression.
             text = "".join(
                 each.value for argument in node.exc.args for each in ast.walk(argument)
                 if isinstance(each, ast.Constant) and isinstance(each.value, str)
@@ -37,7 +37,7 @@ def raised():
 
 
 @pytest.mark.soak
-def test_what_names_a_keyword_says_so():
+def test_error_that_mentions_a_keyword_declares_it():
     assert not [(place, text) for place, text, says in raised() if _KEYWORD.search(text) and not says]
 
 
@@ -54,17 +54,17 @@ def test_what_names_a_keyword_says_so():
         ),
     ],
 )
-def test_the_command_line_has_its_own_words(error, shown):
+def test_command_line_replaces_keywords_by_its_own_words(error, shown):
     assert sentence(error) == shown
 
 
-def test_a_drive_that_is_known_is_named():
+def test_command_line_names_a_known_drive_in_the_error():
     error = UsageError("give maximum_hz=50 to it", says="maximum_hz=50")
     error.about = {"name": "mill", "drive": "vlt3500:2", "line": "yard"}
     assert sentence(error) == "give mill,maximum_hz=50 to it"
 
 
-def test_an_error_that_tells_of_another_has_its_words():
+def test_keywords_of_a_causing_error_are_replaced_as_well():
     error = UsageError("plant.toml: only with store=True")
     error.__cause__ = UsageError("only with store=True", says="store=True")
     assert in_flags(str(error), error) == "plant.toml: only with --store"

@@ -1,6 +1,6 @@
-"""The time limit of a test holds for the processes that it started, too: they end before the test is told of it.
+"""The time limit of a test also ends the processes that it started, before the test itself is interrupted.
 
-pytest-timeout interrupts the test itself; what it left waiting for a child would otherwise wait on.
+pytest-timeout interrupts only the test; without this module the test would keep waiting for a child process.
 """
 
 import os
@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 CLEANING_UP_S = 20.0
-"""How long a test that was interrupted may take to clean up before it is interrupted again."""
+"""Seconds that an interrupted test may take to clean up before it is interrupted again."""
 
 _PARENT, _STARTED = 1, 19
-"""Places in /proc/PID/stat behind the name of the program."""
+"""Positions of the fields in /proc/PID/stat, counted after the name of the program."""
 
 
 @pytest.hookimpl(wrapper=True)
@@ -40,7 +40,7 @@ def _end_children_first(began):
 
 
 def end_children(began):
-    """Kill what this process, or a child of it, has started since then."""
+    """Kill the processes that this process or its children have started since `began`."""
     processes = dict(_processes())
     ours, more = set(), {os.getpid()}
     while more:
@@ -60,5 +60,5 @@ def _processes():
 
 
 def _ticks():
-    # Whole ticks, so that what began in the same one counts.
+    # Rounding down to whole ticks includes processes started in the same tick.
     return int(time.clock_gettime(time.CLOCK_BOOTTIME) * os.sysconf("SC_CLK_TCK"))

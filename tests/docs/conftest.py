@@ -1,6 +1,6 @@
-"""The site, built once for all tests of one run, and the modules that make its pages.
+"""The documentation site, built once for all tests of a run, and the modules that make its pages.
 
-DRIVECOMM_SITE names the folder of a site that `make docs` has just built, which is then looked at instead.
+DRIVECOMM_SITE names the folder of a site that `make docs` has just built; tests then use that site.
 """
 
 import os
@@ -27,7 +27,7 @@ def site(tmp_path_factory):
     run = os.environ.get("PYTEST_XDIST_TESTRUNUID")
     if run is None:
         return _built(tmp_path_factory.mktemp("site"))
-    # The processes of one run share a folder; whoever makes it builds the site, and the others wait.
+    # Worker processes share this folder: the first one builds the site, and the others wait.
     folder = tmp_path_factory.getbasetemp().parent / f"site-{run}"
     ready = folder.with_suffix(".ready")
     try:
@@ -45,12 +45,12 @@ def site(tmp_path_factory):
 
 @pytest.fixture
 def plant_file(request, tmp_path, monkeypatch):
-    """The plant file that the page of a module shows, in a folder of its own with the state and sockets of a server."""
+    """Write the plant file of a page into an empty folder, with separate server state and sockets; yield its path."""
     monkeypatch.chdir(tmp_path)
     for name in ("DRIVECOMM_PORT", "DRIVECOMM_PLANT", "DRIVECOMM_CONTROL", "RUNTIME_DIRECTORY"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
-    # The path of a socket has room for a hundred characters.
+    # The path of a unix socket has room for only about a hundred characters.
     runtime = tempfile.mkdtemp(prefix="dc")
     monkeypatch.setenv("XDG_RUNTIME_DIR", runtime)
     (content,) = (block.code for block in blocks_of(request.module.PAGE) if block.title == "plant.toml")

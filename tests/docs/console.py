@@ -1,4 +1,4 @@
-"""What a reader does in a terminal, done by a test: commands, their output, and simulators that run on."""
+"""Terminal sessions of a page, carried out by a test: commands, their output, and simulators in the background."""
 
 import contextlib
 import doctest
@@ -14,12 +14,12 @@ from drivecomm.cli import main
 
 FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 EXIT_CODE = re.compile(r"# exit code (\d+)")
-# Pages write one port number; the test takes a free one in its place.
+# Pages show one fixed port; the test replaces it by a free port.
 SHOWN = "127.0.0.1:4001"
 
 
 def must_match(wanted, found, where):
-    """Compare what a page shows with what came; `...` stands for anything, spacing does not count."""
+    """Compare the text of a page with the real output; `...` matches anything, and white space is ignored."""
     checker = doctest.OutputChecker()
     example = doctest.Example("", wanted)
     same = checker.check_output(wanted, found, FLAGS)
@@ -27,7 +27,7 @@ def must_match(wanted, found, where):
 
 
 def in_process(arguments):
-    """Run a drivecomm command here; return its exit code and all that it prints."""
+    """Run a drivecomm command in this process; return its exit code and all its output."""
     output = io.StringIO()
     with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output):
         code = main(arguments)
@@ -35,9 +35,9 @@ def in_process(arguments):
 
 
 class Console:
-    """A terminal, and further ones with simulators in them.
+    """A terminal, and further ones in which simulators run.
 
-    run: carries out a drivecomm command. folders: where simulators find modules beside those that are installed.
+    run: function that runs a drivecomm command. folders: additional folders of modules for simulators.
     """
 
     def __init__(self, run, folders=()):
@@ -58,7 +58,7 @@ class Console:
             assert code == 0, output
 
     def play(self, block):
-        """Carry out a block, command by command; exit codes and output must be those of the page."""
+        """Run the commands of a block one by one, and compare exit codes and output with the page."""
         for command, shown in _commands_of(block):
             code, output = self._carry_out(command)
             expected = EXIT_CODE.search(command)
@@ -77,7 +77,7 @@ class Console:
         return code, output.replace(self._own, SHOWN)
 
     def simulate(self, arguments):
-        """Start a simulator; it runs until the terminal is closed."""
+        """Start a simulator that runs until the terminal is closed; return exit code 0 and its first line."""
         simulator = Forked(arguments, self._folders)
         self._simulators.append(simulator)
         return 0, simulator.line()

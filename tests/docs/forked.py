@@ -1,6 +1,6 @@
-"""A drivecomm command as a process of its own: a fork of one that has loaded what all commands load.
+"""A drivecomm command in a separate process, forked from one that has already imported the common modules.
 
-Nothing but modules is loaded before; protocols are looked for by each process, as by any other.
+Only modules are loaded beforehand; each process looks for protocols itself, like any other process.
 """
 
 import multiprocessing
@@ -20,14 +20,14 @@ PATIENCE_S = 60
 def _forks():
     forks = multiprocessing.get_context("forkserver")
     forks.set_forkserver_preload(["pytest", "preloaded", __name__])
-    # The process that is forked loads modules before it is told where ours are.
+    # The fork server imports modules before it gets our sys.path, so it needs PYTHONPATH.
     with mock.patch.dict(os.environ, PYTHONPATH=os.pathsep.join(path for path in sys.path if path)):
         forkserver.ensure_running()
     return forks
 
 
 class Forked:
-    """A command that runs. folders: where else it finds modules and packages, as PYTHONPATH has it."""
+    """A running command. folders: additional folders of modules and packages, as in PYTHONPATH."""
 
     def __init__(self, arguments, folders=()):
         heard, said = _forks().Pipe(duplex=False)
@@ -41,7 +41,7 @@ class Forked:
         return self._output.readline()
 
     def end(self):
-        """Wait for its end, and return its exit code and the rest of what it printed."""
+        """Wait for the command to end; return its exit code and the rest of its output."""
         with self._output:
             rest = self._output.read()
         self._process.join(PATIENCE_S)
@@ -60,7 +60,7 @@ def _become(said, arguments, environment, folders):
     os.dup2(said.fileno(), 1)
     os.dup2(said.fileno(), 2)
     said.close()
-    # Those that are there know what the descriptors were before.
+    # The existing stream objects still refer to the old descriptors.
     sys.stdout, sys.stderr = os.fdopen(1, "w", encoding="utf-8"), os.fdopen(2, "w", encoding="utf-8", buffering=1)
     sys.argv = ["drivecomm", *arguments]
     for number in (signal.SIGINT, signal.SIGTERM):

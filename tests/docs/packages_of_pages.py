@@ -1,4 +1,4 @@
-"""A package whose files stand on a page, as an installer would leave it."""
+"""A package made from the files on a page, laid out as by an installer."""
 
 import tomllib
 
@@ -6,7 +6,7 @@ from pages import blocks_of
 
 
 def installed_from(page, folder):
-    """Write the files of a page and the metadata of their package into a folder, and return it."""
+    """Write the files of a page and the metadata of their package into a folder; return the folder."""
     for block in blocks_of(page):
         if block.title:
             place = folder / block.title

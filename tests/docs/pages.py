@@ -1,8 +1,12 @@
-"""The code blocks of the documentation, and what to do with them.
+"""The code blocks of the documentation, and the remarks that say what tests do with them.
 
-A block is run unless the comment `<!-- not run: why -->` stands before it; then it is compiled at least, where it is
-Python. `<!-- continues -->` gives a block the names of the one before it. `<!-- prints -->` stands before the text that
-the Python block above it prints; `...` in it stands for anything. A block with a title is a file and not a script.
+A block is run, unless the comment `<!-- not run: why -->` precedes it; then a Python block is still compiled.
+
+`<!-- continues -->` gives a block the names of the block before it.
+
+`<!-- prints -->` precedes the output of the Python block above it, in which `...` matches anything.
+
+A block with a title is a file, not a script.
 """
 
 import re

@@ -1,6 +1,6 @@
-"""What commands load, loaded once: imported by the process of which commands are forks.
+"""Modules that commands load, imported once by the process from which commands are forked.
 
-It leaves nothing behind but modules and the commands themselves; protocols are still looked for by each command.
+It loads only modules and the commands themselves; each command still looks for protocols.
 """
 
 import asyncio

@@ -1,4 +1,4 @@
-"""Whatever `drivecomm` and its rooms export is described where it is defined."""
+"""Every name that `drivecomm` and its packages export has a docstring where it is defined."""
 
 import api_pages
 import pytest
@@ -11,7 +11,7 @@ PAGES = [api_pages.TOP, *(f"{api_pages.TOP}.{room}" for room in api_pages.ROOMS)
 
 @pytest.fixture(scope="module")
 def sources():
-    """All of drivecomm as mkdocstrings reads it."""
+    """Return the source tree of drivecomm as mkdocstrings reads it."""
     return griffe.load("drivecomm", search_paths=[str(ROOT)])
 
 
@@ -24,7 +24,7 @@ def _described(sources, place):
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_docstrings(sources, page):
+def test_every_name_of_an_api_page_has_a_docstring(sources, page):
     for module in api_pages.modules_of(page):
         places = [api_pages.place_of(module, name) for name in api_pages.names_of(module)]
-        assert [place for place in places if not _described(sources, place)] == [], "write what it is, below its name"
+        assert [place for place in places if not _described(sources, place)] == [], "write a docstring below the name"

@@ -1,4 +1,4 @@
-"""The page about the architecture lists the rooms that there are, in the order that the contract holds."""
+"""The architecture page lists every package of drivecomm, in the order of the import contract."""
 
 import re
 import tomllib
@@ -9,12 +9,12 @@ PAGE = (ROOT / "docs" / "development" / "architecture.md").read_text(encoding="u
 ROOMS = re.findall(r"^\| `drivecomm\.(\w+)` \|", PAGE, re.MULTILINE)
 
 
-def test_the_rooms_are_those_of_the_tree():
+def test_architecture_page_lists_the_existing_packages():
     packages = {place.parent.name for place in (ROOT / "drivecomm").glob("*/__init__.py")}
     assert sorted(ROOMS) == sorted(packages)
 
 
-def test_the_order_is_that_of_the_contract():
+def test_architecture_page_has_the_order_of_the_import_contract():
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"][
         "contracts"
     ]

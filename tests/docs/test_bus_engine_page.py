@@ -16,14 +16,14 @@ def rows_under(heading):
     return re.findall(r"^\| (`.+?) \| (.+) \|$", section, re.MULTILINE)
 
 
-def test_counters():
+def test_page_explains_every_counter():
     assert {name.strip("`"): meaning for name, meaning in rows_under("Statistics")} == COUNTERS
 
 
-def test_line_facts():
+def test_page_names_every_line_fact():
     named = {name for names, _ in rows_under("Line facts of each drive") for name in re.findall(r"`(\w+)`", names)}
     assert named == LINE_FACT_NAMES
 
 
-def test_echo_modes():
+def test_page_names_every_echo_mode():
     assert [name.strip("`") for name, _ in rows_under("Echo")] == list(get_args(Echo))

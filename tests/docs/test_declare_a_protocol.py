@@ -1,4 +1,4 @@
-"""The protocol package on the page "Declare a protocol", installed from the page, checked and used."""
+"""The protocol package of the page "Declare a protocol", installed from the page, checked and used."""
 
 import subprocess
 import sys
@@ -23,7 +23,7 @@ def run(folder, monkeypatch):
     return lambda *arguments: Forked(arguments, [str(folder)]).end()
 
 
-def test_its_vectors_and_its_model_pass_every_check(run):
+def test_vectors_and_model_of_the_package_pass_every_check(run):
     code, output = run("vectors", "check", "drivecomm_toy/vectors.toml")
     assert (code, output.splitlines()[-1].endswith(" 0 failed")) == (0, True), output
     code, output = run("models", "check", "drivecomm_toy/models/t1.toml")
@@ -31,12 +31,12 @@ def test_its_vectors_and_its_model_pass_every_check(run):
 
 
 @pytest.mark.soak
-def test_it_stands_the_conformance_kit(run):
+def test_package_passes_the_conformance_kit(run):
     code, output = run("conformance", "toy")
     assert code == 0, output
 
 
-def test_it_is_started_and_stopped(folder):
+def test_drive_of_the_package_is_started_and_stopped(folder):
     program = (
         "import drivecomm; from drivecomm.virtual import VirtualLine, virtual_drive\n"
         "line = VirtualLine([virtual_drive('toy', 4)])\n"
@@ -63,7 +63,7 @@ def test_it_is_started_and_stopped(folder):
     assert done.stdout == "30.0 Hz running True True\nready\n", done.stderr
 
 
-def test_it_is_annotated(folder):
+def test_package_passes_mypy_strict(folder):
     pytest.importorskip("mypy")
     done = subprocess.run(
         [sys.executable, "-m", "mypy", "--strict", "--cache-dir", "mypy", "drivecomm_toy"],
@@ -76,7 +76,7 @@ def test_it_is_annotated(folder):
     assert done.returncode == 0, done.stdout
 
 
-def test_it_knows_only_what_the_page_allows_and_is_small():
+def test_package_imports_only_allowed_modules_and_is_short():
     code = next(block.code for block in blocks_of(PAGE) if block.title.endswith("__init__.py"))
     imported = {line.split()[1] for line in code.splitlines() if line.startswith("from drivecomm.")}
     assert imported <= {"drivecomm.protocol", "drivecomm.protocol.schema", "drivecomm.profiles", "drivecomm.errors"}

@@ -1,4 +1,4 @@
-"""Every code block of the documentation that can run is run, and prints what the page says."""
+"""Every runnable code block of the documentation runs, and prints the output that the page shows."""
 
 import contextlib
 import io
@@ -14,16 +14,16 @@ from pages import PAGES, blocks_of, name_of, pages_with
 
 @pytest.fixture
 def elsewhere(tmp_path, monkeypatch):
-    """Run in a folder of its own, with a terminal that is wide enough for every line."""
+    """Run in an empty folder, with a terminal wide enough for every line."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
-    # Set first, so that what a page exports is taken back afterwards.
+    # The variable is set first, so that pytest undoes an export by the page afterwards.
     monkeypatch.setenv("DRIVECOMM_PORT", "")
     monkeypatch.delenv("DRIVECOMM_PORT")
 
 
 def foreign_files(page):
-    """Write what stands on a page as a file of another program; ours have tests of their own."""
+    """Write the files of other programs that a page shows; files for drivecomm have separate tests."""
     for block in blocks_of(page):
         if block.title and block.language in ("csv", "yaml", "log"):
             Path(block.title).write_text(block.code, encoding="utf-8")
@@ -31,7 +31,7 @@ def foreign_files(page):
 
 @pytest.mark.parametrize("page", pages_with("python"), ids=name_of)
 @pytest.mark.usefixtures("elsewhere")
-def test_python(page):
+def test_python_blocks_of_the_page_run(page):
     foreign_files(page)
     namespace = {}
     printed = None
@@ -40,7 +40,7 @@ def test_python(page):
             must_match(block.code, printed, block)
         if block.language != "python" or block.title:
             continue
-        # The line numbers of a traceback are those of the page.
+        # Empty lines in front give a traceback the line numbers of the page.
         code = compile("\n" * block.line + block.code, str(page), "exec")
         printed = None
         if block.is_run:
@@ -53,7 +53,7 @@ def test_python(page):
 
 @pytest.mark.parametrize("page", every(4, pages_with("console")), ids=name_of)
 @pytest.mark.usefixtures("elsewhere")
-def test_console(page):
+def test_console_blocks_of_the_page_run(page):
     foreign_files(page)
     with Console(in_process) as console:
         for block in blocks_of(page):
@@ -62,21 +62,21 @@ def test_console(page):
 
 
 @pytest.mark.parametrize("page", pages_with("toml"), ids=name_of)
-def test_toml(page):
+def test_toml_blocks_of_the_page_parse(page):
     for block in blocks_of(page):
         if block.language == "toml":
             tomllib.loads(block.code)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_remarks_are_known(page):
+def test_remarks_of_code_blocks_are_known(page):
     for block in blocks_of(page):
         assert re.fullmatch(r"|continues|prints|not run: .+", block.remark), block
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_one_sentence_a_line(page):
-    """Prose has semantic newlines, so that a change of one sentence is a change of one line."""
+def test_page_has_one_sentence_per_line(page):
+    """With one sentence per line a changed sentence is a changed line in the diff."""
     text = re.sub(r"^ *```.*?^ *```$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
     for line in text.splitlines():
         if not line.startswith(("|", "    ", "#")):

@@ -1,4 +1,4 @@
-"""The reference of the HTTP API is made from the models by which a server checks requests."""
+"""The HTTP API reference is generated from the models that validate requests in the server."""
 
 import re
 
@@ -7,7 +7,7 @@ from http_api_page import http_api_page
 from drivecomm.server.http import description
 
 
-def test_every_request_and_every_answer_is_described():
+def test_http_api_page_describes_every_request_and_response():
     page = http_api_page()
     for path, operations in description(local=True)["paths"].items():
         for method, operation in operations.items():
@@ -19,6 +19,6 @@ def test_every_request_and_every_answer_is_described():
     assert set(re.findall(r"\]\(#([\w-]+)\)", page)) <= {*anchors, *headings}
 
 
-def test_what_a_field_takes_is_said():
+def test_http_api_page_shows_the_range_of_a_field():
     section = http_api_page().partition("## POST /api/v1/drives/{name}/lease {")[2].partition("\n## ")[0]
     assert "| `seconds` | body | number from 0.1 to 30 | yes |" in section

@@ -1,4 +1,4 @@
-"""The page about judging a master, carried out as a reader would; also what its recipes run."""
+"""The page about judging a master, with its commands and recipes carried out."""
 
 import os
 import re
@@ -25,7 +25,7 @@ pytestmark = [
 def elsewhere(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
-    # The page calls Python by its usual name.
+    # The page calls the interpreter `python`.
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
 
 
@@ -35,7 +35,7 @@ def write_files():
             Path(block.title).write_text(block.code, encoding="utf-8")
 
 
-def test_page():
+def test_commands_of_the_judge_page_run():
     ran = 0
     with Console(in_process) as console:
         for block in blocks_of(PAGE):
@@ -68,7 +68,7 @@ def test_recipe_judges_the_master_of_the_page(words):
     assert Path("report.html").exists()
 
 
-def test_cases_are_tests_of_pytest():
+def test_cases_of_the_page_run_as_pytest_tests():
     write_files()
     command = [
         sys.executable,

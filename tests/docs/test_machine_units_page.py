@@ -1,4 +1,4 @@
-"""The page about units of machines: its plant is served, and commanded as the page says."""
+"""The page about machine units: its plant is served, and commanded as the page shows."""
 
 import socket
 
@@ -13,7 +13,7 @@ PAGE = ROOT / "docs" / "how-to" / "machine-units.md"
 
 @pytest.fixture
 def file(tmp_path, monkeypatch):
-    """Write the page's plant into a folder of its own, at a port that is free."""
+    """Write the plant file of the page into an empty folder, with a free port."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
     for name in ("DRIVECOMM_PORT", "DRIVECOMM_PLANT"):
@@ -25,14 +25,14 @@ def file(tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("file")
-def test_the_page():
+def test_console_blocks_of_the_machine_units_page_run():
     with Console(in_process) as console:
         for block in blocks_of(PAGE):
             if block.language == "console":
                 console.play(block)
 
 
-def test_page_names_every_quantity_that_has_a_speed():
+def test_machine_units_page_names_every_speed_quantity():
     text = PAGE.read_text(encoding="utf-8")
     (line,) = [line for line in text.splitlines() if line.startswith("`output_frequency`")]
     assert {name for name in SPEED_QUANTITIES if f"`{name}`" in line} == SPEED_QUANTITIES

@@ -1,4 +1,4 @@
-"""The page about Modbus TCP: its file is simulated, served and read by mbpoll as the page says."""
+"""The Modbus TCP page: its plant file is simulated, served and read by mbpoll as the page shows."""
 
 import os
 import shutil
@@ -18,14 +18,14 @@ BY_US = "a test of its own runs it beside the file"
 HALL, DOOR = "4001", "5020"
 
 
-def test_the_settings_are_those_of_a_door(plant_file):
+def test_plant_file_of_the_page_has_a_valid_door(plant_file):
     [(kind, table)] = read_settings(plant_file).doors
     assert kind == "modbus-tcp"
     assert ModbusTcpDoor(table).settings.units == {1: "pump", 2: "fan"}
 
 
 @pytest.mark.usefixtures("plant_file")
-def test_the_map():
+def test_register_map_on_the_page_is_correct():
     with Console(in_process) as console:
         blocks = [block for block in blocks_of(PAGE) if "--registers" in block.code and block.language == "console"]
         assert len(blocks) == 1
@@ -40,7 +40,7 @@ def test_the_map():
     not any(each.name == "modbus-tcp" for each in entry_points(group="drivecomm.doors")),
     reason="the installed drivecomm is older than its Modbus TCP door; install it again",
 )
-def test_the_console(plant_file):
+def test_mbpoll_commands_of_the_page_run(plant_file):
     with Elsewhere() as console:
         plant_file.write_text(console.own(plant_file.read_text()))
         console.simulate(["simulate", "plant.toml"])
@@ -52,7 +52,7 @@ def test_the_console(plant_file):
 
 
 class Elsewhere(Console):
-    """Takes free ports in the place of those that the page shows, and knows mbpoll."""
+    """Console that replaces the ports of the page by free ones, and can run mbpoll."""
 
     def __init__(self):
         super().__init__(in_process)
@@ -67,7 +67,7 @@ class Elsewhere(Console):
         return text
 
     def answers(self):
-        """Wait until the pump's frequency is there."""
+        """Wait until the frequency of the pump can be read."""
         for _ in range(40):
             if "failed" not in self._carry_out(f"mbpoll -0 -a 1 -r 8 -t 3:float -B -p {DOOR} -1 127.0.0.1")[1]:
                 return

@@ -1,4 +1,4 @@
-"""What the page of a protocol says of its models: common names, watchdogs, rules of identification."""
+"""Model tables on the pages of protocols: common names, watchdogs, and identification rules."""
 
 import re
 
@@ -16,13 +16,13 @@ def plugin(request):
 
 
 def sections(page):
-    """The part of the page about each model, by its name."""
+    """Return the part of the page about each model, by the name of the model."""
     tables = page.partition("\n## Model tables\n")[2]
     parts = re.split(r"^### .*: `([^`]+)`$", tables, flags=re.MULTILINE)[1:]
     return dict(zip(parts[::2], parts[1::2], strict=True))
 
 
-def test_every_common_name_stands_with_its_unit_and_parameter_at_the_model_that_brings_it(plugin):
+def test_protocol_page_lists_common_names_with_unit_and_parameter(plugin):
     told = sections(protocol_page(plugin))
     models = {name: load_model(plugin.package, plugin.name, name) for name in model_names(plugin.package, plugin.name)}
     assert set(told) == set(models)
@@ -38,7 +38,7 @@ def test_every_common_name_stands_with_its_unit_and_parameter_at_the_model_that_
             assert row.search(shown)
 
 
-def test_watchdogs_and_rules_are_told(plugin):
+def test_protocol_page_shows_watchdogs_and_identification_rules(plugin):
     told = sections(protocol_page(plugin))
     for name, text in told.items():
         model = load_model(plugin.package, plugin.name, name)

@@ -1,4 +1,4 @@
-"""The page about drive models: its files are checked, simulated and read as the page says, and its tables are whole."""
+"""The page about drive models: its files are checked, simulated and read, and its tables are complete."""
 
 import re
 
@@ -22,7 +22,7 @@ def files(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_the_example_is_in_order_and_complete(files):
+def test_example_model_is_valid_and_uses_every_key(files):
     path = files / "dryer.toml"
     assert check_model(path) == []
     text = path.read_text(encoding="utf-8")
@@ -36,7 +36,7 @@ def test_the_example_is_in_order_and_complete(files):
 
 
 @pytest.mark.usefixtures("files")
-def test_the_console():
+def test_console_blocks_of_the_models_page_run():
     with Console(in_process) as console:
         for block in blocks_of(PAGE):
             if block.language == "console" and block.remark.startswith("not run"):
@@ -48,13 +48,13 @@ def test_the_console():
     [PARAMETER_KEYS, {*TEXTS, *(f"[{name}]" for name in TABLES)}, {"[[setup]]", *PanelSetting.__dataclass_fields__}],
     ids=["parameter", "top", "setup"],
 )
-def test_every_key_is_explained(keys):
+def test_models_page_explains_every_key(keys):
     text = PAGE.read_text(encoding="utf-8")
     explained = set(re.findall(r"`([\[\]\w]+)`", "\n".join(re.findall(r"^\|([^|]*)\|", text, re.MULTILINE))))
     assert keys - explained == set()
 
 
-def test_the_rules_for_common_names_are_those_of_the_registry():
+def test_rules_for_common_names_match_the_registry():
     registry = (ROOT / "drivecomm" / "models" / "quantities.toml").read_text(encoding="utf-8")
     rules = re.findall(r"^# (\d\. .*)$", registry, re.MULTILINE)
     assert len(rules) == 5

@@ -1,4 +1,4 @@
-"""No page holds a place that somebody wanted to fill in later."""
+"""No page contains a placeholder for text that is still to be written."""
 
 import re
 
@@ -9,7 +9,7 @@ OPEN = re.compile(r"@@|\bTODO\b|\bTBD\b|\bFIXME\b|\bXXX\b")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_nothing_is_left_open(page):
-    # Telegrams of the VLT 3500 hold @.
+def test_page_has_no_placeholder(page):
+    # Code is removed first, since telegrams of the VLT 3500 contain @.
     text = re.sub(r"`[^`\n]*`|^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
     assert not OPEN.findall(text)

@@ -1,4 +1,4 @@
-"""The page about the plant file: its files are served, read and commanded as the page says."""
+"""The page about the plant file: its files are served, read and commanded as the page shows."""
 
 import contextlib
 import io
@@ -16,7 +16,7 @@ PAGE = ROOT / "docs" / "reference" / "plant-file.md"
 
 @pytest.fixture
 def files(tmp_path, monkeypatch):
-    """The page's files in a folder of their own; returns the place where the virtual line listens."""
+    """Write the files of the page into an empty folder; return the folder."""
     monkeypatch.chdir(tmp_path)
     for name in ("DRIVECOMM_PORT", "DRIVECOMM_PLANT"):
         monkeypatch.delenv(name, raising=False)
@@ -28,14 +28,14 @@ def files(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_the_file_is_a_plant(files):
+def test_example_plant_file_is_valid(files):
     pump, fan = read_plant(files / "plant.toml").drives
     assert (pump.armed, fan.armed) == (True, False)
     assert pump.poll[0].parameters == ("output_frequency", "480")
     assert pump.link_loss.policy == "trip"
 
 
-def test_all_that_a_network_can_be_allowed_stands_there():
+def test_page_lists_every_network_verb():
     text = PAGE.read_text(encoding="utf-8")
     (line,) = [line for line in text.splitlines() if line.startswith("`network` lists")]
     assert line.partition(": ")[2] == ", ".join(f"`{verb}`" for verb in NETWORK_VERBS) + "."
@@ -43,7 +43,7 @@ def test_all_that_a_network_can_be_allowed_stands_there():
 
 @pytest.mark.soak
 @pytest.mark.usefixtures("files")
-def test_the_page():
+def test_blocks_of_the_plant_file_page_run():
     with Console(in_process) as console:
         printed = ""
         for block in blocks_of(PAGE):

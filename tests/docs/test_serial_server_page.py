@@ -1,4 +1,4 @@
-"""The ser2net configuration on the page about serial servers, tried with ser2net itself."""
+"""The ser2net configuration of the page about serial servers, run by ser2net itself."""
 
 import shutil
 import socket
@@ -15,7 +15,7 @@ SER2NET = shutil.which("ser2net", path="/usr/sbin:/usr/bin:/usr/local/sbin:/usr/
 
 @pytest.mark.soak
 @pytest.mark.skipif(SER2NET is None, reason="ser2net is not installed")
-def test_a_drive_is_read_through_the_configured_server(tmp_path):
+def test_drive_is_read_through_the_ser2net_configuration_of_the_page(tmp_path):
     port = _free_port()
     content = next(block.code for block in blocks_of(PAGE) if block.language == "yaml")
     assert "/dev/ttyUSB0" in content

@@ -1,4 +1,4 @@
-"""The page about serving a plant: its file is simulated, served, read by commands and by HTTP as the page says."""
+"""The page about serving a plant: its file is simulated, served, and read by commands and HTTP as the page shows."""
 
 import json
 import os
@@ -19,12 +19,12 @@ BY_US = "a test of its own runs it beside the file"
 
 @pytest.fixture
 def plant_file(plant_file, monkeypatch):
-    """Shown as wide as the page shows it."""
+    """Set the terminal width of the page; return the plant file."""
     monkeypatch.setenv("COLUMNS", "200")
     return plant_file
 
 
-def test_the_settings_are_those_of_a_server(plant_file):
+def test_plant_file_of_the_page_has_server_settings(plant_file):
     settings = read_settings(plant_file)
     assert settings.name == "hall 2"
     assert [kind for kind, _ in settings.doors] == ["http"]
@@ -32,7 +32,7 @@ def test_the_settings_are_those_of_a_server(plant_file):
 
 @pytest.mark.soak
 @pytest.mark.skipif(os.name != "posix", reason="simulators of the page end by SIGTERM")
-def test_the_console(plant_file):
+def test_console_blocks_of_the_server_page_run(plant_file):
     places = ["127.0.0.1:4001", "127.0.0.1:4900", "127.0.0.1:8080"]
     with Elsewhere(places) as console:
         plant_file.write_text(console.own(plant_file.read_text()))
@@ -50,7 +50,7 @@ def answer_of(address):
 
 
 class Elsewhere(Console):
-    """Takes free ports in the place of those that the page shows, serves beside simulating, and knows curl."""
+    """Console with free ports in place of those of the page, with server and simulator together, and with curl."""
 
     def __init__(self, places):
         super().__init__(in_process)
@@ -69,14 +69,14 @@ class Elsewhere(Console):
         words = self.own(command).partition("#")[0].split()
         if words[0] == "curl":
             code, output = 0, answer_of(words[-1])
-            # Who types it does so when the server has read its drives.
+            # A reader runs this command after the server has read its drives.
             end = time.monotonic() + PATIENCE_S
             while words[-1].endswith("/events") and '"kind":"fault"' not in output and time.monotonic() < end:
                 time.sleep(0.05)
                 output = answer_of(words[-1])
             assert json.loads(output)
         elif words[1] in ("simulate", "serve"):
-            # What a server logs would come on the same screen.
+            # The log goes to a file, since it would mix with the output on the screen.
             code, output = self.simulate([*words[1:], *(("--log", "server.log") if words[1] == "serve" else ())])
         else:
             code, output = in_process(words[1:])

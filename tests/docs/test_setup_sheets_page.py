@@ -1,4 +1,4 @@
-"""The page about set-up sheets: its sheet is printed and its doctor finds the wrong panel, as the page says."""
+"""The page about set-up sheets: its sheet is printed, and its doctor finds the wrong panel setting."""
 
 import os
 
@@ -12,7 +12,7 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are
 
 
 @pytest.mark.usefixtures("plant_file")
-def test_the_console(monkeypatch):
+def test_console_blocks_of_the_setup_sheets_page_run(monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
     with Console(in_process) as console:
         for block in blocks_of(PAGE):

@@ -1,4 +1,4 @@
-"""The pages build without a warning, and ask for nothing from elsewhere; what the site makes itself is in it."""
+"""The site builds without a warning, loads nothing from other hosts, and contains its generated pages and pictures."""
 
 import html
 import re
@@ -13,10 +13,10 @@ from pages import ROOT
 
 from drivecomm.protocol import installed
 
-# Building it takes longer than all other pages' tests; `make docs` builds it, too.
+# A build takes longer than all other tests of pages; `make docs` builds the site as well.
 pytestmark = pytest.mark.soak
 
-# What a browser fetches by itself, as against what a reader may click on.
+# References that a browser loads by itself, unlike links for the reader.
 FETCHED = re.compile(
     r"<(?:script|img|iframe|source)[^>]+src=[\"']?https?://"
     r"|<link[^>]+rel=[\"']?(?:stylesheet|preconnect|icon|preload)[^>]+href=[\"']?https?://"
@@ -41,12 +41,12 @@ WATCHED = [
 SHOWN = {
     "demo.svg": ["$ drivecomm demo", "One exchange in full"],
     "watch-80x24.svg": WATCHED,
-    # Where there is more room.
+    # A larger terminal shows more columns.
     "watch-160x50.svg": [*WATCHED, "vabus:1", "danfoss-fc:12", "age s", "power kW"],
 }
 
 
-def test_nothing_is_fetched_from_elsewhere(site):
+def test_site_loads_nothing_from_other_hosts(site):
     for page in [*site.rglob("*.html"), *site.rglob("*.css"), *site.rglob("*.svg")]:
         found = FETCHED.search(page.read_text(encoding="utf-8"))
         assert not found, f"{page.relative_to(site)}: {found[0]}"
@@ -59,28 +59,28 @@ def test_every_protocol_has_a_page_with_its_telegrams(site):
             assert title in text
 
 
-def test_the_scripts_are_not_published(site):
+def test_site_does_not_publish_scripts(site):
     assert not list(site.rglob("*.py"))
 
 
 @pytest.mark.parametrize("name", SHOWN)
-def test_pictures(site, name):
-    """They are made of what the commands show now; here is what a reader is to see in them."""
+def test_picture_shows_the_expected_texts(site, name):
+    """Pictures are generated from the present output of commands; these are the texts a reader has to see."""
     picture = (site / "pictures" / name).read_text(encoding="utf-8")
     text = html.unescape(" ".join(re.findall(r"<text[^>]*>([^<]*)</text>", picture))).replace("\xa0", " ")
     assert [each for each in SHOWN[name] if each not in text] == []
     assert not FETCHED_BY_A_PICTURE.search(picture)
 
 
-def test_every_picture_is_shown(site):
+def test_every_generated_picture_is_used_on_a_page(site):
     pages = "".join(page.read_text(encoding="utf-8") for page in (ROOT / "docs").rglob("*.md"))
     made = {picture.name for picture in (site / "pictures").iterdir()}
     assert made == set(SHOWN) | set(PICTURES) | set(OF_DOORS)
     assert all(f"pictures/{name})" in pages for name in made)
 
 
-def test_every_public_name_stands_on_a_page(site):
-    """Each has an anchor by its full name: that of its room, or that of `drivecomm`."""
+def test_every_public_name_is_on_a_page(site):
+    """Each name has an anchor with its full name: that of its package, or that of `drivecomm`."""
     inventory = zlib.decompress((site / "objects.inv").read_bytes().split(b"\n", 4)[4]).decode()
     listed = {line.split(" ")[0]: line.split(" ")[3] for line in inventory.splitlines()}
     pages = [api_pages.TOP, *(f"{api_pages.TOP}.{room}" for room in api_pages.ROOMS)]
@@ -98,7 +98,7 @@ def test_every_public_name_stands_on_a_page(site):
         assert (site / place).exists()
 
 
-def test_every_command_has_its_section(site):
+def test_commands_page_of_the_site_has_an_anchor_for_every_command(site):
     page = (site / "reference" / "commands.html").read_text(encoding="utf-8")
     for name, _ in all_commands():
         assert f'id="drivecomm-{name.replace(" ", "-")}"' in page, name

@@ -1,4 +1,4 @@
-"""The page of supported drives has a row for every model, and each cell says what its model holds."""
+"""The page of supported drives has a row for every model, with cells that match the content of the model."""
 
 import re
 
@@ -36,7 +36,7 @@ sure = "derived"
 
 
 def rows(text):
-    """The cells of each row of the tables, by protocol and model."""
+    """Return the cells of each table row, by protocol and model."""
     found = {}
     for section in re.split(r"^## ", text, flags=re.MULTILINE)[1:]:
         protocol = re.search(r"Protocol `([^`]+)`", section)[1]
@@ -58,7 +58,7 @@ def test_page_has_one_row_for_every_model(told):
     assert set(told) == models
 
 
-def test_row_says_what_its_model_holds(told):
+def test_row_matches_the_content_of_its_model(told):
     for (protocol, name), cells in told.items():
         model = load_model(installed[protocol].package, protocol, name)
         series, _, read, commanded, _, faults, panel, link_loss, plate, _, sure, tried = cells
@@ -76,7 +76,7 @@ def test_row_says_what_its_model_holds(told):
         assert ("unconfirmed" in sure) is ("unconfirmed" in marks)
 
 
-def test_row_of_a_monitoring_only_series_says_so(tmp_path, monkeypatch):
+def test_row_of_a_series_shows_that_it_is_monitoring_only(tmp_path, monkeypatch):
     monkeypatch.setenv("DRIVECOMM_MODELS", str(tmp_path))
     (tmp_path / "modbus").mkdir()
     (tmp_path / "modbus" / "gauge.toml").write_text(GAUGE, encoding="utf-8")
@@ -96,7 +96,7 @@ def test_row_of_a_monitoring_only_series_says_so(tmp_path, monkeypatch):
     ]
 
 
-def test_page_is_linked_where_a_visitor_looks_first():
+def test_supported_drives_page_is_linked_from_readme_and_index():
     text = (ROOT / "docs" / PLACE).read_text(encoding="utf-8")
     assert text.count(MARK) == 1
     first_screen = "\n".join((ROOT / "README.md").read_text(encoding="utf-8").splitlines()[:10])
@@ -105,7 +105,7 @@ def test_page_is_linked_where_a_visitor_looks_first():
     assert PLACE in (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
 
 
-def test_what_is_not_found_has_a_place_where_it_was_looked_for(told):
+def test_page_explains_name_plates_that_were_not_found(told):
     text = (ROOT / "docs" / PLACE).read_text(encoding="utf-8")
     assert any("not found" in cells for cells in told.values())
     assert "## Name plates that were not found" in text

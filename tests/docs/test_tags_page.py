@@ -1,4 +1,4 @@
-"""The page about tags: its files are exported and imported as the page says."""
+"""The page about tags: its files are exported and imported as the page shows."""
 
 import tomllib
 
@@ -9,7 +9,7 @@ PAGE = ROOT / "docs" / "how-to" / "tags.md"
 BY_US = "a test of its own runs it beside the file"
 
 
-def test_tags_go_out_and_come_back_as_the_page_says(tmp_path, monkeypatch):
+def test_tags_are_exported_and_imported_as_on_the_page(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     blocks = list(blocks_of(PAGE))
     for block in blocks:

@@ -1,4 +1,4 @@
-"""The page about telegrams: its table has every leaf that there is."""
+"""The page about telegrams: its table has every leaf of the schema module."""
 
 import inspect
 import re
@@ -10,7 +10,7 @@ from drivecomm.protocol import schema
 TEXT = (ROOT / "docs" / "development" / "telegrams.md").read_text(encoding="utf-8")
 
 
-def test_every_leaf_is_in_the_table():
+def test_telegrams_page_lists_every_leaf():
     made = {name: getattr(schema, name) for name in schema.__all__}
     leaves = {
         name for name, each in made.items() if inspect.isfunction(each) and each.__annotations__["return"] == "Leaf"
@@ -19,6 +19,6 @@ def test_every_leaf_is_in_the_table():
     assert rows == leaves | {"Check", "Leaf"}
 
 
-def test_every_leaf_of_numbers_takes_what_is_allowed():
+def test_every_number_leaf_has_the_argument_allowed():
     for name in ("decimal_number", "hex_number", "shifted_character", "signed", "unsigned", "whole"):
         assert "allowed" in inspect.signature(getattr(schema, name)).parameters

@@ -1,4 +1,4 @@
-"""The page about troubleshooting quotes messages in the words of the code."""
+"""The troubleshooting page quotes messages in the words of the code."""
 
 import re
 
@@ -7,14 +7,14 @@ from pages import ROOT, blocks_of
 
 PAGE = ROOT / "docs" / "how-to" / "troubleshooting.md"
 TEXT = PAGE.read_text(encoding="utf-8")
-# What stands for something else on the page: a port, a group, a program, a drive, the bytes of one telegram.
+# Placeholders on the page for real values: a port, a group, a program, a drive, the bytes of a telegram.
 EXAMPLES = re.compile(
     r"drivecomm: |/dev/ttyUSB0|dialout|drivecomm start \(pid \d+\)|hall, pump, 480: |vabus:1|\(value telegram.*?\)(?=;)"
 )
 
 
 def quoted():
-    """Messages in tables and sentences, and those that stand as a block."""
+    """Yield the messages quoted in tables, sentences and blocks of the page."""
     table = TEXT.partition("\n## The drive answers, but does not start\n")[2].partition("```")[0]
     yield from re.findall(r"^\| `([^`]+)` \|", table, re.MULTILINE)
     yield from re.findall(r"(?:The message is |is refused, )`([^`]+)`", TEXT)
@@ -25,7 +25,7 @@ def quoted():
 
 @pytest.fixture(scope="module")
 def words():
-    """The code of the framework and the protocols; a message that is broken over lines is one text in it."""
+    """Return the code of the framework and the protocols, with messages that span several lines joined."""
     paths = [
         path
         for tree in ("drivecomm", "protocols")
@@ -37,7 +37,7 @@ def words():
 
 
 @pytest.mark.parametrize("message", list(quoted()))
-def test_the_message_is_one_of_the_code(message, words):
+def test_quoted_message_is_in_the_code(message, words):
     parts = [part.strip(" .;") for part in re.split(r"\.\.\.|[:;] ", message)]
     told = [part for part in parts if len(part) > len("code 76")]
     assert told

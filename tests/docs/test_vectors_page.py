@@ -1,4 +1,4 @@
-"""The page about vector files: its example is one, and its tables have every key that the reader knows."""
+"""The page about vector files: its example is valid, and its tables have every key that the reader knows."""
 
 from dataclasses import fields
 
@@ -12,7 +12,7 @@ PAGE = ROOT / "docs" / "development" / "vectors.md"
 TEXT = PAGE.read_text(encoding="utf-8")
 
 
-def test_the_example_passes_every_check(tmp_path):
+def test_example_vector_file_passes_every_check(tmp_path):
     content = next(block.code for block in blocks_of(PAGE) if block.language == "toml")
     path = tmp_path / "example.toml"
     path.write_text(content, encoding="utf-8")
@@ -21,12 +21,12 @@ def test_the_example_passes_every_check(tmp_path):
 
 
 @pytest.mark.parametrize("kind", [Vector, Stream, Refuse], ids=lambda kind: kind.__name__.lower())
-def test_every_key_is_explained(kind):
+def test_vectors_page_explains_every_key(kind):
     section = TEXT.partition(f"## `[[{kind.__name__.lower()}]]`")[2].partition("\n## ")[0]
     for field in fields(kind):
         key = {"data": "hex"}.get(field.name, field.name)
         assert f"`{key}`" in section, key
 
 
-def test_every_category_is_named():
+def test_vectors_page_names_every_category():
     assert all(f"`{category}`" in TEXT for category in CATEGORIES)

@@ -1,4 +1,4 @@
-"""The page about the virtual plant: its file is served, read and steered as the page says."""
+"""The page about the virtual plant: its file is served, read and controlled as the page shows."""
 
 import socket
 
@@ -16,7 +16,7 @@ PAGE = ROOT / "docs" / "how-to" / "virtual-plant.md"
 def plant_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("DRIVECOMM_PORT", "DRIVECOMM_CONTROL"):
-        # Set first, so that what the page exports is taken back afterwards.
+        # The variable is set first, so that pytest undoes an export by the page afterwards.
         monkeypatch.setenv(name, "")
         monkeypatch.delenv(name)
     (content,) = (block.code for block in blocks_of(PAGE) if block.title == "plant.toml")
@@ -25,11 +25,11 @@ def plant_file(tmp_path, monkeypatch):
     return path
 
 
-def test_the_file_is_a_plant(plant_file):
+def test_plant_file_of_the_page_has_two_virtual_drives(plant_file):
     assert len(VirtualPlant(read_plant(plant_file)).states()) == 2
 
 
-def test_the_console(plant_file):
+def test_console_blocks_of_the_virtual_plant_page_run(plant_file):
     with socket.create_server(("127.0.0.1", 0)) as one, socket.create_server(("127.0.0.1", 0)) as two:
         line, control = (f"127.0.0.1:{door.getsockname()[1]}" for door in (one, two))
     plant_file.write_text(plant_file.read_text().replace("127.0.0.1:4001", line))
@@ -40,7 +40,7 @@ def test_the_console(plant_file):
 
 
 class FreePorts(Console):
-    """Takes free ports in the place of those that the page shows."""
+    """Console that replaces the ports of the page by free ones."""
 
     def __init__(self, run, line, control):
         super().__init__(run)

@@ -1,6 +1,6 @@
-"""The door on the page "Write a door", installed from the page and opened by a server process.
+"""The door of the page "Write a door", installed from the page and opened by a server process.
 
-`tests/server/doors` puts it through what every door must do.
+`tests/server/doors` tests this door by the rules for every door.
 """
 
 import json
@@ -24,7 +24,7 @@ def package(tmp_path):
     return installed_from(PAGE, tmp_path / "package")
 
 
-def test_server_finds_the_door_by_its_entry_point_and_asks_a_drive_by_it(tmp_path, package):
+def test_server_opens_the_door_by_its_entry_point_and_commands_a_drive(tmp_path, package):
     users = tmp_path / "users.toml"
     users.write_text(f'[[user]]\nname = "otto"\nrole = "operate"\ntoken = "{token_hash(TOKEN)}"\n')
     users.chmod(0o600)
@@ -48,13 +48,13 @@ def test_server_finds_the_door_by_its_entry_point_and_asks_a_drive_by_it(tmp_pat
             assert "does not allow start of fan over lines" in start["error"]["text"]
 
 
-def test_door_knows_the_face_of_the_server_only():
+def test_door_imports_only_the_public_interface_of_the_server():
     allowed = {"drivecomm.server", "drivecomm.server.broker", "drivecomm.client", "drivecomm.errors"}
     for block in blocks_of(PAGE):
         if block.title.endswith(".py"):
             assert set(re.findall(r"^from (drivecomm\.[\w.]+) import", block.code, re.MULTILINE)) <= allowed
 
 
-def test_page_counts_the_lines_of_the_door():
+def test_page_states_the_number_of_lines_of_the_door():
     lines = sum(len(block.code.splitlines()) for block in blocks_of(PAGE) if block.title.endswith(".py"))
     assert f"in about {round(lines, -1)} lines" in PAGE.read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The protocol package on the page "Write a protocol package", installed from the page and used end to end."""
+"""The protocol package of the page "Write a protocol package", installed from the page and used end to end."""
 
 import os
 import subprocess
@@ -15,7 +15,7 @@ PAGE = ROOT / "docs" / "development" / "write-a-protocol.md"
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A folder with the package and its metadata, as an installer would leave them."""
+    """Return a folder with the package and its metadata, laid out as by an installer."""
     return installed_from(PAGE, tmp_path_factory.mktemp("toy"))
 
 
@@ -48,34 +48,34 @@ def run_python(folder, monkeypatch):
     return run
 
 
-def test_it_is_listed_with_its_model(run):
+def test_package_is_listed_with_its_model(run):
     _, output = run("protocols", "--json")
     assert '"protocol": "toy", "title": "Toy drive"' in output
     assert '"models": ["t1"]' in output
 
 
-def test_its_vectors_pass_every_check(run):
+def test_vectors_of_the_package_pass_every_check(run):
     code, output = run("vectors", "check", "drivecomm_toy/vectors.toml")
     assert code == 0, output
     assert output.endswith(" 0 failed\n")
 
 
 @pytest.mark.soak
-def test_it_stands_the_conformance_kit(run):
+def test_package_passes_the_conformance_kit(run):
     code, output = run("conformance", "toy", "--quick")
     assert code == 0, output
 
 
 @pytest.mark.soak
-def test_commands_of_the_page(run, folder):
-    """Decode, encode, and a simulator that is scanned and read."""
+def test_commands_of_the_page_run(run, folder):
+    """Run decode, encode, and a simulator that is scanned and read."""
     block = next(block for block in blocks_of(PAGE) if block.language == "console" and "decode" in block.code)
     with Console(lambda arguments: run(*arguments), [str(folder)]) as console:
         console.play(block)
 
 
-def test_program_of_the_page(run_python):
-    """Scan, write, read, start, stop, trip and reset on a virtual line, beside a VABus drive."""
+def test_program_of_the_page_runs(run_python):
+    """The program scans, writes, reads, starts, stops, trips and resets on a virtual line, beside a VABus drive."""
     blocks = list(blocks_of(PAGE))
     program = next(block for block in blocks if block.language == "python" and not block.title)
     shown = next(block for block in blocks if block.remark == "prints")
@@ -84,8 +84,8 @@ def test_program_of_the_page(run_python):
     must_match(shown.code, done.stdout, PAGE)
 
 
-def test_its_page_is_generated(run_python):
-    """The documentation draws the telegrams of a protocol that drivecomm has never heard of."""
+def test_protocol_page_of_the_package_is_generated(run_python):
+    """The generator draws the telegrams of any installed protocol, including third-party ones."""
     code = (
         "import sys; sys.path.insert(0, sys.argv[1]); import protocol_pages\n"
         "from drivecomm.protocol.registry import installed\n"
@@ -98,7 +98,7 @@ def test_its_page_is_generated(run_python):
     assert "`output_frequency`" in done.stdout
 
 
-def test_it_knows_only_the_contract():
+def test_package_imports_only_the_protocol_contract():
     allowed = {"drivecomm.protocol", "drivecomm.protocol.schema", "drivecomm.errors"}
     for block in blocks_of(PAGE):
         if block.title.endswith(".py"):

@@ -1,4 +1,4 @@
-"""A core whose one line can be pulled, or can lose every request, for as long as a test likes."""
+"""A core with one line, whose port the test can remove or whose requests it can discard."""
 
 from contextlib import asynccontextmanager
 
@@ -32,7 +32,7 @@ FAN_AND_MIXER = FAN + DRIVE.format(name="mixer", address=4)
 
 
 class Cable:
-    """Opens the port of a line. pulled: the port is gone; deaf: requests are lost, and the port stays."""
+    """Opener of a line's port. pulled: the port is missing; deaf: the port stays and requests are lost."""
 
     def __init__(self, address):
         self.pulled = self.deaf = False
@@ -45,7 +45,7 @@ class Cable:
 
 
 class CutPort(PortProxy):
-    """A port at the end of a cable."""
+    """A port at the end of a `Cable`."""
 
     def __init__(self, port, cable):
         super().__init__(port)
@@ -60,7 +60,7 @@ class CutPort(PortProxy):
 
 @asynccontextmanager
 async def cut_core(tmp_path, text=FAN, *, pulled=False, status_period_s=0.02):
-    """Yield a core, what controls its virtual drives, and the cable between; pulled: from the beginning."""
+    """Yield a core, the control of its virtual drives, and the cable. pulled: the cable is unplugged from the start."""
     file = tmp_path / "plant.toml"
     file.write_text(text)
     plant = read_plant(file)
@@ -76,13 +76,13 @@ async def cut_core(tmp_path, text=FAN, *, pulled=False, status_period_s=0.02):
 
 
 async def run(core, drive="fan"):
-    """Start a motor that nobody keeps."""
+    """Start a motor without a keep order."""
     assert (await asked(core, ENGINEER, drive, "set_reference", arguments={"percent": 50})).outcome == "done"
     assert (await asked(core, ENGINEER, drive, "start")).outcome == "done"
 
 
 def stops_sent(core, name="yard"):
-    """Return a list that grows with each job at the rank of a stop, by the drive's name on its bus."""
+    """Return a growing list of the stops sent on a line, by the drive's name on its bus."""
     sent, link = [], core.lines[name].bus._roster.link
     stop = link.stop
 

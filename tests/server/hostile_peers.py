@@ -1,6 +1,7 @@
-"""Peers of a door that mean no good: each a program of its own, given a port, that goes on until it is killed.
+"""Hostile peers of a door: each is a separate program that takes a port and runs until it is killed.
 
-A row of `PEERS` is a kind of door and what a peer of it does; a new door adds its rows, and its `[[door]]` to `DOORS`.
+A row of `PEERS` gives the kind of door, the attack and the program. A new door adds its rows to `PEERS` and its
+`[[door]]` to `DOORS`.
 """
 
 DOORS = {
@@ -13,7 +14,7 @@ DOORS = {
         'role = "operate"\n'
     ),
 }
-"""What stands in the plant file for each kind of door."""
+"""Entry in the plant file for each kind of door."""
 
 _FLOOD = """
 import select, socket, sys, time
@@ -214,7 +215,10 @@ while True:
         ready.unregister(one)
         one.close()
 """
-"""Takes what a peer sends in the place of a door: what the peer itself takes of the machine is the same then."""
+"""Program that accepts connections in place of a door.
+
+A run against it shows the load that the peer itself puts on the machine.
+"""
 
 _GET = b"GET /api/v1/values HTTP/1.1\r\nHost: localhost\r\n\r\n"
 _STREAM = b"GET /api/v1/stream HTTP/1.1\r\nHost: localhost\r\n\r\n"
@@ -242,4 +246,4 @@ PEERS = [
     ("sparkplug", "floods", _LISTENS.format(does=_FLOODS_SUBSCRIBERS)),
     ("sparkplug", "sends garbage", _LISTENS.format(does=_SENDS_GARBAGE)),
 ]
-"""The kind of door, what a peer of it does, and the program that does it."""
+"""Kind of door, name of the attack, and its program."""

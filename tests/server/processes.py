@@ -1,4 +1,4 @@
-"""A real server process of a plant whose virtual drives are served here, and what one sees of both."""
+"""A real server process for a plant whose virtual drives run in the test process."""
 
 import os
 import shutil
@@ -47,7 +47,7 @@ QUICK = "[server]\nstatus_period_s = 0.1\n"
 
 
 class Served:
-    """A server process, asked over its local socket, and the plant's virtual drives."""
+    """A server process, its local socket, and the virtual drives of its plant."""
 
     def __init__(self, folder, control, environment):
         self.plant = folder / "plant.toml"
@@ -80,7 +80,7 @@ class Served:
         return self.ask(f"/api/v1/drives/{name}")
 
     def keep(self, name, seconds=30):
-        """Start a motor under a lease; return the lease's key."""
+        """Start a motor under a lease; return the key of the lease."""
         self.until(lambda: self.drive(name)["reachability"] == "answers")
         key = self.ask(f"/api/v1/drives/{name}/lease", {"seconds": seconds})["key"]
         answer = self.ask(f"/api/v1/drives/{name}/keep", {"id": f"keep {name} {key}", "lease": key, "percent": 50})
@@ -89,7 +89,7 @@ class Served:
         return key
 
     def state(self, name):
-        """Return how the virtual drive itself is."""
+        """Return the real state of a virtual drive."""
         return next(each for each in self.control.order("show")["drives"] if each["name"] == name)
 
     def runs(self, name):
@@ -114,7 +114,7 @@ class Served:
 
 @contextmanager
 def serving(folder, *, head=QUICK, tail="", start=True, **environment):
-    """Serve a plant in a process of its own; yield it."""
+    """Serve a plant in a separate process; yield it."""
     file = folder / "plant.toml"
     file.write_text(PLANT.format(head=head, tail=tail, yard="tcp:127.0.0.1:0", hall="tcp:127.0.0.1:0"))
     with simulated(read_plant(file)) as (server, control):
@@ -126,10 +126,10 @@ def serving(folder, *, head=QUICK, tail="", start=True, **environment):
 
 @contextmanager
 def server_of(folder, control, *, start=True, **environment):
-    """Serve plant.toml of a folder in a process of its own; yield it. control: of its virtual drives."""
+    """Serve plant.toml of a folder in a separate process; yield it. control: control of its virtual drives."""
     state = folder / "state"
     state.mkdir()
-    # The path of a socket has room for a hundred characters.
+    # The path of a unix socket has room for only about a hundred characters.
     runtime = tempfile.mkdtemp(prefix="dc")
     before = os.environ.get("XDG_RUNTIME_DIR")
     os.environ["XDG_RUNTIME_DIR"] = runtime

@@ -1,4 +1,4 @@
-"""A core over virtual drives that answer in real time, and callers of it."""
+"""A core over virtual drives that answer in real time, and callers of the core."""
 
 import asyncio
 from contextlib import asynccontextmanager, closing, contextmanager
@@ -51,7 +51,7 @@ VIEWER = Caller(name="vera", role=Role.VIEW, door="http 127.0.0.1:1")
 
 
 class NoteBook:
-    """An audit that keeps what it is told. refuses: cannot be written."""
+    """An audit that keeps its records in memory. refuses: the error to raise instead of recording, or None."""
 
     def __init__(self):
         self.asked_for, self.ended_with, self.stops, self.refuses = [], [], [], None
@@ -75,7 +75,7 @@ class NoteBook:
 
 @contextmanager
 def simulated(plant):
-    """Serve the virtual drives of a plant; yield the server and what controls it."""
+    """Serve the virtual drives of a plant; yield the server and the control of the drives."""
     server = PlantServer(VirtualPlant(plant), control="127.0.0.1:0")
     with closing(ServingThread(server)), ControlClient(server.control) as control:
         yield server, control
@@ -83,7 +83,7 @@ def simulated(plant):
 
 @asynccontextmanager
 async def core_of(tmp_path, text=PLANT, *, audit=None, status_period_s=0.05, **further):
-    """Yield a core of this plant, and what controls its virtual drives."""
+    """Yield a core of this plant, and the control of its virtual drives."""
     file = tmp_path / "plant.toml"
     file.write_text(text)
     plant = read_plant(file)
@@ -105,24 +105,24 @@ async def core_of(tmp_path, text=PLANT, *, audit=None, status_period_s=0.05, **f
 
 
 def runs(control, name):
-    """Whether the motor of a virtual drive turns, or is about to, whatever anybody was told."""
+    """Return whether the motor of a virtual drive turns or is about to, regardless of reported states."""
     return next(each for each in control.order("show")["drives"] if each["name"] == name)["running"]
 
 
 async def until(condition, seconds=5.0):
-    """Wait until something holds. Raises TimeoutError."""
+    """Wait until a condition is true. Raises TimeoutError."""
     async with asyncio.timeout(seconds):
-        while not condition():  # noqa: ASYNC110 - it may be about anything
+        while not condition():  # noqa: ASYNC110 - any condition
             await asyncio.sleep(0.005)
 
 
 async def asked(core, caller, drive, verb, **further):
-    """Have a command carried out, and return the answer."""
+    """Carry out a command, and return its result."""
     return await Commands(core).carry_out(caller, Command(drive=drive, verb=verb, **further))
 
 
 def awaited(test):
-    """Run a test that is a coroutine function."""
+    """Decorate a test that is a coroutine function, so that it runs in a new event loop."""
 
     @wraps(test)
     def run(*values, **options):

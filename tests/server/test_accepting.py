@@ -1,4 +1,4 @@
-"""Who is let in at a door: within its bounds, strangers out for newcomers, and also when no descriptor is left."""
+"""Acceptance of connections by a door: limits, replaced connections, and exhausted file descriptors."""
 
 import asyncio
 import contextlib
@@ -17,7 +17,7 @@ from drivecomm.server.accepting import origin_of
 
 
 class Guest(asyncio.Protocol):
-    """A client that yields as it says in its first byte: 0 to 9, or not at all."""
+    """A client whose first byte gives its readiness to yield: 0 to 9, or any other byte for never."""
 
     made = 0
 
@@ -65,7 +65,7 @@ async def first(reader):
 
 
 def run(test, **given):
-    """Have a test connect to a door."""
+    """Run a test with a door, in a new event loop."""
 
     async def in_loop():
         door = Door(**given)
@@ -89,7 +89,7 @@ def close(*connected):
         writer.close()
 
 
-def test_the_one_that_yields_most_readily_makes_room():
+def test_most_yielding_connection_makes_room_for_a_newcomer():
     async def test(door):
         there = [await door.connect(says) for says in (b"-", b"2", b"1", b"1")]
         there.append(await door.connect(b"-"))
@@ -104,7 +104,7 @@ def test_the_one_that_yields_most_readily_makes_room():
     run(test, bounds=Bounds(4, 4))
 
 
-def test_one_address_cannot_push_out_another():
+def test_connections_of_one_address_do_not_displace_those_of_another():
     async def test(door):
         others = [await door.connect(b"1", source="127.0.0.2") for _ in range(2)]
         own = [await door.connect(b"1") for _ in range(5)]
@@ -117,7 +117,7 @@ def test_one_address_cannot_push_out_another():
     run(test, bounds=Bounds(100, 2))
 
 
-def test_only_a_newcomer_that_is_known_gets_the_place_of_some():
+def test_some_connections_yield_only_to_a_known_newcomer():
     async def test(door):
         there = [await door.connect(b"9", source="127.0.0.2") for _ in range(2)]
         assert await door.connect(source="127.0.0.3") is None
@@ -128,7 +128,7 @@ def test_only_a_newcomer_that_is_known_gets_the_place_of_some():
     run(test, bounds=Bounds(2, 2), known=lambda address: address == "127.0.0.1")
 
 
-def test_places_of_clients_that_went_are_free_again():
+def test_disconnected_clients_free_their_places():
     async def test(door):
         for _ in range(20):
             there = [await door.connect(b"-") for _ in range(2)]
@@ -138,8 +138,8 @@ def test_places_of_clients_that_went_are_free_again():
     run(test, bounds=Bounds(2, 2))
 
 
-def test_a_connection_that_never_shakes_hands_makes_room():
-    """The place of a connection counts from the moment in which it is accepted."""
+def test_connection_without_a_tls_handshake_makes_room():
+    """A connection counts against the limit from its acceptance, before the TLS handshake."""
 
     async def test(door):
         address = door.listening.getsockname()
@@ -154,8 +154,8 @@ def test_a_connection_that_never_shakes_hands_makes_room():
     run(test, bounds=Bounds(2, 2), tls=ssl.create_default_context(ssl.Purpose.CLIENT_AUTH))
 
 
-def test_with_no_descriptor_left_spare_ones_let_connections_in():
-    """A door that holds spare descriptors serves so many connections; the next ones wait, and nothing spins."""
+def test_spare_descriptors_admit_connections_when_no_other_is_left():
+    """A door serves as many connections as it has spare descriptors; the next ones wait, without a busy loop."""
     program = f"""
         import asyncio, os, resource, socket, sys, time
         sys.path.insert(0, {str(Path(__file__).parent)!r})
@@ -199,7 +199,7 @@ def test_with_no_descriptor_left_spare_ones_let_connections_in():
     assert done.returncode == 0
 
 
-def test_spare_descriptors_are_given_up_when_there_is_no_other_and_taken_back_later():
+def test_spare_descriptors_are_released_when_needed_and_reopened_later():
     program = """
         import asyncio, os, resource, time
         from drivecomm.server import spare
@@ -250,10 +250,10 @@ def test_spare_descriptors_are_given_up_when_there_is_no_other_and_taken_back_la
         ("", ""),
     ],
 )
-def test_origin_is_what_one_peer_cannot_choose(address, expected):
+def test_origin_is_the_address_part_that_a_peer_cannot_choose(address, expected):
     assert origin_of(address) == expected
 
 
 @given(st.ip_addresses())
-def test_origin_of_any_address(address):
+def test_origin_does_not_depend_on_letter_case(address):
     assert origin_of(str(address)) == origin_of(str(address).upper())

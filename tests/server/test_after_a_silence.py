@@ -1,4 +1,4 @@
-"""What changed while a drive was silent is told when it answers again, and what did not change is not told twice."""
+"""Events after a drive was silent: changes are reported when it answers again, and unchanged facts are not repeated."""
 
 import pytest
 from served_core import awaited, core_of, until
@@ -13,7 +13,7 @@ def kinds(core, drive):
 
 
 async def silent_and_back(core, control, drive, meanwhile=None):
-    """Switch a drive off and on again; meanwhile: called while it is off."""
+    """Switch a drive off and on again. meanwhile: called while the drive is off."""
     control.order("power", drive=drive, state="off")
     await until(lambda: core.drive(drive).reachability == "silent")
     if meanwhile is not None:
@@ -23,12 +23,12 @@ async def silent_and_back(core, control, drive, meanwhile=None):
 
 
 @awaited
-async def test_end_of_a_fault_is_told_when_the_drive_answers_again(tmp_path):
+async def test_end_of_a_fault_is_reported_when_the_drive_answers_again(tmp_path):
     async with core_of(tmp_path) as (core, control):
         await until(lambda: core.drive("fan").status is not None)
         control.order("trip", drive="fan", code=4)
         await until(lambda: core.drive("fan").fault)
-        # Danfoss drives forget a trip with the mains.
+        # Danfoss drives lose a trip when their mains is switched off.
         await silent_and_back(core, control, "fan")
         found = about(core, "fan")
         assert [kind for kind, _ in found] == ["fault", "silent", "answers", "fault over", "state"]
@@ -36,7 +36,7 @@ async def test_end_of_a_fault_is_told_when_the_drive_answers_again(tmp_path):
 
 
 @awaited
-async def test_motor_that_stopped_during_a_silence_is_told_as_stopped(tmp_path):
+async def test_motor_that_stopped_during_a_silence_is_reported_as_stopped(tmp_path):
     async with core_of(tmp_path) as (core, control):
         await until(lambda: core.drive("fan").status is not None)
         fan = core.lines["yard"].drive("fan")
@@ -51,7 +51,7 @@ async def test_motor_that_stopped_during_a_silence_is_told_as_stopped(tmp_path):
 
 @pytest.mark.soak
 @awaited
-async def test_fault_that_lasts_through_a_silence_is_told_once(tmp_path):
+async def test_fault_that_lasts_through_a_silence_is_reported_once(tmp_path):
     async with core_of(tmp_path) as (core, control):
         await until(lambda: core.drive("pump").status is not None)
         control.order("trip", drive="pump", code=4)

@@ -1,4 +1,4 @@
-"""A real server as a service manager runs it: what it says, where its messages go, and that its limits are kept."""
+"""A real server run as by a service manager: its notifications, its log output, and its sandbox."""
 
 import os
 import re
@@ -22,7 +22,7 @@ HTTP = '[[door]]\nkind = "http"\nlisten = "127.0.0.1:0"\n'
 
 
 class Manager:
-    """The service manager's end of the socket."""
+    """The service manager's end of the notification socket."""
 
     def __init__(self, name):
         self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -30,7 +30,7 @@ class Manager:
         self.socket.settimeout(10)
 
     def hears(self, word):
-        """Return the next message with this word, and the others that came before it."""
+        """Return the next message with this word, and the messages before it."""
         others = []
         while True:
             message = self.socket.recv(4096).decode().splitlines()
@@ -47,7 +47,7 @@ def manager(tmp_path):
 
 
 @pytest.mark.soak
-def test_the_manager_hears_of_the_start_the_watchdog_a_reload_and_the_end(tmp_path, manager):
+def test_service_manager_is_notified_of_start_watchdog_reload_and_end(tmp_path, manager):
     with serving(tmp_path, start=False) as served:
         served.environment.update(NOTIFY_SOCKET=str(tmp_path / "notify"), WATCHDOG_USEC="300000")
         served.start()
@@ -67,7 +67,7 @@ def test_the_manager_hears_of_the_start_the_watchdog_a_reload_and_the_end(tmp_pa
 
 
 @pytest.mark.soak
-def test_the_watchdog_is_fed_while_motors_are_stopped_at_the_end(tmp_path, manager):
+def test_watchdog_is_fed_while_motors_stop_at_shutdown(tmp_path, manager):
     with serving(tmp_path, start=False) as served:
         served.environment.update(NOTIFY_SOCKET=str(tmp_path / "notify"), WATCHDOG_USEC="150000")
         served.start()
@@ -78,7 +78,7 @@ def test_the_watchdog_is_fed_while_motors_are_stopped_at_the_end(tmp_path, manag
 
 
 @pytest.mark.soak
-def test_a_server_that_hangs_feeds_nobody(tmp_path, manager):
+def test_hanging_server_does_not_feed_the_watchdog(tmp_path, manager):
     with serving(tmp_path, start=False) as served:
         served.environment.update(NOTIFY_SOCKET=str(tmp_path / "notify"), WATCHDOG_USEC="150000")
         served.start()
@@ -98,7 +98,7 @@ def test_a_server_that_hangs_feeds_nobody(tmp_path, manager):
 
 
 @pytest.mark.soak
-def test_the_journal_gets_priorities_and_a_terminal_the_time(tmp_path):
+def test_log_has_priorities_for_the_journal_and_times_for_a_terminal(tmp_path):
     with serving(tmp_path, start=False) as served:
         served.log.touch()
         found = served.log.stat()
@@ -113,7 +113,7 @@ def test_the_journal_gets_priorities_and_a_terminal_the_time(tmp_path):
 
 
 @pytest.mark.soak
-def test_a_fault_is_one_line_of_the_log_file(tmp_path):
+def test_fault_is_one_line_of_the_log_file(tmp_path):
     with serving(tmp_path, start=False) as served:
         file = tmp_path / "logs" / "server.log"
         served.start("--log", str(file), "--level", "warning")
@@ -127,7 +127,7 @@ def test_a_fault_is_one_line_of_the_log_file(tmp_path):
 
 
 @pytest.mark.soak
-def test_a_log_file_that_cannot_be_is_one_sentence(tmp_path):
+def test_invalid_log_file_gives_a_one_line_error(tmp_path):
     with serving(tmp_path, start=False) as served:
         (tmp_path / "file").touch()
         done = subprocess.run(
@@ -140,7 +140,7 @@ def test_a_log_file_that_cannot_be_is_one_sentence(tmp_path):
 
 
 @pytest.mark.soak
-def test_the_health_check_of_the_container_asks_it(tmp_path):
+def test_container_health_check_follows_the_server(tmp_path):
     def is_well(served):
         folder = Path(served.environment["XDG_RUNTIME_DIR"]) / "drivecomm"
         return subprocess.run(
@@ -159,7 +159,7 @@ def test_the_health_check_of_the_container_asks_it(tmp_path):
 
 @cache
 def calls_of(name):
-    """Return the system calls of a set of systemd, such as @system-service."""
+    """Return the system calls of a systemd set such as @system-service."""
     told = subprocess.run(
         ["systemd-analyze", "syscall-filter", name], capture_output=True, text=True, check=True
     ).stdout
@@ -186,7 +186,7 @@ os.execv(sys.executable, [sys.executable, *sys.argv[1:]])
 @pytest.mark.soak
 @pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")
-def test_it_needs_no_system_call_that_the_unit_forbids_and_no_memory_to_write_and_execute(tmp_path):
+def test_server_uses_only_allowed_system_calls_and_no_executable_memory(tmp_path):
     with serving(tmp_path, head=f"{QUICK}{HTTP}", start=False) as served:
         counted = tmp_path / "calls"
         with served.log.open("ab") as log:
@@ -210,6 +210,6 @@ def test_it_needs_no_system_call_that_the_unit_forbids_and_no_memory_to_write_an
         served.process.stdout.close()
         used = set(re.findall(r"^ *[\d.]+ .* (\w+)$", counted.read_text(), re.MULTILINE)) - {"total"}
         assert {"execve", "openat"} <= used
-        # What SQLite does as root only, so that others can go on with the file.
+        # SQLite calls fchown only as root, so that other users can continue with the file.
         used -= {"fchown"} if os.geteuid() == 0 else set()
         assert used <= allowed_calls(), used - allowed_calls()

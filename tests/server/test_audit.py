@@ -1,4 +1,4 @@
-"""Who commanded what: written before it is done, on a full disk, after a kill, when the file is full."""
+"""Audit of commands: written before a command is sent; correct on a full disk, after a kill, and at its size limit."""
 
 import asyncio
 import errno
@@ -37,7 +37,7 @@ def lines_of(path):
 
 
 def with_audit(path, use, **options):
-    """Return what was told while this was done with an audit, which is closed then."""
+    """Run `use` with an audit, close the audit, and return the messages it reported."""
     told = []
 
     async def run():
@@ -65,16 +65,16 @@ def test_added_lines_are_synced_to_the_disk_before_add_returns(tmp_path, monkeyp
         file.add([b"one\n", b"two\n"])
         assert synced[-1] == (path.stat().st_ino, 8 * number)
     file.close()
-    # The folder of the new file first, then the file once for each batch.
+    # One sync of the new file's folder, then one of the file for each batch.
     assert len(synced) == 3
 
 
-def test_a_command_from_asked_to_its_outcome(tmp_path):
+def test_audit_records_a_command_and_its_outcome(tmp_path):
     path = tmp_path / "state" / "audit.jsonl"
 
     async def use(audit):
         number = await audit.asked(ANNA, START, LEASE)
-        assert [each["record"] for each in lines_of(path)] == ["asked"], "it is there before anything is sent"
+        assert [each["record"] for each in lines_of(path)] == ["asked"], "the record must precede the command"
         error = StateError("the drive\nis not ready")
         audit.outcome(ANNA, START, number, Answer(id="17", outcome="failed", error=error))
         audit.refused(ANNA, replace(START, verb="write", arguments={"value": Decimal("10.00")}), "no right")
@@ -114,7 +114,7 @@ def test_a_command_from_asked_to_its_outcome(tmp_path):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a full disk")
-def test_a_full_disk_keeps_everything_from_going_out_but_a_stop(tmp_path):
+def test_full_disk_refuses_every_command_except_a_stop(tmp_path):
     path = tmp_path / "audit.jsonl"
     path.symlink_to("/dev/full")
 
@@ -128,10 +128,10 @@ def test_a_full_disk_keeps_everything_from_going_out_but_a_stop(tmp_path):
         begun = time.perf_counter()
         for _ in range(1000):
             audit.stop_asked(ANNA, Command(drive="pump", verb="stop"))
-        assert time.perf_counter() - begun < 1, "a stop waits for nothing"
+        assert time.perf_counter() - begun < 1, "a stop must not wait"
         with pytest.raises(NotAllowedError):
             await audit.asked(ANNA, START, LEASE)
-        # There is room again.
+        # The disk has room again.
         path.unlink()
         await audit.asked(ANNA, START, LEASE)
         await audit.asked(ANNA, START, LEASE)
@@ -146,7 +146,7 @@ def test_a_full_disk_keeps_everything_from_going_out_but_a_stop(tmp_path):
     ]  # fmt: skip
 
 
-def test_a_folder_that_cannot_be_written_is_told_at_the_start(tmp_path):
+def test_unwritable_audit_folder_is_reported_at_the_start(tmp_path):
     (tmp_path / "state").write_text("no folder")
 
     async def use(audit):
@@ -157,7 +157,7 @@ def test_a_folder_that_cannot_be_written_is_told_at_the_start(tmp_path):
     assert len(with_audit(tmp_path / "state" / "audit.jsonl", use)) == 1
 
 
-def test_a_disk_that_hangs(tmp_path, monkeypatch):
+def test_hanging_disk_refuses_commands_and_counts_missing_stops(tmp_path, monkeypatch):
     go_on, real = Event(), os.fsync
     monkeypatch.setattr(os, "fsync", lambda descriptor: go_on.wait(10) and real(descriptor))
     monkeypatch.setattr(audit_module, "LONGEST_WAIT_S", 0.1)
@@ -187,11 +187,11 @@ def test_a_disk_that_hangs(tmp_path, monkeypatch):
     stops = [each for each in written if each.get("verb") == "stop"]
     starts = [each for each in written if each.get("verb") == "start" and each["record"] == "asked"]
     assert len(stops) <= 5
-    assert missing >= 20 - len(stops), "what is missing is said"
-    assert [each["drive"] for each in starts] == ["last"], "what was not sent is not said to be"
+    assert missing >= 20 - len(stops), "the number of missing records must be written"
+    assert [each["drive"] for each in starts] == ["last"], "a command that was not sent must have no record"
 
 
-def test_whoever_goes_away_before_it_is_written_leaves_nothing(tmp_path, monkeypatch):
+def test_cancelled_command_leaves_no_record(tmp_path, monkeypatch):
     go_on, real = Event(), os.fsync
     monkeypatch.setattr(os, "fsync", lambda descriptor: go_on.wait(10) and real(descriptor))
 
@@ -222,7 +222,7 @@ VALUES = st.recursive(
 @pytest.mark.soak
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(arguments=st.dictionaries(TEXTS, VALUES, max_size=3), lease=st.one_of(st.just(SECRET), st.text(max_size=3)))
-def test_whatever_is_asked_for_is_one_line_without_a_secret(tmp_path, arguments, lease):
+def test_any_command_is_one_line_without_its_lease_key(tmp_path, arguments, lease):
     path = tmp_path / "audit.jsonl"
     path.unlink(missing_ok=True)
     command = Command(drive="pump", verb="write", lease=lease, arguments={**arguments, "again": lease})
@@ -239,7 +239,7 @@ def test_whatever_is_asked_for_is_one_line_without_a_secret(tmp_path, arguments,
     assert len(line) < 100_000
 
 
-def test_keys_tokens_and_passwords_are_not_written(tmp_path):
+def test_audit_omits_keys_tokens_and_passwords(tmp_path):
     arguments = dict.fromkeys(("key", "Lease", "token", "PASSWORD"), "Kq7secret")
 
     async def use(audit):
@@ -251,7 +251,7 @@ def test_keys_tokens_and_passwords_are_not_written(tmp_path):
     assert KEY not in text
 
 
-def test_what_is_endless_is_cut(tmp_path):
+def test_audit_shortens_very_long_arguments(tmp_path):
     deep = []
     for _ in range(200):
         deep = [deep]
@@ -264,7 +264,7 @@ def test_what_is_endless_is_cut(tmp_path):
     assert (tmp_path / "audit.jsonl").stat().st_size < 10_000
 
 
-def test_a_half_line_is_ended_at_the_next_start(tmp_path):
+def test_incomplete_line_is_terminated_at_the_next_start(tmp_path):
     path = tmp_path / "audit.jsonl"
     path.write_bytes(b'{"whole":1}\n{"half":')
 
@@ -276,7 +276,7 @@ def test_a_half_line_is_ended_at_the_next_start(tmp_path):
     assert (first, second, json.loads(third)["who"]) == (b'{"whole":1}', b'{"half":', "anna")
 
 
-def test_a_line_that_only_half_found_room(tmp_path, monkeypatch):
+def test_partly_written_line_does_not_damage_later_lines(tmp_path, monkeypatch):
     path = tmp_path / "audit.jsonl"
     file = AuditFile(path)
     file.add([b"one\n"])
@@ -300,7 +300,7 @@ def test_a_line_that_only_half_found_room(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("size", [1, 50, 100])
-def test_full_files_are_kept_and_no_line_is_lost_but_with_the_oldest(tmp_path, size):
+def test_rotation_loses_only_the_lines_of_the_oldest_file(tmp_path, size):
     path = tmp_path / "audit.jsonl"
     file = AuditFile(path, file_bytes=size, files=3)
     for number in range(100):
@@ -315,8 +315,8 @@ def test_full_files_are_kept_and_no_line_is_lost_but_with_the_oldest(tmp_path, s
 
 
 @pytest.mark.parametrize("before", [0, 1, 2])
-def test_a_kill_between_two_names_loses_nothing(tmp_path, monkeypatch, before):
-    """before: how many files were given their next name when it was killed."""
+def test_kill_during_rotation_loses_no_line(tmp_path, monkeypatch, before):
+    """before: number of files already renamed at the kill."""
     path = tmp_path / "audit.jsonl"
     file = AuditFile(path, file_bytes=4, files=9)
     for number in range(4):
@@ -341,7 +341,7 @@ def test_a_kill_between_two_names_loses_nothing(tmp_path, monkeypatch, before):
     assert kept == [0, 1, 2, 3, 5, 6, 7]
 
 
-def test_where_files_cannot_be_renamed_one_goes_on_growing(tmp_path, monkeypatch):
+def test_audit_file_keeps_growing_if_it_cannot_be_renamed(tmp_path, monkeypatch):
     def refused(*_):
         raise PermissionError(errno.EACCES, "no")
 
@@ -352,9 +352,9 @@ def test_where_files_cannot_be_renamed_one_goes_on_growing(tmp_path, monkeypatch
     assert (tmp_path / "audit.jsonl").read_bytes().split() == [b"%03d" % number for number in range(5)]
 
 
-@pytest.mark.skipif(os.name != "posix", reason="an open file cannot be moved there")
+@pytest.mark.skipif(os.name != "posix", reason="Windows cannot move an open file")
 @pytest.mark.parametrize("how", ["moved", "removed"])
-def test_a_file_that_others_take_away_is_made_again(tmp_path, how):
+def test_moved_or_removed_audit_file_is_created_again(tmp_path, how):
     path = tmp_path / "audit.jsonl"
     file = AuditFile(path)
     file.add([b"one\n"])
@@ -385,8 +385,8 @@ asyncio.run(main())
 """
 
 
-@pytest.mark.skipif(os.name != "posix", reason="needs a kill that nothing can catch")
-def test_what_was_written_before_a_kill_is_there(tmp_path):
+@pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
+def test_records_written_before_a_kill_are_in_the_file(tmp_path):
     path = tmp_path / "audit.jsonl"
     with subprocess.Popen([sys.executable, "-c", KILLED, str(path)], stdout=subprocess.PIPE, text=True) as program:
         sent = [program.stdout.readline().strip() for _ in range(300)]
@@ -400,7 +400,7 @@ def test_what_was_written_before_a_kill_is_there(tmp_path):
     assert set(sent) <= found
 
 
-def test_many_at_once_share_the_disk(tmp_path, monkeypatch):
+def test_concurrent_records_share_one_sync(tmp_path, monkeypatch):
     flushed, real = [], os.fsync
     monkeypatch.setattr(os, "fsync", lambda descriptor: flushed.append(1) or real(descriptor))
 

@@ -1,4 +1,4 @@
-"""What a server stands on may be broken: packages, the audit, the journal, listeners. The rest of it goes on."""
+"""Failures of parts of a server: packages, the audit, the journal, and listeners. The other parts keep working."""
 
 import asyncio
 import threading
@@ -30,7 +30,7 @@ def leased(core, caller, drive, seconds, key=""):
 
 @pytest.fixture
 def breaks(monkeypatch):
-    """Make a verb of one drive raise what no package should."""
+    """Return a function that makes a verb of one drive raise an unexpected exception."""
 
     def let_break(verb, drive):
         usual = getattr(AsyncDrive, verb)
@@ -46,7 +46,7 @@ def breaks(monkeypatch):
 
 
 class Tearing(NoteBook):
-    """An audit with a mistake in it, wherever nobody waits for it."""
+    """An audit whose record of a stop raises an unexpected exception."""
 
     def stop_asked(self, *_):
         raise RuntimeError("a mistake")
@@ -64,7 +64,7 @@ class Journal:
 class TestABrokenPackage:
     @pytest.mark.parametrize(("verb", "outcome"), [("set_reference", "open"), ("read", "failed"), ("stop", "open")])
     @awaited
-    async def test_a_verb_is_answered_and_written_down(self, core, breaks, verb, outcome):
+    async def test_broken_verb_is_answered_and_recorded(self, core, breaks, verb, outcome):
         book = NoteBook()
         given = {"set_reference": {"percent": 5}, "read": {"parameter": "output_frequency"}, "stop": {}}
         async with core(audit=book) as (served, _):
@@ -75,7 +75,7 @@ class TestABrokenPackage:
             assert served.leases.all(now=time.monotonic()) == []
 
     @awaited
-    async def test_a_stop_of_all_reaches_the_others(self, core, breaks):
+    async def test_stop_of_all_reaches_the_other_drives(self, core, breaks):
         async with core() as (served, _):
             breaks("stop", "danfoss-fc:3")
             answers = await Commands(served).stop_all(VIEWER, Stop.RAMP)
@@ -86,7 +86,7 @@ class TestABrokenPackage:
             }
 
     @awaited
-    async def test_polls_of_the_others_go_on(self, core, monkeypatch):
+    async def test_polls_of_the_other_drives_continue(self, core, monkeypatch):
         usual = AsyncDrive.to_status
 
         def broken(self, rank):
@@ -102,7 +102,7 @@ class TestABrokenPackage:
             await until(lambda: served.drive("mixer").answered_s > before)
 
     @awaited
-    async def test_a_motor_whose_start_breaks_is_stopped(self, core, breaks):
+    async def test_motor_whose_start_raises_is_stopped(self, core, breaks):
         async with core() as (served, control):
             breaks("start", "vabus:1")
             lease = leased(served, OPERATOR, "pump", 5)
@@ -112,7 +112,7 @@ class TestABrokenPackage:
             assert not runs(control, "pump")
 
     @awaited
-    async def test_a_drive_that_cannot_be_made_is_told_and_costs_nobody_anything(self, core, monkeypatch):
+    async def test_drive_that_cannot_be_created_is_reported_and_others_are_served(self, core, monkeypatch):
         async with core() as (served, _):
             line = served.lines["yard"]
             usual = line.bus.drive
@@ -135,7 +135,7 @@ class TestABrokenPackage:
 
 class TestABrokenAudit:
     @awaited
-    async def test_a_stop_goes_out_all_the_same(self, core):
+    async def test_stop_is_sent_despite_a_broken_audit(self, core):
         async with core(audit=Tearing()) as (served, _):
             assert (await asked(served, VIEWER, "pump", "stop")).outcome == "done"
             answer = await asked(served, ENGINEER, "pump", "set_reference", arguments={"percent": 5})
@@ -145,7 +145,7 @@ class TestABrokenAudit:
 
 class TestABrokenJournal:
     @awaited
-    async def test_everybody_else_is_told(self, core):
+    async def test_broken_journal_does_not_affect_other_listeners(self, core):
         async with core(journal=Journal()) as (served, control):
             told = []
             served.table.listen(lambda values, _: told.extend(values))
@@ -161,7 +161,7 @@ class TestABrokenJournal:
 class TestALineThatCannotBePolled:
     @pytest.mark.soak
     @awaited
-    async def test_its_values_are_bad_and_it_is_polled_again(self, core, monkeypatch):
+    async def test_polling_error_marks_values_bad_and_polling_restarts(self, core, monkeypatch):
         async with core() as (served, _):
             await until(lambda: any(each.quality == "good" for each in served.table.values() if each.drive == "fan"))
             line = served.lines["yard"]
@@ -181,7 +181,7 @@ class TestALineThatCannotBePolled:
             await until(lambda: served.drive("fan").reachability == "answers")
 
     @awaited
-    async def test_a_port_that_fails_in_an_unknown_way_is_told(self, tmp_path):
+    async def test_unexpected_port_error_is_reported(self, tmp_path):
         def port_of(_line):
             def opened():
                 raise OSError("a mistake")
@@ -195,7 +195,7 @@ class TestALineThatCannotBePolled:
             assert "a mistake" in served.drive("pump").error
 
     @awaited
-    async def test_a_line_without_a_port_costs_the_others_nothing(self, tmp_path):
+    async def test_line_without_a_port_refuses_commands_and_allows_a_reload(self, tmp_path):
         def port_of(line):
             raise UsageError(f"line {line.name} has no port")
 
@@ -206,7 +206,7 @@ class TestALineThatCannotBePolled:
 
 class TestReadFromThreads:
     @awaited
-    async def test_leases_can_be_counted_while_they_change(self, core):
+    async def test_leases_can_be_listed_by_a_thread_while_they_change(self, core):
         async with core() as (served, _):
             failed, ends = [], threading.Event()
 
@@ -215,7 +215,7 @@ class TestReadFromThreads:
                     try:
                         served.leases.all(now=time.monotonic())
                         served.drives()
-                    except Exception as error:  # noqa: BLE001 - whatever it is
+                    except Exception as error:  # noqa: BLE001 - any exception counts
                         failed.append(error)
 
             looking = threading.Thread(target=look)
@@ -231,7 +231,7 @@ class TestReadFromThreads:
             looking.join()
             assert failed == []
 
-    def test_no_listener_is_lost_when_two_begin_at_once(self):
+    def test_listeners_added_concurrently_are_all_called(self):
         table, heard = Table(lambda *_: None), set()
 
         def begin(number):

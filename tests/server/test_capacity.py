@@ -1,4 +1,4 @@
-"""How many connections the doors of a server get: of what the system gives, and not of what a constant says."""
+"""Connection limits of a server's doors, derived from the limits of the system."""
 
 import resource
 import subprocess
@@ -13,21 +13,21 @@ from drivecomm.server.capacity import OF_DOOR, OF_LINE, OF_SERVER, System, memor
 HTTP, OPCUA, MODBUS = Bounds(4000, 1000), Bounds(200, 50), Bounds(64, 32)
 
 
-def test_doors_get_what_they_wish_for_where_the_system_has_it():
+def test_doors_get_their_wished_limits_if_the_system_allows():
     wishes = [HTTP, OPCUA, MODBUS]
     enough = needed(wishes, lines=10, doors=3)
     assert allotted(System(enough), wishes, lines=10, doors=3) == (LOCAL_BOUNDS, wishes)
     assert allotted(System(), wishes, lines=10, doors=3) == (LOCAL_BOUNDS, wishes)
 
 
-def test_a_door_that_wishes_for_little_leaves_the_rest_to_the_others():
+def test_small_wish_of_a_door_leaves_more_for_the_others():
     local, (http, opcua, modbus) = allotted(System(1024), [HTTP, OPCUA, MODBUS], lines=2, doors=3)
     assert (local, opcua, modbus) == (Bounds(114, 114), OPCUA, MODBUS)
     assert http == Bounds(1024 - OF_SERVER - 2 * OF_LINE - 4 * OF_DOOR - 114 - 200 - 64, 133)
 
 
 @given(st.integers(256, 5000), st.integers(0, 4), st.lists(st.sampled_from([HTTP, OPCUA, MODBUS]), max_size=4))
-def test_connections_leave_the_descriptors_of_lines_and_files_free(descriptors, lines, wishes):
+def test_connection_limits_leave_descriptors_for_lines_and_files(descriptors, lines, wishes):
     doors = len(wishes)
     local, shares = allotted(System(descriptors), wishes, lines=lines, doors=doors)
     rest = OF_SERVER + OF_LINE * lines + OF_DOOR * (doors + 1)

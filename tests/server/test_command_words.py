@@ -1,4 +1,4 @@
-"""Commands read as sentences in the log, in events and in the history."""
+"""Commands as readable text in the log, in events and in the history."""
 
 from decimal import Decimal
 
@@ -19,5 +19,5 @@ from drivecomm.server import command_words
         ("read", {"parameters": ["480", "481"]}, "read parameters 480 481"),
     ],
 )
-def test_command_reads_without_python_in_it(verb, arguments, words):
+def test_command_text_contains_no_python_syntax(verb, arguments, words):
     assert command_words(verb, arguments) == words

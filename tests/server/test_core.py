@@ -1,4 +1,4 @@
-"""The core of a server: what it knows of its drives, what becomes of commands, and of motors that it keeps."""
+"""The core of a server: knowledge of drives, outcomes of commands, and kept motors."""
 
 import asyncio
 import subprocess
@@ -47,7 +47,7 @@ class TestKnowing:
             await until(lambda: value(served, "pump").source_s > found.source_s)
 
     @awaited
-    async def test_every_drives_status_is_known_without_a_poll_plan(self, core):
+    async def test_status_of_every_drive_is_polled_without_a_poll_plan(self, core):
         async with core() as (served, _):
             await until(lambda: state(served, "mixer").status is not None)
             assert state(served, "mixer").reachability == "answers"
@@ -55,7 +55,7 @@ class TestKnowing:
 
     @pytest.mark.soak
     @awaited
-    async def test_a_drive_without_power_is_silent_and_holds_up_nobody(self, core):
+    async def test_drive_without_power_is_silent_and_does_not_delay_others(self, core):
         async with core() as (served, control):
             await until(lambda: state(served, "mixer").status is not None)
             control.order("power", drive="mixer", state="off")
@@ -70,7 +70,7 @@ class TestKnowing:
 
     @pytest.mark.soak
     @awaited
-    async def test_a_fault_is_an_event_once(self, core):
+    async def test_fault_is_reported_as_one_event(self, core):
         async with core() as (served, control):
             await until(lambda: state(served, "fan").status is not None)
             control.order("trip", drive="fan", code=4)
@@ -82,14 +82,14 @@ class TestKnowing:
 
 class TestCommands:
     @awaited
-    async def test_a_read_needs_nobody_but_a_viewer(self, core):
+    async def test_read_needs_only_the_role_view(self, core):
         async with core() as (served, _):
             answer = await asked(served, VIEWER, "pump", "read", arguments={"parameter": "output_frequency"})
             assert answer.outcome == "done"
             assert answer.result.unit == "Hz"
 
     @awaited
-    async def test_a_viewer_commands_nothing_and_stops(self, core):
+    async def test_viewer_may_stop_but_not_command(self, core):
         book = NoteBook()
         async with core(audit=book) as (served, _):
             refused = await asked(served, VIEWER, "pump", "set_reference", arguments={"percent": 10})
@@ -100,7 +100,7 @@ class TestCommands:
             assert book.asked_for == []
 
     @awaited
-    async def test_who_cannot_be_noted_commands_nothing_but_a_stop(self, core):
+    async def test_audit_failure_refuses_commands_but_not_a_stop(self, core):
         book = NoteBook()
         book.refuses = NotAllowedError("the audit cannot be written, so that nothing is commanded but a stop")
         async with core(audit=book) as (served, _):
@@ -109,7 +109,7 @@ class TestCommands:
             assert (await asked(served, ENGINEER, "pump", "stop")).outcome == "done"
 
     @awaited
-    async def test_the_same_id_acts_once(self, core):
+    async def test_repeated_command_id_acts_once(self, core):
         book = NoteBook()
         async with core(audit=book) as (served, _):
             order = {"id": "7", "arguments": {"percent": 10}}
@@ -119,7 +119,7 @@ class TestCommands:
             assert len(book.asked_for) == 1
 
     @awaited
-    async def test_one_commander_at_a_time(self, core):
+    async def test_lease_of_another_caller_refuses_a_command(self, core):
         async with core() as (served, _):
             lease = leased(served, OPERATOR, "pump", 10)
             theirs = await asked(served, ANOTHER, "pump", "set_reference", arguments={"percent": 10})
@@ -129,14 +129,14 @@ class TestCommands:
             assert mine.outcome == "done"
 
     @awaited
-    async def test_arguments_that_are_not_there_are_refused(self, core):
+    async def test_invalid_arguments_are_refused(self, core):
         async with core() as (served, _):
             for arguments in ({"per_cent": 10}, {}, {"percent": 1, "hz": 2}):
                 answer = await asked(served, ENGINEER, "pump", "set_reference", arguments=arguments)
                 assert answer.outcome == "refused", arguments
 
     @awaited
-    async def test_a_drive_that_the_plant_does_not_arm_is_commanded_only_if_that_is_said(self, core):
+    async def test_unarmed_drive_is_commanded_only_with_arm_true(self, core):
         async with core() as (served, _):
             order = {"arguments": {"percent": 10}}
             assert (await asked(served, ENGINEER, "mixer", "set_reference", **order)).outcome == "refused"
@@ -152,7 +152,7 @@ class TestKept:
 
     @pytest.mark.soak
     @awaited
-    async def test_a_motor_turns_as_long_as_its_lease(self, core):
+    async def test_kept_motor_runs_until_its_lease_expires(self, core):
         async with core() as (served, _):
             lease = await self.start(served)
             assert state(served, "pump").kept == "trip"
@@ -166,7 +166,7 @@ class TestKept:
 
     @pytest.mark.soak
     @awaited
-    async def test_a_stop_of_somebody_else_ends_it(self, core):
+    async def test_stop_of_another_caller_releases_a_kept_motor(self, core):
         async with core() as (served, _):
             await self.start(served)
             assert (await asked(served, VIEWER, "pump", "stop")).outcome == "done"
@@ -177,7 +177,7 @@ class TestKept:
 
     @pytest.mark.soak
     @awaited
-    async def test_a_start_from_the_network_is_kept_by_the_plants_policy(self, core):
+    async def test_network_start_is_kept_by_the_policy_of_the_plant(self, core):
         async with core() as (served, _):
             without = await asked(served, OPERATOR, "pump", "start")
             assert without.outcome == "refused"
@@ -189,7 +189,7 @@ class TestKept:
 
     @pytest.mark.soak
     @awaited
-    async def test_the_end_of_the_server_stops_what_it_keeps(self, core):
+    async def test_shutdown_stops_kept_motors(self, core):
         async with core() as (served, _):
             await self.start(served)
             await until(lambda: state(served, "pump").status.running)
@@ -202,7 +202,7 @@ class TestKept:
 
 class TestReload:
     @awaited
-    async def test_lines_that_did_not_change_are_not_dropped(self, core):
+    async def test_reload_keeps_unchanged_lines_open(self, core):
         async with core() as (served, _):
             await until(lambda: value(served, "pump") is not None)
             hall, yard = served.lines["hall"], served.lines["yard"]
@@ -219,7 +219,7 @@ class TestReload:
 
 
 @pytest.mark.soak
-def test_a_server_loads_every_room_before_it_has_threads(tmp_path):
+def test_server_imports_every_package_before_starting_threads(tmp_path):
     file = tmp_path / "plant.toml"
     file.write_text(PLANT)
     package = Path(drivecomm.__file__).parent
@@ -229,9 +229,9 @@ def test_a_server_loads_every_room_before_it_has_threads(tmp_path):
         each.partition(":")[0].removeprefix("drivecomm.")
         for each in project["entry-points"]["drivecomm.doors"].values()
     }
-    # Those of doors are loaded where the file names them, when its doors are made; the local door is one of HTTP.
+    # Doors are imported when their plant file entries are read; the local door belongs to the HTTP door.
     rooms -= doors - {"server.http"}
-    # Of doors on brokers, and of programs of their own.
+    # Packages for doors on brokers, and for separate programs.
     rooms -= {"server.broker", "server.fleet", "server.record", "commissioning.importing"}
     needed = sorted(
         room for room in rooms if room.partition(".")[0] not in ("testing", "traffic", "judge", "proving", "cli")
@@ -247,7 +247,7 @@ def test_a_server_loads_every_room_before_it_has_threads(tmp_path):
 
 
 @awaited
-async def test_all_are_stopped_by_broadcasts_first(core):
+async def test_stop_all_sends_broadcasts_first(core):
     book = NoteBook()
     async with core(audit=book) as (served, _):
         await until(lambda: all(each.reachability == "answers" for each in served.drives()))
@@ -262,7 +262,7 @@ async def test_all_are_stopped_by_broadcasts_first(core):
         ]
         order = [each.drive for each in sent if each.what == "sent"]
         first = order.index("danfoss-fc:*")
-        # Then each by itself; one that answers late is asked again.
+        # After the broadcast each drive is stopped singly; a late reply leads to a retry.
         assert [*dict.fromkeys(order[first + 1 :])][:2] == ["danfoss-fc:3", "danfoss-fc:4"]
         assert book.stops == [("pump", "ramp"), ("danfoss-fc:*", "ramp"), ("fan", "ramp"), ("mixer", "ramp")]
         told = await Commands(served).stop_all(OPERATOR, Stop.COAST, ["hall"])
@@ -270,7 +270,7 @@ async def test_all_are_stopped_by_broadcasts_first(core):
 
 
 @awaited
-async def test_nobody_unknown_broadcasts_a_stop(core):
+async def test_anonymous_caller_may_not_stop_all(core):
     book, nobody = NoteBook(), replace(VIEWER, name="anonymous")
     async with core(audit=book) as (served, _):
         told = await Commands(served).stop_all(nobody, Stop.COAST)
@@ -295,7 +295,7 @@ async def test_motor_that_keeps_running_is_named_when_the_server_ends(core):
 
 
 @awaited
-async def test_a_policy_that_a_drive_cannot_have_is_told_when_the_server_begins(core):
+async def test_unsupported_policy_is_reported_at_the_start(core):
     async with core(PLANT.replace('policy = "trip"', 'policy = "ramp"')) as (served, _):
         told = [each for each in served.table.events() if each.kind == "link loss"]
         assert [each.drive for each in told] == ["pump", "fan"]
@@ -310,7 +310,7 @@ async def test_a_policy_that_a_drive_cannot_have_is_told_when_the_server_begins(
 
 @pytest.mark.soak
 @awaited
-async def test_what_a_drive_remembers_of_its_faults_is_shown(core):
+async def test_fault_log_of_a_drive_is_shown(core):
     async with core() as (served, control):
         await until(lambda: state(served, "fan").reachability == "answers")
         assert state(served, "fan").fault_log == ()

@@ -1,4 +1,4 @@
-"""A thousand clients of a server, of which a hundred never read: polls keep their times, and so does a stop."""
+"""A server with a thousand clients, a hundred of which never read: polls and stops stay on time."""
 
 import asyncio
 import subprocess
@@ -67,7 +67,7 @@ asyncio.run(main())
 
 
 class Seen:
-    """What went over the lines of a core for a while, by their own clocks. stops: the line and when it was asked."""
+    """Traffic of a core's lines during a period. stops: line and time of each stop request."""
 
     def __init__(self, core):
         self.core = core
@@ -75,7 +75,7 @@ class Seen:
         self.stops = []
 
     async def listen(self, seconds):
-        """Listen for so long, and stop a drive now and then."""
+        """Listen for a number of seconds, and stop a drive at intervals."""
         ends = [line.bus.listen(self.events[name].append) for name, line in self.core.lines.items()]
         for number in range(STOPS):
             await asyncio.sleep(seconds / STOPS)
@@ -88,7 +88,7 @@ class Seen:
         return self
 
     def longest_exchange_s(self):
-        """How long the longest of what is polled takes mostly, from its first byte to the end of its reply."""
+        """Return the typical duration of the longest polled exchange, from request to end of reply, in seconds."""
         found = []
         for events in self.events.values():
             for sent, received in pairwise(events):
@@ -97,14 +97,14 @@ class Seen:
         return median(found)
 
     def waits_s(self):
-        """How long each stop waited for its line, the shortest first."""
+        """Return the waiting time of each stop for its line in seconds, shortest first."""
         return sorted(
             next(each.time for each in self.events[line] if each.time >= called and _stops(each)) - called
             for line, called in self.stops
         )
 
     def late(self):
-        """How late each poll was, as a share of its period, the least late first."""
+        """Return the lateness of each poll as a share of its period, lowest first."""
         times = defaultdict(list)
         for events in self.events.values():
             for event in events:
@@ -113,7 +113,7 @@ class Seen:
         return sorted((b - a) / PERIOD_S - 1 for each in times.values() for a, b in pairwise(each))
 
     def late_p95(self):
-        """How late nineteen of twenty polls were at most."""
+        """Return the 95th percentile of the lateness of polls."""
         late = self.late()
         return late[int(0.95 * len(late))]
 
@@ -132,7 +132,7 @@ def missed(core):
 
 @contextmanager
 def crowd(port):
-    """Let the clients come, in a process of their own."""
+    """Run the clients in a separate process during the block."""
     command = [sys.executable, "-c", CROWD, str(port), str(CLIENTS), str(DEAF)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
@@ -143,8 +143,8 @@ def crowd(port):
 
 
 @awaited
-async def test_no_poll_is_late_and_a_stop_goes_out_at_once(tmp_path):
-    """Compared with the same without the clients; measured again, at most twice, where the machine is busy."""
+async def test_crowd_of_clients_does_not_delay_polls_or_stops(tmp_path):
+    """Compare with a run without clients; on a busy machine the measurement is repeated up to twice."""
     async with core_of(tmp_path, PLANT, status_period_s=1.0) as (core, _):
         door = HttpDoor(Table({"kind": "http", "listen": "127.0.0.1:0"}, "hall.toml"))
         opened = OpenDoor(door, PlantForDoors(core, "hall"), print)

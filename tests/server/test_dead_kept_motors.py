@@ -1,4 +1,4 @@
-"""A kept motor whose drive is dead: it is stopped when it answers, and others on its line are still fed."""
+"""A kept motor whose drive is silent: it is stopped when it answers, and other drives of its line are still served."""
 
 import asyncio
 import time
@@ -31,7 +31,7 @@ FAN = PLANT + DRIVE.format(name="fan", address=3)
 
 
 async def keep(core, drive):
-    """Keep a motor, and return its lease."""
+    """Keep a motor running, and return its lease."""
     lease = core.leases.take(OPERATOR, drive, 30, now=time.monotonic(), time_s=time.time())
     command = Command(drive=drive, verb="keep", lease=lease.key, arguments={"percent": 50}, valid_s=10)
     answer = await Commands(core).carry_out(OPERATOR, command)
@@ -40,7 +40,7 @@ async def keep(core, drive):
 
 
 def stops_sent(core):
-    """Return a list that grows with each telegram at the rank of a stop, by its drive."""
+    """Return a growing list of the telegrams sent at the rank of a stop, by drive."""
     sent, link = [], core.lines["yard"].bus._roster.link
     stop = link.stop
 
@@ -54,7 +54,7 @@ def stops_sent(core):
 
 @pytest.mark.soak
 @awaited
-async def test_a_dead_one_is_told_to_stop_once_and_again_when_it_answers(tmp_path):
+async def test_stop_of_a_silent_kept_motor_is_sent_once_and_again_when_it_answers(tmp_path):
     async with core_of(tmp_path, FAN) as (core, control):
         await until(lambda: core.drive("fan").reachability == "answers")
         lease = await keep(core, "fan")
@@ -72,8 +72,8 @@ async def test_a_dead_one_is_told_to_stop_once_and_again_when_it_answers(tmp_pat
 
 @pytest.mark.soak
 @awaited
-async def test_what_is_tried_of_an_earlier_stop_does_not_follow_a_later_one(tmp_path):
-    """Otherwise a motor that was stopped quickly would be told after that to take its ramp."""
+async def test_retries_of_an_earlier_stop_end_with_a_later_stop(tmp_path):
+    """A retry of the earlier stop would turn the quick stop of a motor into a ramp."""
     async with core_of(tmp_path, FAN) as (core, control):
         await until(lambda: core.drive("fan").reachability == "answers")
         lease = await keep(core, "fan")

@@ -1,4 +1,4 @@
-"""How each door is, as `/metrics` of a real server reports it over its connections."""
+"""Health of each door, as `/metrics` of a real server reports it."""
 
 import asyncio
 import socket
@@ -45,7 +45,10 @@ def own_state(tmp_path, monkeypatch):
 
 @pytest.fixture
 def served(tmp_path):
-    """Serve a plant of one virtual drive with these doors and an HTTP door; return what `/metrics` says of doors."""
+    """Return a function that serves a plant of one virtual drive with these doors and an HTTP door.
+
+    That function returns another one, which reads the samples of doors from `/metrics`.
+    """
     file = tmp_path / "hall.toml"
 
     def serve(doors):
@@ -63,22 +66,22 @@ def served(tmp_path):
 def soon(condition, seconds=15.0):
     end = time.monotonic() + seconds
     while not condition():
-        assert time.monotonic() < end, "it does not come about"
+        assert time.monotonic() < end, "the condition did not become true"
         time.sleep(0.05)
 
 
 def door_samples(address):
-    """Return the samples of doors that a scrape gives, by name and door."""
+    """Scrape the server, and return the samples of doors by name and door."""
     with urllib.request.urlopen(f"http://{address}/metrics", timeout=10) as answer:
         lines = [line for line in answer.read().decode().splitlines() if line.startswith("drivecomm_door_")]
     samples = [line.rpartition(" ") for line in lines]
     found = {name.removeprefix("drivecomm_door_"): float(number) for name, _, number in samples}
-    assert len(found) == len(samples), "a sample came twice"
+    assert len(found) == len(samples), "a sample is repeated"
     return found
 
 
 def of(scrape, what, kind):
-    """Return the sample of the one door of a kind."""
+    """Return the sample of the only door of a kind."""
     (found,) = (number for name, number in scrape().items() if name.startswith(f'{what}{{door="{kind} '))
     return found
 
@@ -88,7 +91,7 @@ def of(scrape, what, kind):
 @pytest.mark.parametrize("kind", ["mqtt", "sparkplug"])
 def test_backlog_grows_while_the_broker_is_away_and_shrinks_afterwards(tmp_path, served, monkeypatch, kind):
     monkeypatch.setattr(catching_up, "LOOKED_EVERY_S", 0.1)
-    # Hosts of Sparkplug surely have what was sent two keep-alives ago, and not what came since.
+    # Values older than two keep-alives count as received by Sparkplug hosts, newer ones do not.
     many, few = {"mqtt": (90, 60), "sparkplug": (250, 200)}[kind]
     keys = 'group = "works"\nnode = "hall"' if kind == "sparkplug" else ""
     with mosquitto(tmp_path / "broker") as broker:
@@ -106,7 +109,7 @@ def test_backlog_grows_while_the_broker_is_away_and_shrinks_afterwards(tmp_path,
 def test_clients_are_counted_while_they_are_connected(served):
     modbus = '[[door]]\nkind = "modbus-tcp"\nlisten = "127.0.0.1:0"\nunits = { fan = 1 }\n'
     scrape = served(modbus + '[[door]]\nkind = "opcua"\nlisten = "127.0.0.1:0"\nanonymous = "view"\n')
-    # The scrape itself is a client, and the one before it may still be going.
+    # The scrape itself is a client, and the connection of the scrape before may still be closing.
     soon(lambda: [of(scrape, "clients", kind) for kind in ("http", "modbus-tcp", "opcua")] == [1, 0, 0])
     with ExitStack() as connections:
         for name in scrape():
@@ -130,14 +133,14 @@ def test_door_that_cannot_listen_is_down_until_it_can(served):
 
 
 @pytest.mark.soak
-def test_doors_to_one_broker_have_samples_of_their_own(served):
+def test_doors_on_one_broker_have_separate_samples(served):
     door = '[[door]]\nkind = "mqtt"\nbroker = "mqtt://127.0.0.1:9"\nprefix = "{}"\n'
     found = served(door.format("one") + door.format("two"))()
     assert [found[f'up{{door="mqtt 127.0.0.1:9{number}"}}'] for number in ("", " (2)")] == [0, 0]
 
 
 class OwnDoor:
-    """A door of somebody else."""
+    """A door from another package, without a health report."""
 
     name = "own"
 
@@ -147,14 +150,14 @@ class OwnDoor:
 
 
 class Reporting(OwnDoor):
-    """One that reports how it is."""
+    """A door that reports its health."""
 
     def health(self):
         return DoorHealth(up=True, clients=2, delivered_row=7)
 
 
 class Broken(OwnDoor):
-    """One whose report fails."""
+    """A door whose health report raises an exception."""
 
     def health(self):
         raise RuntimeError("a mistake")
@@ -164,7 +167,7 @@ class Broken(OwnDoor):
     ("door", "expected"),
     [(OwnDoor(), (True, None, None)), (Reporting(), (True, 2, 3)), (Broken(), (False, None, None))],
 )
-def test_state_of_a_foreign_door_is_what_it_reports(door, expected):
+def test_state_of_a_door_from_another_package_is_its_own_report(door, expected):
     with closing(OpenDoor(door, None, lambda _: None)) as watched:
         assert watched.opened.wait(5)
         state = watched.state(10)

@@ -1,4 +1,4 @@
-"""Doors in threads of their own: whatever ends one, it is opened again, and the server hears of it."""
+"""Doors in separate threads: a door that ends for any reason is reopened, and the failure is reported."""
 
 import asyncio
 import threading
@@ -28,7 +28,7 @@ class Door:
 
 @pytest.mark.soak
 @pytest.mark.parametrize("fail", [RuntimeError("a mistake"), SystemExit(3), asyncio.CancelledError()])
-def test_a_door_that_fails_is_opened_again(fail):
+def test_failed_door_is_reopened(fail):
     told, door = [], Door(fail)
     watched = OpenDoor(door, None, told.append)
     assert door.opened_again.wait(5)
@@ -37,7 +37,7 @@ def test_a_door_that_fails_is_opened_again(fail):
     assert told[-1] == "door a door is opened again"
 
 
-def test_a_door_that_worked_is_opened_again_after_the_shortest_pause_each_time(monkeypatch):
+def test_door_that_worked_is_reopened_after_the_shortest_pause(monkeypatch):
     pauses, times = [], 5
 
     class Noted(Backoff):
@@ -62,7 +62,7 @@ def test_a_door_that_worked_is_opened_again_after_the_shortest_pause_each_time(m
     assert pauses == [0.01] * times
 
 
-def test_a_door_that_never_opens_is_tried_after_longer_and_longer_pauses(monkeypatch):
+def test_door_that_never_opens_is_retried_after_growing_pauses(monkeypatch):
     pauses, enough = [], threading.Event()
 
     class Noted(Backoff):
@@ -84,7 +84,7 @@ def test_a_door_that_never_opens_is_tried_after_longer_and_longer_pauses(monkeyp
     assert pauses[:4] == [0.01, 0.02, 0.04, 0.08]
 
 
-def test_a_door_for_which_there_is_no_event_loop_is_opened_when_there_is(monkeypatch):
+def test_door_opens_once_an_event_loop_can_be_created(monkeypatch):
     monkeypatch.setattr(supervision, "_LOOP_AGAIN_S", 0.05)
     told, door, left = [], Door(RuntimeError("a mistake")), [OSError("too many open files")] * 2
 
@@ -100,7 +100,7 @@ def test_a_door_for_which_there_is_no_event_loop_is_opened_when_there_is(monkeyp
     watched.close()
 
 
-def test_a_door_without_an_event_loop_ends_with_the_server():
+def test_door_without_an_event_loop_ends_with_the_server():
     def loop_factory():
         raise OSError("too many open files")
 

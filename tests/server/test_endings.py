@@ -1,4 +1,4 @@
-"""How a server, its clients and what it stands on may end, and what becomes of the motors: each with its outcome."""
+"""Failures and shutdowns of a server, of its clients and of its resources, each with the outcome for the motors."""
 
 import json
 import os
@@ -21,14 +21,14 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals and unix soc
 
 @pytest.mark.soak
 @pytest.mark.soak
-def test_a_server_that_is_killed_leaves_the_motor_to_the_drives_own_watchdog(tmp_path):
+def test_killed_server_leaves_the_motor_to_the_watchdog_of_the_drive(tmp_path):
     with serving(tmp_path) as served:
         served.keep("fan")
         served.keep("pump")
         served.process.kill()
         served.process.wait()
         served.until(lambda: not served.runs("fan") and not served.runs("pump"), 5)
-        # Nothing is started again by itself.
+        # The restarted server does not restart the motor.
         served.start()
         served.until(lambda: served.drive("fan")["reachability"] == "answers")
         time.sleep(0.5)
@@ -37,7 +37,7 @@ def test_a_server_that_is_killed_leaves_the_motor_to_the_drives_own_watchdog(tmp
 
 
 @pytest.mark.soak
-def test_a_server_that_is_told_to_end_stops_what_it_keeps_and_sets_the_watchdog_as_it_was(tmp_path):
+def test_terminated_server_stops_kept_motors(tmp_path):
     with serving(tmp_path) as served:
         served.keep("fan")
         served.end(signal.SIGTERM)
@@ -61,7 +61,7 @@ raise SystemExit(main())
 
 
 @pytest.mark.soak
-def test_without_unix_sockets_and_signals_in_the_loop_it_is_found_and_ends_as_elsewhere(tmp_path):
+def test_server_without_unix_sockets_is_found_and_shut_down(tmp_path):
     with serving(tmp_path, start=False) as served:
         served.start(program=("-c", WITHOUT_UNIX))
         found = server_of_plant(served.plant)
@@ -85,9 +85,7 @@ def test_without_unix_sockets_and_signals_in_the_loop_it_is_found_and_ends_as_el
 @pytest.mark.parametrize(
     "seconds", [0, pytest.param(10, marks=pytest.mark.soak), pytest.param(60, marks=pytest.mark.soak)]
 )
-def test_a_server_that_is_stopped_for_long_leaves_the_motor_to_the_watchdog_and_starts_nothing_after_it(
-    tmp_path, seconds
-):
+def test_suspended_server_leaves_the_motor_to_the_watchdog(tmp_path, seconds):
     with serving(tmp_path) as served:
         served.keep("fan", seconds=30)
         served.process.send_signal(signal.SIGSTOP)
@@ -106,7 +104,7 @@ def test_a_server_that_is_stopped_for_long_leaves_the_motor_to_the_watchdog_and_
 
 @pytest.mark.soak
 @pytest.mark.soak
-def test_a_commander_that_dies_has_its_motor_treated_by_the_policy(tmp_path):
+def test_policy_acts_on_the_motor_of_a_killed_commander(tmp_path):
     program = (
         "import sys, time; from drivecomm.client import LocalServer, server_of_plant;"
         "server = LocalServer(server_of_plant(sys.argv[1]));"
@@ -131,17 +129,17 @@ def test_a_commander_that_dies_has_its_motor_treated_by_the_policy(tmp_path):
 
 @pytest.mark.soak
 @pytest.mark.soak
-def test_a_commander_that_is_stopped_is_like_one_that_died(tmp_path):
+def test_policy_acts_on_the_motor_of_a_suspended_commander(tmp_path):
     with serving(tmp_path) as served:
         served.keep("fan", seconds=1)
-        # Nobody renews it.
+        # The lease is not renewed.
         served.until(lambda: served.drive("fan")["kept"] == "", 4)
         served.until(lambda: not served.runs("fan"), 4)
         assert served.drive("fan")["lease"] is None
 
 
 @pytest.mark.soak
-def test_a_second_server_of_the_plant_refuses_and_names_the_first(tmp_path):
+def test_second_server_of_a_plant_is_refused_and_names_the_first(tmp_path):
     with serving(tmp_path) as served:
         again = subprocess.run(
             [sys.executable, "-m", "drivecomm", "serve", str(served.plant)],
@@ -153,7 +151,7 @@ def test_a_second_server_of_the_plant_refuses_and_names_the_first(tmp_path):
 
 
 @pytest.mark.soak
-def test_a_port_that_goes_and_comes_back_costs_the_other_line_nothing(tmp_path):
+def test_silent_drive_does_not_affect_the_other_line(tmp_path):
     with serving(tmp_path) as served:
         served.until(lambda: served.drive("pump")["reachability"] == "answers")
         served.control.order("power", drive="fan", state="off")
@@ -165,7 +163,7 @@ def test_a_port_that_goes_and_comes_back_costs_the_other_line_nothing(tmp_path):
 
 
 @pytest.mark.soak
-def test_the_plant_file_is_read_again_without_dropping_what_did_not_change(tmp_path):
+def test_reload_adds_a_drive_and_keeps_a_running_motor(tmp_path):
     more = '\n[[drive]]\nname = "second"\ndrive = "danfoss-fc:4"\nline = "yard"\n'
     with serving(tmp_path) as served:
         served.keep("pump", seconds=30)
@@ -183,7 +181,7 @@ def test_the_plant_file_is_read_again_without_dropping_what_did_not_change(tmp_p
 
 
 @pytest.mark.soak
-def test_while_a_door_cannot_open_the_server_is_not_ended_by_a_reload_and_ends_when_it_is_told(tmp_path):
+def test_server_waiting_for_a_door_survives_a_reload_and_can_be_terminated(tmp_path):
     with (
         socket.create_server(("127.0.0.1", 0)) as taken,
         serving(tmp_path, tail=f'[[door]]\nkind = "http"\nlisten = "127.0.0.1:{taken.getsockname()[1]}"\n',
@@ -195,7 +193,7 @@ def test_while_a_door_cannot_open_the_server_is_not_ended_by_a_reload_and_ends_w
             env=served.environment, stdout=subprocess.PIPE, stderr=log, text=True, cwd=tmp_path,
         )  # fmt: skip
         served.until(lambda: server_of_plant(served.plant) is not None)
-        # As if it was asked for all the time: the door is given twenty seconds.
+        # Repeated requests succeed although the server still waits up to twenty seconds for the door.
         served.until(lambda: answers(served, "fan"))
         served.keep("fan")
         served.process.send_signal(signal.SIGHUP)
@@ -215,8 +213,8 @@ def answers(served, drive):
 
 
 @pytest.mark.soak
-def test_without_room_on_the_disk_nothing_is_commanded_but_a_stop(tmp_path):
-    """A limit on the size of files stands for a disk that is full."""
+def test_full_disk_refuses_every_command_except_a_stop(tmp_path):
+    """A limit on the size of files simulates the full disk."""
     small = QUICK + 'history = false\naudit = "audit.jsonl"\n'
     with serving(tmp_path, head=small) as served:
         served.keep("fan")
@@ -232,7 +230,7 @@ def test_without_room_on_the_disk_nothing_is_commanded_but_a_stop(tmp_path):
 
 
 @pytest.mark.soak
-def test_what_was_commanded_is_in_the_audit_before_it_is_done(tmp_path):
+def test_command_is_in_the_audit_before_it_is_sent(tmp_path):
     with serving(tmp_path, head=QUICK + 'audit = "audit.jsonl"\n') as served:
         served.keep("fan")
         served.process.kill()
@@ -242,8 +240,11 @@ def test_what_was_commanded_is_in_the_audit_before_it_is_done(tmp_path):
 
 
 @pytest.mark.soak
-def test_a_clock_that_is_set_changes_no_lease(tmp_path):
-    """Leases count by a clock that nobody sets: see `drivecomm.server.leases`; here, that the server uses it."""
+def test_server_counts_leases_by_the_monotonic_clock(tmp_path):
+    """Leases use a clock that cannot be set, see `drivecomm.server.leases`.
+
+    This test checks that the server passes that clock.
+    """
     with serving(tmp_path) as served:
         served.keep("fan", seconds=2)
         until_s = float(served.drive("fan")["lease"]["until_s"])
@@ -259,7 +260,7 @@ on = "silent"
 
 
 @pytest.mark.soak
-def test_alarms_are_read_again_with_the_plant_file(tmp_path):
+def test_reload_changes_alarm_rules(tmp_path):
     with serving(tmp_path, tail=ALARM) as served:
         served.plant.write_text(served.plant.read_text().replace("no answer", "fan is gone"))
         served.process.send_signal(signal.SIGHUP)
@@ -287,7 +288,7 @@ drive = "danfoss-fc:{address}"
 
 @pytest.mark.soak
 @pytest.mark.soak
-def test_a_line_that_is_lost_is_told_once_and_opened_again(tmp_path):
+def test_lost_line_is_reported_once_and_reopened(tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     with serving(tmp_path, start=False) as served:

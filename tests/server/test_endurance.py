@@ -1,4 +1,4 @@
-"""A server does not grow: a plant of 500 drives as fast as its values are written, and clients that come and go."""
+"""Memory of a server under load: a plant of 500 drives at full speed, and clients that connect and disconnect."""
 
 import json
 import subprocess
@@ -20,16 +20,16 @@ pytestmark = [
 @pytest.mark.parametrize(
     ("asked", "grown_mib", "grown_objects"),
     [
-        # Four minutes of the plant: 480 000 values.
-        # Answers are remembered for ten minutes, which is longer than this.
+        # Four minutes of the plant: 480 000 values. The run is shorter than the ten minutes for which
+        # command results are remembered, so memory still grows by them.
         (["--hours", "0.0667"], 45, 0.6),
-        # Its lines polled, for some two minutes of theirs.
+        # Lines are polled, for about two minutes of plant time.
         (["--hours", "0.04", "--polled", "--lines", "4"], 25, 0.6),
     ],
     ids=["fed", "polled"],
 )
-def test_memory_is_flat(asked, grown_mib, grown_objects):
-    """Between the first and the last quarter; what fills up first, such as the buffers of SQLite, is in the limit."""
+def test_memory_of_a_server_does_not_grow(asked, grown_mib, grown_objects):
+    """Compare the first quarter of the run with the last; the limits allow for caches that fill up first."""
     done = subprocess.run(
         [sys.executable, str(SCRIPT), *asked], capture_output=True, text=True, timeout=300, check=False
     )
@@ -45,5 +45,5 @@ def test_memory_is_flat(asked, grown_mib, grown_objects):
     assert of("objects", final) < of("objects", first) * (1 + grown_objects), points
     assert final[-1]["missing"] == 0
     assert all(point["wal_mb"] < 20 for point in points)
-    # It was a server with clients, and not one that nobody asked.
+    # The run is valid only if the server had clients that sent requests.
     assert all(last["done"][what] > 0 for what in ("streams", "orders")), last

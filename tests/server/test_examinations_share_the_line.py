@@ -1,4 +1,4 @@
-"""A line that is examined goes on: reads, polls and stops go between the questions, and nobody is called silent."""
+"""Examination of a line in use: reads, polls and stops run in between, and no drive is reported silent."""
 
 import asyncio
 import logging
@@ -16,14 +16,14 @@ def core(tmp_path):
 
 
 @awaited
-async def test_doctor_asks_between_the_turns_of_others_and_finds_the_drives(core):
+async def test_doctor_shares_the_line_with_polls_and_finds_the_drives(core):
     async with core() as (served, _):
         await until(lambda: all(each.reachability == "answers" for each in served.drives()))
         line, told, findings = served.lines["yard"], [], []
         before = line.state().polls
 
         async def examine():
-            # Enough addresses of nobody to last for seconds.
+            # The addresses without a drive make the examination last for seconds.
             choices = {"only": ["danfoss-fc"], "addresses": list(range(20, 40)), "probes": 20, "search": False}
             async for item in examination(served, "yard", "doctor", choices):
                 told.append(item)
@@ -45,7 +45,7 @@ async def test_doctor_asks_between_the_turns_of_others_and_finds_the_drives(core
 
 
 @awaited
-async def test_examination_that_is_given_up_ends_and_leaves_no_error_behind(core, caplog):
+async def test_abandoned_examination_ends_without_an_error(core, caplog):
     errors = []
     asyncio.get_running_loop().set_exception_handler(lambda _, context: errors.append(context))
     async with core() as (served, _):
@@ -64,11 +64,11 @@ async def test_examination_that_is_given_up_ends_and_leaves_no_error_behind(core
 
 
 @awaited
-async def test_doctor_reads_the_panels_of_the_drives_of_its_line(core):
+async def test_doctor_reads_the_front_panel_settings_of_drives_on_its_line(core):
     async with core() as (served, _):
         choices = {"only": ["danfoss-fc"], "addresses": [3], "probes": 2, "search": False}
         told = [item async for item in examination(served, "yard", "doctor", choices)]
         panel = [item["finding"] for item in told if item.get("finding", {}).get("about") == "panel"]
-        # Its watchdog is set by its start, and the other drive has no model.
+        # A start sets the watchdog of this drive, and the other drive has no model.
         assert [each["weight"] for each in panel] == ["note", "fine"]
         assert {each["drive_name"] for each in told[-1]["measured"]["panel"]} == {"fan"}

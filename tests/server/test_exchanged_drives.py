@@ -1,4 +1,4 @@
-"""A plant file by which a name means another drive, or asks for less: nothing of what was known is told of it."""
+"""A reload that assigns a name to another drive, or polls less: old values are not reported for the new drive."""
 
 import time
 from dataclasses import replace
@@ -16,12 +16,12 @@ def core(tmp_path):
 
 
 def another(plant):
-    """The fan is what the mixer was."""
+    """Return the plant with the drive of the mixer under the name fan."""
     return replace(plant, drives=(plant.drives[0], replace(plant.drives[1], address=4)))
 
 
 def asked_less(plant):
-    """Nothing but the status of the fan is polled."""
+    """Return the plant with only the status of the fan polled."""
     return replace(plant, drives=(plant.drives[0], replace(plant.drives[1], poll=()), plant.drives[2]))
 
 
@@ -34,12 +34,12 @@ async def all_answer(served):
 
 
 def held_up(served):
-    """Poll no more on the line of the fan."""
+    """Suspend polling on the line of the fan."""
     served.lines["yard"].start = lambda: None
 
 
 @awaited
-async def test_another_drive_has_neither_the_state_nor_the_faults_nor_the_commander_of_the_one_before(core):
+async def test_exchanged_drive_inherits_no_state_faults_or_lease(core):
     async with core() as (served, control):
         await all_answer(served)
         control.order("trip", drive="fan", code=13)
@@ -57,7 +57,7 @@ async def test_another_drive_has_neither_the_state_nor_the_faults_nor_the_comman
 
 @pytest.mark.soak
 @awaited
-async def test_a_fault_log_that_is_being_read_is_not_told_of_another_drive(core):
+async def test_fault_log_being_read_is_dropped_when_the_drive_is_exchanged(core):
     async with core(status_period_s=60) as (served, _):
         await all_answer(served)
         served._tripped("fan")
@@ -68,7 +68,7 @@ async def test_a_fault_log_that_is_being_read_is_not_told_of_another_drive(core)
 
 @pytest.mark.soak
 @awaited
-async def test_a_drive_of_which_the_file_says_something_else_is_the_same_one(core):
+async def test_drive_with_changed_settings_keeps_its_state_and_lease(core):
     async with core() as (served, control):
         await all_answer(served)
         control.order("trip", drive="fan", code=13)
@@ -85,7 +85,7 @@ async def test_a_drive_of_which_the_file_says_something_else_is_the_same_one(cor
 
 @pytest.mark.parametrize("change", [another, asked_less])
 @awaited
-async def test_whoever_listens_is_told_that_no_value_is_good_any_more(core, change):
+async def test_listeners_receive_bad_values_after_the_reload(core, change):
     async with core() as (served, _):
         await all_answer(served)
         await until(lambda: ("fan", "output_frequency") in {(each.drive, each.name) for each in served.table.values()})
@@ -101,7 +101,7 @@ async def test_whoever_listens_is_told_that_no_value_is_good_any_more(core, chan
 
 
 @awaited
-async def test_a_lease_that_was_ended_so_can_be_taken_again(core):
+async def test_lease_ended_by_a_reload_can_be_acquired_again(core):
     async with core() as (served, _):
         await all_answer(served)
         lease = leased(served, "fan")

@@ -1,4 +1,4 @@
-"""What a server stands on goes wrong: clients, the disk, ports, the clock. Each with its outcome."""
+"""Failures around a server: clients, the disk, ports and the clock, each with its outcome."""
 
 import os
 import signal
@@ -19,7 +19,7 @@ from drivecomm.server.history import History
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals, mounts and terminals are POSIX's")
 
-# A client in a process of its own that says when each piece of a stream has come.
+# A client process that prints the arrival time of each piece of a stream.
 LISTENER = """
 import socket, sys, time
 connected = socket.socket(socket.AF_UNIX)
@@ -33,7 +33,7 @@ while data := connected.recv(1 << 16):
 
 @contextmanager
 def listening(served):
-    """Yield the process of a client that reads a stream, when it has the first of it."""
+    """Yield the process of a client that reads a stream, after it has received the first piece."""
     socket = server_of_plant(served.plant).socket
     with subprocess.Popen([sys.executable, "-c", LISTENER, socket], stdout=subprocess.PIPE, text=True) as client:
         try:
@@ -44,7 +44,7 @@ def listening(served):
 
 
 def goes_on(served, name, seconds=5.0):
-    """Wait until a drive has answered again twice."""
+    """Wait until a drive has answered twice more."""
     for _ in range(2):
         before = served.drive(name)["answered_s"]
         served.until(lambda before=before: served.drive(name)["answered_s"] != before, seconds)
@@ -57,7 +57,7 @@ def memory_mib(process):
 
 class TestClients:
     @pytest.mark.soak
-    def test_one_that_streams_is_killed_and_costs_nobody_anything(self, tmp_path):
+    def test_killed_stream_client_does_not_affect_others(self, tmp_path):
         with serving(tmp_path) as served:
             served.keep("fan")
             with listening(served) as client, listening(served) as other:
@@ -70,7 +70,7 @@ class TestClients:
 
     @pytest.mark.soak
     @pytest.mark.parametrize("seconds", [2, pytest.param(40, marks=pytest.mark.soak)])
-    def test_one_that_is_stopped_gets_the_latest_when_it_goes_on_and_fills_no_memory(self, tmp_path, seconds):
+    def test_suspended_client_gets_the_latest_values_and_fills_no_memory(self, tmp_path, seconds):
         with serving(tmp_path) as served, listening(served) as client:
             goes_on(served, "fan")
             before = memory_mib(served.process)
@@ -81,23 +81,23 @@ class TestClients:
                 time.sleep(0.1)
             assert memory_mib(served.process) < before + 8
             client.send_signal(signal.SIGCONT)
-            # After what has waited in the system, something that came later.
+            # Buffered pieces come first; then a newer one has to follow.
             after = time.monotonic()
             while line := client.stdout.readline():
                 if float(line.split()[0]) >= after + 0.5:
                     return
-            # Whoever does not read for half a minute is cut off.
+            # A client that does not read for 30 s is disconnected.
             assert seconds > 30
 
 
 @pytest.fixture
 def small_disk(tmp_path):
-    """A disk of three megabytes."""
+    """Yield the folder of a mounted disk of 3 MB."""
     place = tmp_path / "disk"
     place.mkdir()
     mount = ["mount", "-t", "tmpfs", "-o", "size=3m", "tmpfs", str(place)]
     if sys.platform != "linux" or os.getuid() or subprocess.run(mount, capture_output=True, check=False).returncode:
-        pytest.skip("a disk of its own can be mounted by root on Linux only")
+        pytest.skip("only root on Linux can mount a disk for the test")
     yield place
     subprocess.run(["umount", "--lazy", str(place)], check=True)
 
@@ -109,13 +109,13 @@ def fill(path):
 
 
 @pytest.mark.soak
-def test_a_full_disk_holds_up_neither_polls_nor_a_stop_and_is_written_again_when_there_is_room(tmp_path, small_disk):
+def test_full_disk_delays_no_poll_or_stop_and_writing_resumes(tmp_path, small_disk):
     head = QUICK + f'audit = "{small_disk}/audit.jsonl"\nhistory = {{ file = "{small_disk}/history.sqlite" }}\n'
     with serving(tmp_path, head=head) as served:
         served.keep("fan")
         full = small_disk / "full"
         fill(full)
-        # What is left of the last page is soon full, too.
+        # A few more records fill the rest of the last page.
         orders = (served.ask("/api/v1/drives/pump/reset", {"id": f"{number}"}) for number in range(1000))
         refused = next(answer for answer in orders if answer["outcome"] == "refused")
         assert "audit record cannot be written" in refused["error"]["text"]
@@ -135,7 +135,7 @@ def test_a_full_disk_holds_up_neither_polls_nor_a_stop_and_is_written_again_when
         with History(small_disk / "history.sqlite") as history:
             times = [each.time_s for each in history.values("fan", "output_frequency") if each.value is not None]
             texts = [each.event.text for each in history.events("fan")]
-        # What came meanwhile had waited.
+        # Values of that time were buffered and are written afterwards.
         assert max(later - earlier for earlier, later in pairwise(times)) < 5
         assert any("stop" in text for text in texts)
 
@@ -171,7 +171,7 @@ options = {{ model = "agile" }}
 
 @contextmanager
 def line_alone(folder, name, listen):
-    """Serve one virtual line alone; yield where it is, and what controls it."""
+    """Serve a single virtual line; yield its address, and the control of its drives."""
     file = folder / f"{name}.toml"
     file.write_text("format = 1\n" + LINES[name].format(place=f'listen = "{listen}"'))
     with simulated(read_plant(file)) as (server, control):
@@ -180,8 +180,8 @@ def line_alone(folder, name, listen):
 
 @pytest.mark.soak
 @pytest.mark.parametrize("kind", ["pty", pytest.param("tcp", marks=pytest.mark.soak)])
-def test_a_port_that_is_unplugged_and_put_in_again_costs_the_other_line_nothing(tmp_path, kind):
-    """A terminal whose other end goes, with its name, and a serial server that goes, both until later."""
+def test_unplugged_port_does_not_affect_the_other_line(tmp_path, kind):
+    """The port is a terminal whose other end and name disappear for a while, or a serial server that does."""
     listen = f"pty:{tmp_path / 'ttyUSB7'}" if kind == "pty" else "tcp:127.0.0.1:0"
     with line_alone(tmp_path, "yard", "tcp:127.0.0.1:0") as (yard, control), ExitStack() as plugged:
         hall, _ = plugged.enter_context(line_alone(tmp_path, "hall", listen))
@@ -213,8 +213,8 @@ def of_pump(served):
     return next((each for each in values if (each["drive"], each["name"]) == ("pump", "output_frequency")), None)
 
 
-# What Python loads before anything else. libfaketime would shift the kernel's timers of a port, too, which no clock
-# that is set does.
+# Python imports this module before any other. libfaketime is unsuitable: it also shifts the kernel timers of a port,
+# which setting the clock does not.
 CLOCK = """
 import time
 from pathlib import Path
@@ -230,7 +230,7 @@ time.time = shifted
 
 
 @pytest.mark.soak
-def test_a_clock_set_back_an_hour_and_forward_a_day_makes_no_lease_longer_and_starts_nothing(tmp_path):
+def test_setting_the_clock_extends_no_lease_and_starts_no_motor(tmp_path):
     clock = tmp_path / "clock"
     clock.write_text("0")
     (tmp_path / "sitecustomize.py").write_text(CLOCK.format(file=str(clock)))

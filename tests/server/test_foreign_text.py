@@ -1,4 +1,4 @@
-"""Text of callers, brokers and drives reaches no terminal, log, journal or event with characters that command one."""
+"""Text from callers, brokers and drives: no terminal control characters in terminals, logs, journals or events."""
 
 import json
 import logging
@@ -23,12 +23,12 @@ FOREIGN = st.text(st.characters() | st.sampled_from(ESCAPES), max_size=60)
 
 
 def commands_a_terminal(text):
-    """Return the characters of a line that are no plain text: controls, directions, separators, halves of others."""
+    """Return the characters of a line that are not plain text: controls, directions, separators, surrogates."""
     return [each for each in text if unicodedata.category(each) in ("Cc", "Cf", "Cs", "Zl", "Zp")]
 
 
 @given(FOREIGN)
-def test_printable_text_commands_nothing_and_keeps_what_is_plain(text):
+def test_printable_text_has_no_controls_and_keeps_plain_characters(text):
     shown = printable(text)
     assert not commands_a_terminal(shown)
     assert [each for each in shown if each in text] == [each for each in text if each.isprintable()] or "\\" in shown
@@ -50,7 +50,7 @@ def test_printable_text_shows_escapes(text, expected):
 
 
 @given(FOREIGN)
-def test_errors_in_one_line_command_nothing(text):
+def test_error_text_has_no_control_characters(text):
     assert not commands_a_terminal(in_one_line(UsageError(text)))
     assert not commands_a_terminal(error_content(UsageError(text))["text"])
 
@@ -80,21 +80,21 @@ def test_log_has_plain_lines_for_the_text_of_an_exception(tmp_path):
 
 
 @given(FOREIGN, FOREIGN, FOREIGN)
-def test_events_command_nothing(text, drive, who):
+def test_event_text_has_no_control_characters(text, drive, who):
     event = Table(lambda _, call: call()).happened("door", text, drive=drive, who=who)
     assert isinstance(event, Event)
     assert not any(map(commands_a_terminal, (event.text, event.drive, event.who)))
 
 
 @given(FOREIGN)
-def test_json_of_answers_and_audit_commands_nothing(text):
+def test_json_text_has_no_control_characters(text):
     told = json_text({text: [text, {"text": text}]})
     assert not commands_a_terminal(told)
     assert json.loads(told) == {text: [text, {"text": text}]}
 
 
 @awaited
-async def test_audit_lines_command_nothing(tmp_path):
+async def test_audit_lines_have_no_control_characters(tmp_path):
     audit = Audit(tmp_path / "audit.jsonl", print)
     caller = Caller(name=ESCAPES, role=Role.VIEW, door=ESCAPES)
     command = Command(drive=ESCAPES, verb=ESCAPES, id=ESCAPES, arguments={ESCAPES: ESCAPES})
@@ -108,7 +108,7 @@ async def test_audit_lines_command_nothing(tmp_path):
 
 
 @awaited
-async def test_what_a_caller_asks_for_is_an_event_without_escapes(tmp_path):
+async def test_event_of_a_command_has_no_control_characters(tmp_path):
     async with core_of(tmp_path) as (core, _):
         plant = PlantForDoors(core, "hall", users=FakeUsers())
         await until(lambda: core.drive("pump").reachability == "answers")
@@ -123,7 +123,7 @@ async def test_what_a_caller_asks_for_is_an_event_without_escapes(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["pump\x1b[2J", "pump\n", "\u202epmup"])
-def test_a_name_that_commands_a_terminal_is_refused_when_the_plant_is_read(tmp_path, name):
+def test_drive_name_with_control_characters_is_refused(tmp_path, name):
     with (
         pytest.raises(UsageError, match="has characters that no screen shows"),
         serving(
@@ -136,7 +136,7 @@ def test_a_name_that_commands_a_terminal_is_refused_when_the_plant_is_read(tmp_p
         pass
 
 
-def test_log_of_a_server_has_no_escapes_of_a_caller(tmp_path):
+def test_server_log_has_no_control_characters_of_a_caller(tmp_path):
     head = f'[[door]]\nkind = "http"\nlisten = "127.0.0.1:0"\n{QUICK}'
     with serving(tmp_path, head=head) as served:
         served.until(lambda: served.drive("fan")["reachability"] == "answers")

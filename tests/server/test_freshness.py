@@ -1,4 +1,4 @@
-"""Commands that were under way for a while: meant for now, and carried out once."""
+"""Freshness of commands: old ones are refused, and repeated ones are carried out once."""
 
 import asyncio
 import math
@@ -27,34 +27,34 @@ def fresh(command, time_s=NOW_S, waited_s=0.0):
     return True
 
 
-def test_what_says_nothing_of_its_time_may_only_wait_so_long():
+def test_undated_command_expires_after_two_seconds_in_the_queue():
     assert fresh(START)
     assert fresh(START, waited_s=2.0)
     assert not fresh(START, waited_s=2.1)
     assert fresh(replace(START, valid_s=10), waited_s=9)
 
 
-def test_the_session():
+def test_command_of_an_earlier_session_is_refused():
     assert fresh(replace(START, session="now"))
     with pytest.raises(NotAllowedError, match="meant for an earlier run of the server; read its session again"):
         check_fresh(replace(START, session="before"), session="now", time_s=NOW_S)
 
 
 @pytest.mark.parametrize("valid_s", [0, -1, 10.1, math.inf, math.nan, "2", None])
-def test_for_how_long_a_command_can_count(valid_s):
+def test_invalid_validity_time_is_refused(valid_s):
     with pytest.raises(UsageError, match="give seconds above 0, at most 10"):
         check_fresh(replace(START, valid_s=valid_s), session="now", time_s=NOW_S)
 
 
 @pytest.mark.parametrize("issued_s", [math.inf, math.nan, "now"])
-def test_when_a_command_can_be_given(issued_s):
+def test_invalid_issue_time_is_refused(issued_s):
     with pytest.raises(UsageError, match="give seconds since 1970"):
         check_fresh(replace(START, issued_s=issued_s), session="now", time_s=NOW_S)
 
 
 @given(issued=st.floats(-1e5, 1e5), valid_s=st.floats(0.1, 10), waited_s=st.floats(0, 20), set_by=st.floats(-1e5, 1e5))
-def test_whatever_the_clocks_do_nothing_old_passes(issued, valid_s, waited_s, set_by):
-    """set_by: how far the server's clock was set while the command waited."""
+def test_old_command_never_passes_with_any_clock_offsets(issued, valid_s, waited_s, set_by):
+    """set_by: seconds by which the server's clock was set while the command waited."""
     command = replace(START, issued_s=NOW_S + issued, valid_s=valid_s)
     time_s = NOW_S + waited_s + set_by
     passed = fresh(command, time_s, waited_s)
@@ -62,7 +62,7 @@ def test_whatever_the_clocks_do_nothing_old_passes(issued, valid_s, waited_s, se
     assert fresh(replace(command, verb="stop", session="before"), time_s, waited_s), "a stop is never too old"
 
 
-def test_an_old_one_is_told_how_old_it_is():
+def test_refusal_names_the_age_of_the_command():
     with pytest.raises(NotAllowedError, match=r"given 3600.0 s ago and counts for 2 s only; it was not sent"):
         check_fresh(replace(START, issued_s=NOW_S - 3600), session="now", time_s=NOW_S)
     with pytest.raises(NotAllowedError, match=r"will be given in 3600.0 s; set the clock"):
@@ -72,7 +72,7 @@ def test_an_old_one_is_told_how_old_it_is():
 
 
 class Acting:
-    """Counts how often a command acts."""
+    """Callable that counts how often a command acts."""
 
     def __init__(self):
         self.times = 0
@@ -93,22 +93,22 @@ def run(test):
     return asyncio.run(test())
 
 
-def test_the_same_again_gets_the_first_answer():
+def test_repeated_command_gets_the_first_result():
     async def test():
         time = [0.0]
         repeats, act = Repeats(lambda: time[0]), Acting()
         assert (await repeats.once(ANNA, START, act)).result == 1
         time[0] = REMEMBERED_S - 1
         assert (await repeats.once(ANNA, START, act)).result == 1
-        assert (await repeats.once(BEN, START, act)).result == 2, "ids are each caller's own"
+        assert (await repeats.once(BEN, START, act)).result == 2, "ids are separate for each caller"
         assert (await repeats.once(replace(ANNA, door="mqtt"), START, act)).result == 3
         time[0] = REMEMBERED_S
-        assert (await repeats.once(ANNA, START, act)).result == 4, "it is forgotten after a while"
+        assert (await repeats.once(ANNA, START, act)).result == 4, "the result is forgotten after a while"
 
     run(test)
 
 
-def test_without_an_id_each_acts():
+def test_commands_without_an_id_all_act():
     async def test():
         repeats, act = Repeats(), Acting()
         assert [(await repeats.once(ANNA, replace(START, id=""), act)).result for _ in range(3)] == [1, 2, 3]
@@ -116,8 +116,8 @@ def test_without_an_id_each_acts():
     run(test)
 
 
-def test_where_an_error_came_from_is_not_remembered():
-    """Frames hold all that was at hand there."""
+def test_remembered_error_has_no_traceback():
+    """The frames of a traceback would keep their local variables alive."""
 
     def refuse():
         raise NotAllowedError("not now") from KeyError("why")
@@ -139,7 +139,7 @@ def test_where_an_error_came_from_is_not_remembered():
     run(test)
 
 
-def test_while_the_first_is_under_way_the_second_waits_for_it():
+def test_repetition_waits_for_the_running_command():
     async def test():
         repeats, act = Repeats(), Acting()
         act.go_on.clear()
@@ -147,7 +147,7 @@ def test_while_the_first_is_under_way_the_second_waits_for_it():
         await asyncio.sleep(0)
         await asyncio.sleep(0)
         assert (act.times, first.done(), second.done()) == (1, False, False)
-        # Whoever goes away takes the command with them from nobody.
+        # A cancelled caller does not cancel the command for the other one.
         first.cancel()
         act.go_on.set()
         assert (await second).result == 1
@@ -156,7 +156,7 @@ def test_while_the_first_is_under_way_the_second_waits_for_it():
     run(test)
 
 
-def test_an_id_for_something_else():
+def test_id_reused_for_another_command_is_refused():
     async def test():
         repeats, act = Repeats(), Acting()
         await repeats.once(ANNA, START, act)
@@ -176,7 +176,7 @@ def test_an_id_for_something_else():
     run(test)
 
 
-def test_the_same_in_another_order_is_the_same_and_long_arguments_are_not_kept():
+def test_order_of_arguments_does_not_matter_and_long_ones_are_not_stored():
     async def test():
         repeats, act = Repeats(), Acting()
         reference = replace(START, arguments={"percent": 40, "junk": "y" * 60_000})
@@ -189,8 +189,8 @@ def test_the_same_in_another_order_is_the_same_and_long_arguments_are_not_kept()
     run(test)
 
 
-def test_what_was_refused_is_refused_again():
-    """Otherwise whoever has heard a command that was refused could have it carried out later."""
+def test_repetition_of_a_refused_command_is_refused():
+    """Otherwise a replay of a refused command could be carried out later."""
 
     async def test():
         repeats, act = Repeats(), Acting()
@@ -203,7 +203,7 @@ def test_what_was_refused_is_refused_again():
     run(test)
 
 
-def test_what_went_wrong_in_the_server_itself_is_no_answer():
+def test_internal_error_is_not_remembered_as_a_result():
     async def test():
         repeats, act = Repeats(), Acting()
         act.fails = RuntimeError("a mistake")
@@ -216,7 +216,7 @@ def test_what_went_wrong_in_the_server_itself_is_no_answer():
 
 
 @pytest.mark.soak
-def test_it_does_not_grow_without_end():
+def test_number_of_remembered_commands_is_limited():
     async def test():
         repeats, act = Repeats(lambda: 0.0), Acting()
         for number in range(MOST + 5):

@@ -1,4 +1,4 @@
-"""Python's search for garbage stops all lines, so a server keeps it short; tried in processes of their own."""
+"""Python's garbage collection stops all lines, so a server keeps it short; tested in separate processes."""
 
 import subprocess
 import sys
@@ -20,7 +20,7 @@ def ran(program):
 
 
 @pytest.mark.soak
-def test_what_a_long_search_found_in_use_is_left_out_of_the_next():
+def test_objects_in_use_after_a_long_collection_are_frozen():
     first, second = ran("""
 keep_searches_short()
 gc.collect()
@@ -33,7 +33,7 @@ print(len(gc.get_objects()))
 
 
 @pytest.mark.soak
-def test_a_short_search_leaves_nothing_out():
+def test_short_collection_freezes_nothing():
     assert ran("""
 from drivecomm.server import garbage
 
@@ -45,7 +45,7 @@ print(gc.get_freeze_count())
 
 
 @pytest.mark.soak
-def test_what_has_become_garbage_is_found_when_all_is_searched_again():
+def test_full_search_frees_frozen_garbage():
     assert ran("""
 import weakref
 
@@ -67,7 +67,7 @@ print(int(kept), int(seen() is not None))
 
 
 @pytest.mark.soak
-def test_a_process_that_leaves_out_something_itself_is_not_touched():
+def test_objects_frozen_by_the_process_itself_stay_frozen():
     (count,) = ran("""
 gc.freeze()
 search_everything()

@@ -1,4 +1,4 @@
-"""What a busy line does not ask is not told as good by any door, and not as new when it is asked again."""
+"""Values that a busy line does not read: no door shows them as good, or as new when they are read again."""
 
 import asyncio
 import json
@@ -21,7 +21,7 @@ def soon(monkeypatch):
 
 @asynccontextmanager
 async def busy(core, line):
-    """Keep a line to oneself for the time of the block."""
+    """Occupy a line during the block."""
     done = threading.Event()
     lent = asyncio.create_task(core.lines[line].bus.lend(lambda *_: done.wait(10)))
     try:
@@ -37,7 +37,7 @@ def values_of(core, drive):
 
 @pytest.mark.soak
 @awaited
-async def test_drive_of_a_busy_line_is_late_and_keeps_what_it_said_last(tmp_path):
+async def test_drive_of_a_busy_line_is_late_and_keeps_its_last_values(tmp_path):
     async with core_of(tmp_path) as (core, control):
         plant = PlantForDoors(core, "hall")
         control.order("trip", drive="pump", code=4)
@@ -56,7 +56,7 @@ async def test_drive_of_a_busy_line_is_late_and_keeps_what_it_said_last(tmp_path
             sample = sample_of(values_of(core, "pump")["output_frequency"])
             assert sample.quality == "stale"
             assert sample.source_ms < sample.time_ms
-            # Another line has nothing to do with it.
+            # The other line is not affected.
             assert core.drive("fan").reachability == "answers"
             assert values_of(core, "fan")["status"].quality == "good"
         await until(lambda: core.drive("pump").reachability == "answers" and not core.drive("pump").late)
@@ -67,7 +67,7 @@ async def test_drive_of_a_busy_line_is_late_and_keeps_what_it_said_last(tmp_path
 
 @pytest.mark.soak
 @awaited
-async def test_what_is_asked_seldom_is_not_stale_in_between(tmp_path):
+async def test_value_with_a_long_period_is_not_stale_between_polls(tmp_path):
     async with core_of(tmp_path) as (core, _):
         await until(lambda: "status" in values_of(core, "pump"))
         found = []

@@ -1,7 +1,7 @@
-"""A door whose peer floods, stalls or sends garbage: polls keep their times, and the other doors answer as before.
+"""A door whose peer floods, stalls or sends garbage: polls stay on time, and other doors reply as before.
 
-Measured on a server process, in the same run: with the peer, and with a peer that does the same to a bystander, which
-takes as much of the machine.
+Measured on a server process twice in the same run: with the peer at the door, and with the peer at a bystander, where
+it puts the same load on the machine.
 """
 
 import http.client
@@ -25,16 +25,16 @@ from drivecomm.server.history.journal import COMMITTED_EVERY_S
 
 pytestmark = [
     pytest.mark.soak,
-    pytest.mark.skipif(os.name != "posix", reason="peers are kept from the cores that are measured by nice"),
+    pytest.mark.skipif(os.name != "posix", reason="nice keeps the peers from the measured cores"),
 ]
 
 _LOG = logging.getLogger("measured")
-"""Shown by --log-cli-level=info."""
+"""Logger of the measurements, shown by --log-cli-level=info."""
 
 MEASURED_S = 4.0
 PERIOD_S = 0.1
 LATER_S = {("http", "connects"): 0.25}
-"""By how much polls may be later at worst, 0.05 s unless said: the HTTP door takes whatever connections come."""
+"""Allowed extra lateness of polls in seconds, 0.05 by default: the HTTP door accepts connections at any rate."""
 RUNS = 3
 
 
@@ -56,7 +56,7 @@ def served(tmp_path_factory):
 
 
 class Seen:
-    """What goes on for a while: when each poll was answered, by the history, and how long another door takes."""
+    """Measurements of a period: times of poll replies, from the history, and response times of another door."""
 
     def __init__(self, served):
         self.waits_s = []
@@ -74,7 +74,7 @@ class Seen:
         self._ended_s = time.time()
 
     def late_p95(self):
-        """How much later than a period after the one before nineteen of twenty polls were answered at most."""
+        """Return the 95th percentile of the lateness of polls: seconds since the poll before, minus the period."""
         with History(self._history) as history:
             found = list(history.values("fan", "output_frequency", self._began_s, self._ended_s))
         late = sorted((after.time_s - before.time_s) - PERIOD_S for before, after in pairwise(found))
@@ -82,17 +82,17 @@ class Seen:
         return late[int(0.95 * len(late))]
 
     def wait_p95(self):
-        """How long nineteen of twenty questions took at most."""
+        """Return the 95th percentile of the response time in seconds."""
         return sorted(self.waits_s)[int(0.95 * len(self.waits_s))]
 
 
 _LAST = ["nice", "-n", "19", sys.executable, "-c"]
-"""Peers are at the end of the queue for the processor, so that it is not the processor which they take that is seen."""
+"""Command prefix for peers with the lowest priority, so that the load on the processor does not distort the results."""
 
 
 @pytest.fixture(scope="module")
 def bystander():
-    """The port of somebody to whom a peer may do what it does to doors."""
+    """Yield the port of a program that accepts connections in place of a door."""
     with subprocess.Popen([*_LAST, BYSTANDER], stdout=subprocess.PIPE, text=True) as process:
         try:
             yield int(process.stdout.readline())
@@ -102,7 +102,7 @@ def bystander():
 
 @contextmanager
 def peer(program, port):
-    """Let a peer do what it does."""
+    """Run a hostile peer during the block."""
     with (
         tempfile.TemporaryFile() as said,
         subprocess.Popen([*_LAST, program, str(port)], stderr=said) as process,
@@ -118,18 +118,18 @@ def peer(program, port):
 
 
 @pytest.mark.parametrize(("kind", "does", "program"), PEERS, ids=[f"{kind} {does}" for kind, does, _ in PEERS])
-def test_it_costs_the_lines_and_the_other_doors_nothing(served, bystander, kind, does, program):
-    """Measured again, at most twice, where the machine is busy."""
+def test_hostile_peer_does_not_delay_lines_or_doors(served, bystander, kind, does, program):
+    """On a busy machine the measurement is repeated up to twice."""
     if kind not in served.ports:
         pytest.skip(f"the installed drivecomm has no door {kind}; install it again")
     measured = []
     for _ in range(RUNS):
-        # Nobody connects to a broker elsewhere.
+        # Doors of brokers connect to their peer, so the peer of the calm run gets a port without a door.
         with peer(program, free_port() if kind in BROKERS else bystander):
             calm = Seen(served)
         with peer(program, served.ports[kind]):
             full = Seen(served)
-        # What is under way to the history is there.
+        # Wait until the pending values are in the history.
         time.sleep(COMMITTED_EVERY_S * 2)
         measured.append(
             f"{kind} {does}: late {full.late_p95():.4f} s; a bystander's {calm.late_p95():.4f}; "

@@ -1,4 +1,4 @@
-"""Whether a start from a network is looser on link loss than the plant file, and that such a one is refused."""
+"""A start from the network that is looser on link loss than the plant file is recognised and refused."""
 
 import time
 from dataclasses import replace
@@ -20,11 +20,11 @@ HOLD = LinkLossPolicy(policy="hold")
 @pytest.mark.parametrize(
     ("said", "policy", "watchdog_s", "looser"),
     [
-        # What the start leaves to the plant file is never looser.
+        # Settings that the start omits are never looser.
         (RAMP, None, None, ""),
         (HOLD, None, None, ""),
         (None, None, None, ""),
-        # The same policy, with a watchdog that waits as long, shorter, longer.
+        # The same policy with an equal, shorter, or longer watchdog time.
         (RAMP, "ramp", None, ""),
         (RAMP, "ramp", 2, ""),
         (RAMP, "ramp", "1.5", ""),
@@ -35,15 +35,15 @@ HOLD = LinkLossPolicy(policy="hold")
         # hold switches the watchdog off.
         (RAMP, "hold", None, "the policy 'hold' instead of ramp"),
         (RAMP, "hold", 1, "the policy 'hold' instead of ramp"),
-        # Whether it is safer to coast or to trip, only the plant file can say.
+        # Only the plant file can decide whether coast or trip is the safer policy.
         (RAMP, "coast", 1, "the policy 'coast' instead of ramp"),
         (RAMP, "trip", 2, "the policy 'trip' instead of ramp"),
         (RAMP, "HOLD", None, "the policy 'HOLD' instead of ramp"),
-        # Nothing is looser than hold.
+        # No policy is looser than hold.
         (HOLD, "hold", None, ""),
         (HOLD, "ramp", 600, ""),
         (HOLD, "trip", 5, ""),
-        # Without link_loss a start may only choose to be stopped, within the usual time.
+        # Without link_loss a start may only choose a policy that stops the motor, within the default time.
         (None, "ramp", None, ""),
         (None, "coast", 5, ""),
         (None, "trip", 5.5, "a watchdog time of 5.5 s, where 5 s is the longest"),
@@ -56,7 +56,7 @@ def test_start_is_looser_than_the_plant_file_by_policy_and_time(said, policy, wa
 
 
 @pytest.mark.parametrize("watchdog_s", ["soon", float("nan"), float("inf"), True, []])
-def test_watchdog_time_that_is_no_number_is_refused(watchdog_s):
+def test_watchdog_time_that_is_not_a_number_is_refused(watchdog_s):
     with pytest.raises(ValueRefusedError, match="is no number"):
         why_looser("ramp", watchdog_s, RAMP)
 
@@ -92,12 +92,12 @@ def test_looser_start_is_refused_at_every_door_but_the_local_one(door, verb):
 @pytest.mark.parametrize("arguments", [{"policy": "hold"}, {"watchdog_s": 600}, {"policy": "coast"}])
 @pytest.mark.parametrize("verb", ["start", "keep"])
 @awaited
-async def test_looser_start_of_a_network_caller_moves_nothing(tmp_path, verb, arguments):
+async def test_looser_start_of_a_network_caller_moves_no_motor(tmp_path, verb, arguments):
     async with core_of(tmp_path) as (core, control):
         answer = await asked(core, OPERATOR, "pump", verb, arguments=arguments)
         assert (answer.outcome, type(answer.error)) == ("refused", NotAllowedError)
         assert not runs(control, "pump")
-        # The server's own user decides anew.
+        # A local caller may choose a looser policy.
         answer = await asked(core, ENGINEER, "pump", "keep", arguments={"policy": "hold"})
         assert answer.outcome == "done", answer.error
         assert runs(control, "pump")
@@ -151,7 +151,7 @@ async def test_call_or_write_from_a_network_starts_no_motor(tmp_path, drive, ver
 
 
 @awaited
-async def test_write_from_a_network_that_starts_nothing_goes_out(tmp_path):
+async def test_write_from_a_network_that_starts_no_motor_is_sent(tmp_path):
     async with core_of(tmp_path, MOVED) as (core, _):
         assert (await asked(core, OLGA, "fan", "write", arguments={"parameter": "3-41", "value": 5})).outcome == "done"
         answer = await asked(core, OLGA, "fan", "call", arguments={"verb": "control_word", "word": 0x043C})
@@ -159,7 +159,7 @@ async def test_write_from_a_network_that_starts_nothing_goes_out(tmp_path):
 
 
 @awaited
-async def test_local_caller_has_a_motor_kept_that_another_verb_starts(tmp_path):
+async def test_local_caller_may_keep_a_motor_started_by_another_verb(tmp_path):
     by = {"verb": "call", "arguments": {"verb": "jog"}}
     async with core_of(tmp_path, MOVED) as (core, control):
         answer = await asked(core, OLGA, "fan", "keep", lease=leased(core, "fan"), arguments={"by": by})
@@ -175,7 +175,7 @@ async def test_local_caller_has_a_motor_kept_that_another_verb_starts(tmp_path):
 
 @pytest.mark.parametrize("arguments", [{"percent": -5}, {"hz": "-5"}, {"percent": -0.1}])
 @pytest.mark.parametrize("verb", ["set_reference", "keep"])
-def test_negative_reference_from_a_network_is_reversing(verb, arguments):
+def test_negative_reference_from_a_network_needs_the_word_reverse(verb, arguments):
     forwards = replace(FAN, network=NetworkAccess(verbs={"http": ("start", "reference")}))
     with pytest.raises(NotAllowedError, match="add 'reverse' to network"):
         Rights().check(OPERATOR, Command(drive="fan", verb=verb, arguments=arguments), forwards)
@@ -203,7 +203,7 @@ async def test_watchdog_of_a_drive_is_not_written_from_a_network(tmp_path, param
     ],
 )
 @awaited
-async def test_nothing_that_may_start_a_motor_passes_a_demanded_stop(tmp_path, drive, verb, arguments):
+async def test_demanded_stop_refuses_every_command_that_may_start_a_motor(tmp_path, drive, verb, arguments):
     async with core_of(tmp_path, MOVED) as (core, control):
         release = core.stop_demands.hold(drive, Stop.RAMP, "plc")
         answer = await asked(core, ENGINEER, drive, verb, arguments=arguments)

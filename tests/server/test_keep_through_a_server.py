@@ -1,4 +1,4 @@
-"""`keep` on a drive of a server: its motor turns only as long as the program lives, and stops within its time."""
+"""`keep` on a drive of a server: the motor runs only while the program lives, and stops within its time limit."""
 
 import asyncio
 import signal
@@ -35,7 +35,7 @@ with drivecomm.open_plant(plant) as opened:
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory):
-    """A server process that all tests of this module use."""
+    """Yield a server process, shared by all tests of this module."""
     with serving(tmp_path_factory.mktemp("keep")) as one:
         for name in POLICIES:
             one.until(lambda name=name: one.drive(name)["reachability"] == "answers")
@@ -49,7 +49,7 @@ def opened(served):
 
 
 def is_at_rest(served, name):
-    """Whether a motor stands and nobody has anything left to do with it."""
+    """Return whether a motor stands still, without a keep order and without a lease."""
     state = served.drive(name)
     return not served.runs(name) and state["kept"] == "" and state["lease"] is None
 
@@ -70,14 +70,14 @@ def test_kept_motor_stops_within_its_time_when_its_program_is_killed(served, nam
         program.wait()
         program.stdout.close()
     served.until(lambda: not served.runs(name))
-    # Its lease ran out, then the motor was ramped down; the virtual motor takes less than three seconds for that.
+    # Limit: the lease expires, then the virtual motor ramps down in less than three seconds.
     assert time.monotonic() - died_at < WATCHDOG_S + 4.0
     served.until(lambda: is_at_rest(served, name))
     assert any("does not renew" in each["text"] for each in served.events("link loss"))
 
 
 @pytest.mark.parametrize("name", POLICIES)
-def test_kept_motor_turns_for_longer_than_its_lease_and_stops_when_the_block_is_left(served, opened, name):
+def test_kept_motor_outlasts_one_lease_time_and_stops_after_the_block(served, opened, name):
     drive, heard = opened.drive(name), threading.Semaphore(0)
     before = drivecomm.read_watchdog(drive)
     with drivecomm.keep(drive, POLICIES[name], watchdog_s=WATCHDOG_S, on_status=lambda _: heard.release()) as kept:
@@ -85,7 +85,7 @@ def test_kept_motor_turns_for_longer_than_its_lease_and_stops_when_the_block_is_
         assert float(kept.watchdog.time_s) == WATCHDOG_S
         drive.set_reference(percent=20)
         drive.start()
-        # Four refreshes, three of which are one lease.
+        # Three refreshes take one lease time, so that four exceed it.
         for _ in range(4):
             assert heard.acquire(timeout=10)
         assert served.runs(name)
@@ -108,7 +108,7 @@ def test_kept_motor_is_stopped_and_started_again_within_the_block(served, opened
     served.until(lambda: is_at_rest(served, "fan"))
 
 
-def test_second_keeper_is_told_who_keeps_the_motor(served, opened):
+def test_second_keeper_is_refused_and_learns_the_holder(served, opened):
     with drivecomm.open_plant(served.plant) as others:
         with drivecomm.keep(opened.drive("fan"), "ramp", watchdog_s=WATCHDOG_S):
             with pytest.raises(LeaseError, match=r"fan is commanded by .* for another \d+ s, by another program"):
@@ -119,7 +119,7 @@ def test_second_keeper_is_told_who_keeps_the_motor(served, opened):
             pass
 
 
-def test_stop_of_another_program_ends_the_keeping_and_nothing_starts_unkept(served, opened):
+def test_stop_of_another_program_ends_keeping_and_the_motor_stays_stopped(served, opened):
     fan = opened.drive("fan")
 
     def kept_until_it_ends():
@@ -148,7 +148,7 @@ def test_error_in_the_block_stops_the_motor(served, opened):
     served.until(lambda: is_at_rest(served, "fan"))
 
 
-def test_kept_motor_that_the_drive_cannot_treat_so_is_refused_and_nobody_has_a_lease(served, opened):
+def test_keeping_with_an_unsupported_policy_is_refused_without_a_lease(served, opened):
     with pytest.raises(NotSupported, match="it can hold or trip"), drivecomm.keep(opened.drive("pump"), "ramp"):
         pass
     with pytest.raises(NotSupported, match="on_leaving"):
@@ -160,7 +160,7 @@ def test_kept_motor_that_the_drive_cannot_treat_so_is_refused_and_nobody_has_a_l
     assert is_at_rest(served, "pump")
 
 
-def test_awaited_keeper_keeps_through_a_server(served):
+def test_keep_async_works_through_a_server(served):
     async def kept():
         (line,) = (each for each in read_plant(served.plant).lines if each.name == "yard")
         async with async_bus_of_server(line.reached_at) as bus:

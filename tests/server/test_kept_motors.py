@@ -1,4 +1,4 @@
-"""Motors that a server keeps: nothing goes on turning that nobody keeps, and a stop wins at every moment."""
+"""Motors kept by a server: no motor runs without its keeper, and a stop wins at every moment."""
 
 import asyncio
 import time
@@ -30,7 +30,7 @@ async def keep(served, *, seconds=5.0, caller=OPERATOR, drive="pump", **argument
 
 
 async def begun(served, drive="pump"):
-    """Wait until a motor's watchdog is set, and it is not started yet."""
+    """Wait until the watchdog of a motor is set, before the motor is started."""
     await until(lambda: served.drive(drive).kept)
     async for item in served.kept.following(drive):
         assert item["done"] == "watchdog set"
@@ -45,7 +45,7 @@ async def stays_stopped(control, drive="pump", seconds=0.4):
 
 
 class Gate(NoteBook):
-    """An audit that holds up what is to be written until it is opened."""
+    """An audit that delays its records until the test opens it."""
 
     def __init__(self):
         super().__init__()
@@ -61,7 +61,7 @@ class TestWhileItBegins:
     @pytest.mark.soak
     @awaited
     @pytest.mark.parametrize("drive", ["pump", "vabus:1", "vabus:01", "vabus:*"])
-    async def test_a_stop_wins(self, core, drive):
+    async def test_stop_wins_over_a_start_in_progress(self, core, drive):
         async with core() as (served, control):
             lease = leased(served, OPERATOR, "pump", 5)
             keeping = asyncio.create_task(asked(served, OPERATOR, "pump", "keep", lease=lease.key, arguments=HALF))
@@ -75,7 +75,7 @@ class TestWhileItBegins:
 
     @pytest.mark.soak
     @awaited
-    async def test_the_end_of_its_lease_releases_it(self, core):
+    async def test_expired_lease_releases_a_motor_being_started(self, core):
         async with core() as (served, control):
             lease = leased(served, OPERATOR, "pump", 5)
             keeping = asyncio.create_task(asked(served, OPERATOR, "pump", "keep", lease=lease.key, arguments=HALF))
@@ -88,7 +88,7 @@ class TestWhileItBegins:
 
     @pytest.mark.soak
     @awaited
-    async def test_a_lease_given_back_releases_it(self, core):
+    async def test_released_lease_releases_a_motor_being_started(self, core):
         async with core() as (served, control):
             lease = leased(served, OPERATOR, "pump", 5)
             keeping = asyncio.create_task(asked(served, OPERATOR, "pump", "keep", lease=lease.key, arguments=HALF))
@@ -100,7 +100,7 @@ class TestWhileItBegins:
 
     @pytest.mark.soak
     @awaited
-    async def test_one_whose_caller_has_gone_is_not_started(self, core):
+    async def test_motor_is_not_started_after_its_caller_is_gone(self, core):
         async with core() as (served, control):
             lease = leased(served, OPERATOR, "pump", 5)
             keeping = asyncio.create_task(asked(served, OPERATOR, "pump", "keep", lease=lease.key, arguments=HALF))
@@ -111,7 +111,7 @@ class TestWhileItBegins:
 
     @pytest.mark.soak
     @awaited
-    async def test_the_end_of_the_server_wins(self, core):
+    async def test_shutdown_wins_over_a_start_in_progress(self, core):
         async with core() as (served, control):
             lease = leased(served, OPERATOR, "pump", 5)
             keeping = asyncio.create_task(asked(served, OPERATOR, "pump", "keep", lease=lease.key, arguments=HALF))
@@ -122,7 +122,7 @@ class TestWhileItBegins:
 
     @pytest.mark.soak
     @awaited
-    async def test_one_that_cannot_begin_is_not_kept_and_its_story_ends(self, core):
+    async def test_failed_start_is_not_kept_and_its_events_end(self, core):
         async with core() as (served, control):
             lease = leased(served, OPERATOR, "pump", 5)
             control.order("trip", drive="pump", code=4)
@@ -133,7 +133,7 @@ class TestWhileItBegins:
             assert served.drive("pump").kept == ""
 
     @awaited
-    async def test_one_that_is_only_started_is_kept_no_more_when_its_commander_is_answered(self, core):
+    async def test_motor_with_policy_hold_is_not_kept_after_its_start(self, core):
         async with core() as (served, control):
             await keep(served, policy="hold", caller=ENGINEER)
             assert served.drive("pump").kept == ""
@@ -144,7 +144,7 @@ class TestWhileTheAuditIsWritten:
     @pytest.mark.soak
     @pytest.mark.parametrize("verb", ["keep", "start"])
     @awaited
-    async def test_a_stop_wins(self, core, verb):
+    async def test_stop_wins_over_a_start_that_waits_for_its_audit_record(self, core, verb):
         gate = Gate()
         async with core(audit=gate) as (served, control):
             lease = leased(served, ENGINEER, "pump", 5)
@@ -159,7 +159,7 @@ class TestWhileTheAuditIsWritten:
     @pytest.mark.soak
     @pytest.mark.parametrize("verb", ["keep", "start"])
     @awaited
-    async def test_a_lease_that_is_over_then_commands_nothing(self, core, verb):
+    async def test_lease_expired_during_the_audit_refuses_the_start(self, core, verb):
         gate = Gate()
         async with core(audit=gate) as (served, control):
             lease = leased(served, ENGINEER, "pump", 0.05)
@@ -174,7 +174,7 @@ class TestWhileTheAuditIsWritten:
     @pytest.mark.soak
     @pytest.mark.parametrize("verb", ["keep", "start"])
     @awaited
-    async def test_a_server_that_ends_meanwhile_starts_nothing(self, core, verb):
+    async def test_shutdown_during_the_audit_refuses_the_start(self, core, verb):
         gate = Gate()
         async with core(audit=gate) as (served, control):
             lease = leased(served, ENGINEER, "pump", 5)
@@ -189,7 +189,7 @@ class TestWhileTheAuditIsWritten:
 class TestTwo:
     @pytest.mark.soak
     @awaited
-    async def test_only_one_keeps_a_motor(self, core):
+    async def test_only_one_of_concurrent_keep_orders_succeeds(self, core):
         async with core() as (served, _):
             lease = leased(served, OPERATOR, "pump", 5)
             answers = await asyncio.gather(
@@ -201,8 +201,8 @@ class TestTwo:
 
     @pytest.mark.soak
     @awaited
-    async def test_one_that_is_kept_anew_has_its_own_watchdog(self, core):
-        """What is released sets the watchdog as it was; that must not reach the next one."""
+    async def test_motor_kept_again_keeps_its_own_watchdog_setting(self, core):
+        """Releasing a motor restores its watchdog settings, which must not overwrite those of a new keep order."""
         async with core() as (served, _):
             lease = await keep(served)
             assert (await asked(served, VIEWER, "pump", "stop")).outcome == "done"
@@ -216,7 +216,7 @@ class TestTwo:
 
 class TestReleased:
     @awaited
-    async def test_motor_that_trips_is_kept_no_longer_although_its_lease_holds(self, core):
+    async def test_tripped_motor_is_released_although_its_lease_is_valid(self, core):
         async with core() as (served, control):
             await keep(served, seconds=30.0)
             control.order("trip", drive="pump", code=4)
@@ -225,7 +225,7 @@ class TestReleased:
 
     @pytest.mark.soak
     @awaited
-    async def test_a_stop_that_the_drive_does_not_know_releases_nothing(self, core):
+    async def test_unsupported_kind_of_stop_does_not_release_the_motor(self, core):
         async with core() as (served, control):
             await keep(served)
             for how in ("dc_brake", "slowly"):
@@ -237,8 +237,8 @@ class TestReleased:
 
     @pytest.mark.soak
     @awaited
-    async def test_its_stop_is_tried_until_it_is_confirmed(self, core):
-        """Polls feed its watchdog: without another stop it would turn for ever once the line works again."""
+    async def test_stop_of_a_released_motor_is_retried_until_confirmed(self, core):
+        """Polls feed the drive's watchdog, so the motor would keep running after the line works again."""
         async with core() as (served, control):
             await keep(served, drive="fan", caller=ENGINEER, policy="ramp", seconds=1.0, watchdog_s=60)
             await until(lambda: runs(control, "fan"))
@@ -248,14 +248,14 @@ class TestReleased:
             )
             await until(lambda: any("may be running" in each.text for each in served.table.events()), 5.5)
             assert runs(control, "fan")
-            # A drive that is silent is asked now and then, and told to stop as soon as it answers again.
+            # A silent drive is polled at intervals, and stopped as soon as it answers.
             await until(lambda: not runs(control, "fan"), 25)
             await until(lambda: "fan" not in served.kept)
             assert served.drive("fan").lease is None
 
     @pytest.mark.soak
     @awaited
-    async def test_nobody_else_starts_it_before_it_stands(self, core):
+    async def test_motor_being_released_is_not_started_before_it_stands(self, core):
         async with core() as (served, control):
             await keep(served, drive="fan", caller=ENGINEER, policy="ramp", seconds=1.5, watchdog_s=60)
             control.order("power", drive="fan", state="off")
@@ -270,7 +270,7 @@ class TestReleased:
 
     @pytest.mark.soak
     @awaited
-    async def test_a_server_ends_although_a_stop_is_not_confirmed(self, core):
+    async def test_shutdown_ends_despite_an_unconfirmed_stop(self, core):
         async with core() as (served, control):
             await keep(served, drive="fan", caller=ENGINEER, policy="ramp", watchdog_s=60)
             control.order("power", drive="fan", state="off")
@@ -281,7 +281,7 @@ class TestReleased:
     @pytest.mark.soak
     @pytest.mark.parametrize("drive", ["vabus:*", "vabus:01"])
     @awaited
-    async def test_a_stop_by_another_name_releases_it(self, core, drive):
+    async def test_stop_by_another_name_of_the_drive_releases_the_motor(self, core, drive):
         async with core() as (served, control):
             await keep(served)
             assert (await asked(served, ENGINEER, drive, "stop", line="hall")).outcome == "done"

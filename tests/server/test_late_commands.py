@@ -1,4 +1,4 @@
-"""What waits for its line is looked at once more when its turn has come: it may be too late for it by then."""
+"""Second check of a command when its turn on the line comes: by then it may be too old, or no longer allowed."""
 
 import asyncio
 import time
@@ -23,7 +23,7 @@ def core(tmp_path):
 
 @asynccontextmanager
 async def busy(served, line, seconds):
-    """Let the line be somebody's for some time."""
+    """Occupy a line for a number of seconds."""
     await until(lambda: all(each.reachability == "answers" for each in served.drives()))
     bus = served.lines[line].bus
     turn = await asyncio.create_task(bus.line.taken(Rank.COMMAND))
@@ -44,7 +44,7 @@ class TestTooOld:
     @pytest.mark.soak
     @pytest.mark.parametrize(("verb", "arguments"), [("start", {}), ("set_reference", {"percent": 90})])
     @awaited
-    async def test_a_command(self, core, verb, arguments):
+    async def test_command_that_waited_too_long_is_refused(self, core, verb, arguments):
         async with core() as (served, control):
             lease = leased(served, ENGINEER, "fan")
             async with busy(served, "yard", 0.5):
@@ -56,7 +56,7 @@ class TestTooOld:
 
     @pytest.mark.soak
     @awaited
-    async def test_one_that_is_young_enough_is_sent(self, core):
+    async def test_command_that_waited_within_its_validity_is_sent(self, core):
         async with core() as (served, control):
             lease = leased(served, ENGINEER, "fan")
             async with busy(served, "yard", 0.3):
@@ -66,7 +66,7 @@ class TestTooOld:
 
     @pytest.mark.soak
     @awaited
-    async def test_a_motor_that_is_to_be_kept(self, core, monkeypatch):
+    async def test_keep_order_that_waited_too_long_is_refused(self, core, monkeypatch):
         monkeypatch.setattr("drivecomm.server.commands.keeping_takes_s", lambda _: 0.1)
         async with core() as (served, control):
             lease = leased(served, OPERATOR, "pump")
@@ -78,7 +78,7 @@ class TestTooOld:
             assert not runs(control, "pump")
             await until(lambda: "pump" not in served.kept)
 
-    def test_what_a_kept_motor_takes_for_itself_on_a_slow_line_is_no_waiting(self):
+    def test_own_exchanges_of_a_keep_order_do_not_count_as_waiting(self):
         told = []
         came_s = time.monotonic() - 3
         wanted = Wanted(
@@ -88,12 +88,12 @@ class TestTooOld:
         wanted.check_fresh()
         assert told[0]["waited_s"] == pytest.approx(1, abs=0.1)
         assert told[0]["time_s"] == pytest.approx(time.time() - 2, abs=0.1)
-        # Who has come just now is not taken for one from the future.
+        # A command that has just arrived must not get a time in the future.
         replace(wanted, came_s=time.monotonic()).check_fresh()
         assert told[1]["waited_s"] == pytest.approx(0, abs=0.1)
         assert told[1]["time_s"] == pytest.approx(time.time(), abs=0.1)
 
-    def test_a_slower_line_takes_longer(self):
+    def test_keep_order_takes_longer_on_a_slower_line(self):
         fast, slow = (
             keeping_takes_s(
                 SimpleNamespace(settings=LineSettings(baudrate=baudrate, bytesize=8, parity="E", stopbits=1))
@@ -107,7 +107,7 @@ class TestTooOld:
 @pytest.mark.soak
 @pytest.mark.parametrize("verb", ["start", "keep"])
 @awaited
-async def test_a_lease_that_is_over_by_then_starts_nothing_for_another_commander(core, verb):
+async def test_waiting_start_is_refused_if_its_lease_expires(core, verb):
     async with core() as (served, control):
         lease = leased(served, OPERATOR, "pump", 0.2)
         async with busy(served, "hall", 0.8):
@@ -125,7 +125,7 @@ async def test_a_lease_that_is_over_by_then_starts_nothing_for_another_commander
 
 @pytest.mark.soak
 @awaited
-async def test_a_direct_start_whose_lease_is_over_is_not_sent(core):
+async def test_waiting_start_by_a_local_caller_is_refused_if_its_lease_expires(core):
     async with core() as (served, control):
         lease = leased(served, ENGINEER, "fan", 0.2)
         async with busy(served, "yard", 0.5):
@@ -135,7 +135,7 @@ async def test_a_direct_start_whose_lease_is_over_is_not_sent(core):
 
 
 class Gate(NoteBook):
-    """An audit that holds up what is to be written until it is opened."""
+    """An audit that delays its records until the test opens it."""
 
     def __init__(self):
         super().__init__()
@@ -159,7 +159,7 @@ CHANGES = {
 
 @pytest.mark.parametrize("change", CHANGES)
 @awaited
-async def test_a_plant_file_that_was_read_again_counts_for_what_waits(core, change):
+async def test_reloaded_plant_file_applies_to_waiting_commands(core, change):
     caller, changed = CHANGES[change]
     gate = Gate()
     async with core(audit=gate) as (served, control):
@@ -175,7 +175,7 @@ async def test_a_plant_file_that_was_read_again_counts_for_what_waits(core, chan
 
 
 @awaited
-async def test_a_door_that_may_no_more_by_then_starts_nothing(core):
+async def test_waiting_start_is_refused_if_its_door_loses_the_right(core):
     gate = Gate()
     async with core(audit=gate) as (served, control):
         lease = leased(served, OPERATOR, "pump")
@@ -191,8 +191,8 @@ async def test_a_door_that_may_no_more_by_then_starts_nothing(core):
 
 
 @awaited
-async def test_a_file_that_says_the_same_changes_nothing_for_what_waits(core, monkeypatch):
-    # However long a busy machine takes to read it.
+async def test_reload_without_a_change_does_not_affect_waiting_commands(core, monkeypatch):
+    # A busy machine may take longer for the reload than a command is valid.
     monkeypatch.setattr("drivecomm.server.commands.check_fresh", lambda *_, **__: None)
     gate = Gate()
     async with core(audit=gate) as (served, control):

@@ -1,4 +1,4 @@
-"""A line that has no time for its statuses is late: none of its drives is told as dead, by any door."""
+"""A line without time for its status polls is late: no door reports its drives as dead."""
 
 import asyncio
 import threading
@@ -25,7 +25,7 @@ def soon(monkeypatch):
 
 @asynccontextmanager
 async def busy(core, line):
-    """Keep a line from being polled for the time of the block."""
+    """Keep a line from being polled during the block."""
     done = threading.Event()
     lent = asyncio.create_task(core.lines[line].bus.lend(lambda *_: done.wait(10)))
     try:
@@ -56,7 +56,7 @@ def about(core, drive):
 
 
 @awaited
-async def test_late_line_is_reported_once_and_kills_no_drive(tmp_path):
+async def test_late_line_is_reported_once_and_its_drives_stay_alive(tmp_path):
     async with core_of(tmp_path) as (core, _):
         plant, line = PlantForDoors(core, "hall"), core.lines["hall"]
         await until(lambda: core.table.value("pump", STATUS) and core.table.value("pump", "output_frequency"))
@@ -83,7 +83,7 @@ async def test_late_line_is_reported_once_and_kills_no_drive(tmp_path):
         await until(lambda: not core.drive("pump").late)
         assert about(core, "pump") == []
         assert node.is_born("pump")
-        # Late again within the quiet time: the same spell.
+        # Another late status within the quiet time belongs to the same spell.
         line.status_is_late("pump", "was not asked", time.monotonic())
         line.look(time.monotonic() + LATE_OVER_S - 1)
         assert len(line_events(core, "hall")) == 1
@@ -97,7 +97,7 @@ async def test_late_line_is_reported_once_and_kills_no_drive(tmp_path):
 
 
 @awaited
-async def test_lost_line_ends_a_late_spell_without_calling_it_in_time(tmp_path):
+async def test_lost_line_ends_a_late_spell_without_an_in_time_event(tmp_path):
     async with core_of(tmp_path) as (core, _):
         line = core.lines["hall"]
         await until(lambda: core.drive("pump").status is not None)

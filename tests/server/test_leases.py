@@ -1,4 +1,4 @@
-"""One commander a drive: however leases are taken, renewed, ended and forgotten."""
+"""Leases: one commander per drive, with any sequence of acquiring, renewing, releasing and forgetting."""
 
 import math
 
@@ -18,7 +18,7 @@ def take(leases, caller, seconds=10.0, *, now=0.0, drive="pump", key=""):
     return leases.take(caller, drive, seconds, now=now, time_s=WALL_S + now, key=key)
 
 
-def test_taken_renewed_given_back():
+def test_lease_is_acquired_renewed_and_released():
     leases = Leases()
     lease = take(leases, ANNA)
     assert (lease.drive, lease.holder, lease.until_s) == ("pump", ANNA, WALL_S + 10)
@@ -27,11 +27,11 @@ def test_taken_renewed_given_back():
     assert (renewed.key, renewed.until_s) == (lease.key, WALL_S + 19)
     assert leases.end(ANNA, "pump", lease.key, now=15) == renewed
     assert (leases.holder_of("pump", now=15), list(leases.all(now=15))) == (None, [])
-    assert not leases.expire(100), "it was given back, it did not end by itself"
+    assert not leases.expire(100), "the lease was released and did not expire"
     assert take(leases, BEN, now=15).holder == BEN
 
 
-def test_who_has_it_is_said():
+def test_refusal_names_the_holder_of_the_lease():
     leases = Leases()
     take(leases, ANNA)
     with pytest.raises(LeaseError, match=r"^pump is commanded by anna \(http 127.0.0.1:8080\) for another 8 s$"):
@@ -40,7 +40,7 @@ def test_who_has_it_is_said():
         take(leases, ANNA, now=2)
 
 
-def test_the_key_alone_is_not_enough():
+def test_key_is_valid_only_for_its_holder_and_door():
     leases = Leases()
     key = take(leases, ANNA).key
     other_door = Caller(name="anna", role=Role.OPERATE, door="mqtt")
@@ -56,15 +56,15 @@ def test_the_key_alone_is_not_enough():
     assert leases.holder_of("pump", now=1).holder == ANNA
 
 
-def test_its_holder_takes_it_again_by_its_key():
+def test_holder_acquires_the_lease_again_with_its_key():
     leases = Leases()
     key = take(leases, ANNA).key
     again = take(leases, ANNA, now=5, key=key)
     assert (again.key, again.until_s) == (key, WALL_S + 15)
-    assert take(leases, ANNA, now=20, key=key).key != key, "a new one, the old one is over"
+    assert take(leases, ANNA, now=20, key=key).key != key, "the old lease has expired, so the key is new"
 
 
-def test_who_may_command():
+def test_commands_are_admitted_without_a_lease_or_with_its_key():
     leases = Leases()
     assert leases.admit(ANNA, "pump", "", now=0) is None
     with pytest.raises(LeaseError, match="the lease of pump is over; take it again"):
@@ -74,10 +74,10 @@ def test_who_may_command():
     for caller, key in ((ANNA, ""), (ANNA, "\ud800"), (BEN, ""), (BEN, lease.key)):
         with pytest.raises(LeaseError):
             leases.admit(caller, "pump", key, now=1)
-    assert leases.admit(BEN, "pump", "", now=10) is None, "it is over, also when nobody has ended it yet"
+    assert leases.admit(BEN, "pump", "", now=10) is None, "the lease has expired, even before `expire` is called"
 
 
-def test_each_that_ends_is_told_once_also_when_it_was_taken_meanwhile():
+def test_each_expired_lease_is_reported_once_even_if_acquired_again():
     leases = Leases()
     first = take(leases, ANNA)
     second = take(leases, BEN, now=10)
@@ -87,7 +87,7 @@ def test_each_that_ends_is_told_once_also_when_it_was_taken_meanwhile():
     assert not leases.expire(20)
 
 
-def test_what_was_taken_for_one_command_may_be_over_when_it_is_released():
+def test_lease_of_one_command_may_expire_before_its_release():
     leases = Leases()
     alone = take(leases, ANNA)
     leases.release(alone)
@@ -101,7 +101,7 @@ def test_what_was_taken_for_one_command_may_be_over_when_it_is_released():
 
 
 @pytest.mark.parametrize("seconds", [0, -1, 30.1, math.nan, math.inf, "10", None])
-def test_for_how_long(seconds):
+def test_invalid_lease_time_is_refused(seconds):
     leases = Leases()
     with pytest.raises(UsageError, match="take up to 30 s, and renew it"):
         take(leases, ANNA, seconds)
@@ -125,7 +125,7 @@ CALLERS = [ANNA, BEN, Caller(name="anna", role=Role.OPERATE, door="mqtt")]
         max_size=40,
     )
 )
-def test_there_are_never_two_commanders_and_no_end_is_missed(calls):
+def test_random_lease_calls_have_one_holder_and_report_every_end(calls):
     leases, now = Leases(), 0.0
     keys, until, ended, given_back, all_keys = {}, {}, [], [], []
     for what, who, drive, seconds, later, which in calls:
@@ -160,4 +160,4 @@ def test_there_are_never_two_commanders_and_no_end_is_missed(calls):
         held = {each.drive: (each.holder, each.key) for each in leases.all(now=now)}
         assert held == {each: keys[each] for each in keys if until[each] > now}
     ended += [each.key for each in leases.expire(now + 31)]
-    assert sorted(ended + given_back) == sorted(all_keys), "each is given back, or told to have ended, once"
+    assert sorted(ended + given_back) == sorted(all_keys), "each lease is released or reported as expired once"

@@ -1,4 +1,4 @@
-"""The sockets on which doors listen."""
+"""Listening sockets of doors."""
 
 import socket
 
@@ -9,7 +9,7 @@ from drivecomm.server.listening import ListenAddress
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "::1"])
-def test_what_is_sent_to_a_client_waits_for_no_acknowledgement(host):
+def test_accepted_connections_have_tcp_nodelay(host):
     try:
         opened = ListenAddress(host, 0).open()
     except PortError as error:

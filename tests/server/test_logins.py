@@ -1,4 +1,4 @@
-"""Who comes in: by a token, by a password, after the file has changed; and who has to wait."""
+"""Authentication: by token, by password, after a change of the users file, and its rate limit."""
 
 import asyncio
 import time
@@ -15,7 +15,7 @@ from drivecomm.server.users import User, add_user, remove_user
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
-    """Passwords that cost nothing to try."""
+    """Make password hashes cheap to compute."""
     monkeypatch.setattr(credentials, "_COST", (2, 1, 1))
     monkeypatch.setattr(credentials, "_MOST_MEMORY", 2**20)
 
@@ -54,7 +54,7 @@ def log_in(users, name="anna", password="password"):
     return asyncio.run(users.log_in(name, password))
 
 
-def test_by_a_token(users):
+def test_user_is_authenticated_by_a_token(users):
     assert users.caller("anna's", "http 1") == Caller(name="anna", role=Role.OPERATE, door="http 1")
     assert users.caller("ben's", "http 1").role is Role.VIEW
     for token in ("", "anna's ", "carla's", token_hash("anna's"), "\ud800", "x" * 1_000_000):
@@ -62,7 +62,7 @@ def test_by_a_token(users):
             users.caller(token, "http 1")
 
 
-def test_by_a_password_for_a_while(users, clock):
+def test_login_by_password_is_valid_for_a_limited_time(users, clock):
     login = log_in(users)
     assert abs(login.until_s - time.time() - LOGGED_IN_S) < 60
     assert users.caller(login.token, "http 1") == users.caller("anna's", "http 1")
@@ -73,7 +73,7 @@ def test_by_a_password_for_a_while(users, clock):
         users.caller(login.token, "http 1")
 
 
-def test_a_login_is_renewed_while_somebody_is_there(users, clock):
+def test_login_can_be_renewed_until_it_expires(users, clock):
     login = asyncio.run(users.log_in("anna", "password"))
     clock.now = LOGGED_IN_S - 1
     assert users.renew(login.token).token == login.token
@@ -85,7 +85,7 @@ def test_a_login_is_renewed_while_somebody_is_there(users, clock):
             users.renew(late)
 
 
-def test_logged_out(users):
+def test_token_is_invalid_after_logout(users):
     login = log_in(users)
     users.log_out(login.token)
     with pytest.raises(NotAllowedError):
@@ -93,12 +93,12 @@ def test_logged_out(users):
 
 
 @pytest.mark.parametrize(("name", "password"), [("anna", "Password"), ("anna", ""), ("ben", ""), ("carla", "password")])
-def test_a_wrong_name_and_a_wrong_password_are_told_alike(users, name, password):
+def test_wrong_name_and_wrong_password_give_the_same_error(users, name, password):
     with pytest.raises(NotAllowedError, match=r"^the name or the password is wrong$"):
         log_in(users, name, password)
 
 
-def test_a_name_that_nobody_has_costs_as_much_time(users, monkeypatch):
+def test_unknown_name_takes_as_long_as_a_wrong_password(users, monkeypatch):
     tried = []
     monkeypatch.setattr("drivecomm.server.logins.password_fits", lambda *given: tried.append(given) is not None)
     for name in ("carla", "ben"):
@@ -113,7 +113,7 @@ def guess(users, times, name="anna"):
             log_in(users, name, "a guess")
 
 
-def test_guessing_takes_longer_and_longer_and_keeps_no_token_out(users, clock):
+def test_wrong_passwords_lead_to_growing_waits_but_tokens_still_work(users, clock):
     guess(users, 5)
     waits = []
     for _ in range(10):
@@ -137,18 +137,18 @@ def test_guessing_takes_longer_and_longer_and_keeps_no_token_out(users, clock):
     guess(users, 5)
 
 
-def test_guesses_of_one_name_keep_no_other_waiting(users):
+def test_wrong_passwords_of_one_name_do_not_delay_another(users):
     guess(users, 5, "carla")
     assert log_in(users)
 
 
-def test_failures_are_forgotten_after_a_while(users, clock):
+def test_failed_logins_are_forgotten_after_15_minutes(users, clock):
     guess(users, 4)
     clock.now += 901
     guess(users, 5)
 
 
-def test_many_guesses_at_once_are_no_more_than_one_after_the_other(users):
+def test_concurrent_wrong_passwords_are_limited_like_sequential_ones(users):
     async def guesses():
         return await asyncio.gather(*(users.log_in("anna", "a guess") for _ in range(50)), return_exceptions=True)
 
@@ -158,7 +158,7 @@ def test_many_guesses_at_once_are_no_more_than_one_after_the_other(users):
 
 
 @pytest.mark.soak
-def test_names_without_end_fill_no_memory(users):
+def test_number_of_remembered_failed_names_is_limited(users):
     for number in range(3000):
         with pytest.raises(NotAllowedError):
             log_in(users, f"name {number}", "a guess")
@@ -166,7 +166,7 @@ def test_names_without_end_fill_no_memory(users):
 
 
 @pytest.mark.soak
-def test_logins_without_end_fill_no_memory_and_push_no_other_user_out(users, file, clock):
+def test_number_of_logins_is_limited_per_user(users, file, clock):
     add_user(file, User(name="carla", role=Role.VIEW, password=password_hash("password")))
     clock.now += 2
     first, other = log_in(users), log_in(users, "carla")
@@ -179,7 +179,7 @@ def test_logins_without_end_fill_no_memory_and_push_no_other_user_out(users, fil
     assert len(users._logins) == MOST_LOGINS
 
 
-def test_the_file_is_read_again(users, file, clock):
+def test_changed_users_file_takes_effect(users, file, clock):
     login = log_in(users)
     remove_user(file, "ben")
     clock.now += 2
@@ -192,7 +192,7 @@ def test_the_file_is_read_again(users, file, clock):
 
 
 @pytest.mark.parametrize("change", ["removed", "another password", "another role"])
-def test_a_login_counts_as_its_user_is_now(users, file, clock, change):
+def test_login_follows_changes_of_its_user(users, file, clock, change):
     login = log_in(users)
     password = users._users["anna"].password
     remove_user(file, "anna")
@@ -209,7 +209,7 @@ def test_a_login_counts_as_its_user_is_now(users, file, clock, change):
 
 
 @pytest.mark.parametrize("change", ["broken", "gone"])
-def test_a_file_that_cannot_be_read_any_more_keeps_nobody_from_a_stop(users, file, clock, told, change):
+def test_unreadable_users_file_leaves_the_known_users_valid(users, file, clock, told, change):
     text = file.read_text()
     if change == "gone":
         file.unlink()
@@ -228,6 +228,6 @@ def test_a_file_that_cannot_be_read_any_more_keeps_nobody_from_a_stop(users, fil
     assert told[1:] == [f"{file}: can be read again"]
 
 
-def test_a_file_that_cannot_be_read_at_the_start(tmp_path):
+def test_missing_users_file_is_refused_at_the_start(tmp_path):
     with pytest.raises(FileFormatError, match="there is no such file"):
         Users(tmp_path / "users.toml")

@@ -1,4 +1,4 @@
-"""The unit of a machine in a server: its doors take references in it, and show values in it."""
+"""Machine units in a server: doors accept references in them, and show values in them."""
 
 import json
 from dataclasses import replace
@@ -28,7 +28,7 @@ def value_of(served, name):
 
 @pytest.mark.parametrize("given", [12.5, "12.5", "12.5 m/min"])
 @awaited
-async def test_server_takes_a_reference_in_the_unit_of_the_machine(core, given):
+async def test_server_accepts_a_reference_in_the_machine_unit(core, given):
     async with core() as (served, _):
         answer = await asked(served, OPERATOR, "pump", "set_reference", arguments={"machine": given})
         assert (answer.outcome, answer.error) == ("done", None)
@@ -48,7 +48,7 @@ async def test_server_takes_a_reference_in_the_unit_of_the_machine(core, given):
     ],
 )
 @awaited
-async def test_server_refuses_a_machine_reference_that_cannot_be(tmp_path, drive, arguments, sentence):
+async def test_server_refuses_an_invalid_machine_reference(tmp_path, drive, arguments, sentence):
     text = BELT.replace('policy = "coast", watchdog_s = 2 }', 'policy = "hold" }\nnetwork = { http = ["reference"] }')
     async with core_of(tmp_path, text) as (served, _):
         await until(lambda: value_of(served, "480") is not None)
@@ -60,7 +60,7 @@ async def test_server_refuses_a_machine_reference_that_cannot_be(tmp_path, drive
 
 
 @awaited
-async def test_server_shows_frequencies_in_the_unit_of_the_machine(core):
+async def test_server_shows_frequencies_in_the_machine_unit(core):
     async with core() as (served, _):
         await asked(served, OPERATOR, "pump", "set_reference", arguments={"machine": 12.5})
         await until(lambda: value_of(served, "reference_frequency") == "10.00")
@@ -74,7 +74,7 @@ async def test_server_shows_frequencies_in_the_unit_of_the_machine(core):
 
 
 @awaited
-async def test_new_unit_of_a_machine_counts_when_the_plant_file_is_read_again(core):
+async def test_reload_applies_a_changed_machine_unit(core):
     async with core() as (served, _):
         await until(lambda: value_of(served, "480") is not None)
         twice = MachineUnit(unit="m/min", per_hz="2.5")

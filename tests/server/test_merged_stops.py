@@ -1,4 +1,4 @@
-"""Repeated stops of one drive are one job on its line, and all who asked get the answer."""
+"""Repeated stops of one drive are merged into one job on its line, and every caller gets the result."""
 
 import asyncio
 from contextlib import asynccontextmanager
@@ -16,7 +16,7 @@ RAMP = StopKey("yard", "danfoss-fc:3", Stop.RAMP)
 
 @asynccontextmanager
 async def busy(core):
-    """Hold the line for as long as the block lasts."""
+    """Occupy the line during the block."""
     bus = core.lines["yard"].bus
     turn = await asyncio.create_task(bus.line.taken(Rank.COMMAND))
     try:
@@ -26,7 +26,7 @@ async def busy(core):
 
 
 class Line:
-    """Sends stops when it is told to. begun: those that wait for it, or are out."""
+    """Line that sends stops when the test allows it. begun: jobs that wait for it or are being sent."""
 
     def __init__(self):
         self.begun, self.ends = [], asyncio.Event()
@@ -43,7 +43,7 @@ async def turns():
 
 class TestOnALine:
     @awaited
-    async def test_all_who_ask_while_the_line_is_busy_share_one_telegram(self, tmp_path):
+    async def test_stops_requested_while_the_line_is_busy_share_one_telegram(self, tmp_path):
         async with cut_core(tmp_path) as (core, control, _):
             await run(core)
             sent = stops_sent(core)
@@ -57,12 +57,12 @@ class TestOnALine:
             assert {each.outcome for each in answers} == {"done"}
             assert [each.id for each in answers] == [str(number) for number in range(60)]
             assert sent == ["danfoss-fc:3"]
-            # Once for each who asked, however often.
+            # The audit has one record per caller, however often the stop is repeated.
             assert core.audit.stops == [("fan", "ramp")] * 3
             await until(lambda: not runs(control, "fan"), 15)
 
     @awaited
-    async def test_silent_drive_gets_two_jobs_at_most_for_many_who_ask(self, tmp_path):
+    async def test_silent_drive_gets_at_most_two_jobs_for_many_callers(self, tmp_path):
         async with cut_core(tmp_path) as (core, _, cable):
             cable.deaf = True
             sent = stops_sent(core)
@@ -70,11 +70,11 @@ class TestOnALine:
             await until(lambda: sent)
             answers = await asyncio.gather(*(asked(core, VIEWER, "fan", "stop") for _ in range(60)))
             assert {each.outcome for each in (await first, *answers)} == {"open"}
-            # An attempt of each job may be a turn of its own.
+            # Each job may take a separate turn for each of its attempts.
             assert len(sent) <= 4
 
     @awaited
-    async def test_another_kind_of_stop_is_a_job_of_its_own(self, tmp_path):
+    async def test_another_kind_of_stop_is_a_separate_job(self, tmp_path):
         async with cut_core(tmp_path) as (core, _, _cable):
             sent = stops_sent(core)
             async with busy(core):
@@ -87,7 +87,7 @@ class TestOnALine:
             assert len(sent) == 2
 
     @awaited
-    async def test_stop_right_after_a_start_waits_for_nothing(self, tmp_path, monkeypatch):
+    async def test_stop_right_after_a_start_is_sent_immediately(self, tmp_path, monkeypatch):
         monkeypatch.setattr(merged_stops, "STOP_REST_S", 600.0)
         async with cut_core(tmp_path) as (core, control, _):
             assert (await asked(core, VIEWER, "fan", "stop")).outcome == "done"
@@ -99,7 +99,7 @@ class TestOnALine:
 
 class TestRules:
     @awaited
-    async def test_stop_joins_until_the_telegram_goes_out(self):
+    async def test_stop_joins_a_job_until_its_telegram_is_sent(self):
         line, stops = Line(), MergedStops()
         first = stops.job(RAMP, line.send)
         await turns()
@@ -111,7 +111,7 @@ class TestRules:
         await stops.close()
 
     @awaited
-    async def test_flood_rests_between_two_jobs(self, monkeypatch):
+    async def test_flood_of_stops_pauses_between_two_jobs(self, monkeypatch):
         monkeypatch.setattr(merged_stops, "STOP_REST_S", 600.0)
         line, stops = Line(), MergedStops()
         first = stops.job(RAMP, line.send)
@@ -122,14 +122,14 @@ class TestRules:
         await turns()
         assert first.task.done()
         assert line.begun == [first]
-        # A stop that was asked for before a command goes out before it.
+        # A stop requested before a command has to be sent before that command.
         stops.commanded("yard")
         await turns()
         assert line.begun == [first, later]
         await stops.close()
 
     @awaited
-    async def test_rest_ends_by_itself_and_is_of_one_kind_and_drive(self, monkeypatch):
+    async def test_pause_ends_and_applies_to_one_kind_and_drive(self, monkeypatch):
         monkeypatch.setattr(merged_stops, "STOP_REST_S", 0.01)
         line, stops = Line(), MergedStops()
         line.ends.set()
@@ -143,7 +143,7 @@ class TestRules:
         await stops.close()
 
     @awaited
-    async def test_failed_job_fails_for_all_and_is_joined_no_more(self):
+    async def test_failed_job_fails_for_all_callers_and_accepts_no_more(self):
         async def send(_):
             raise OSError(24, "no descriptors")
 

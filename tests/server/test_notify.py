@@ -1,4 +1,4 @@
-"""systemd hears of the server on a datagram socket, and its watchdog hears the event loop and nothing else."""
+"""Notifications to systemd on a datagram socket; its watchdog is fed only by a running event loop."""
 
 import asyncio
 import os
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="systemd is on L
 
 @pytest.fixture(params=["in a folder", "abstract"])
 def manager_socket(request, tmp_path):
-    """A socket as systemd makes it, and what it calls it."""
+    """Yield a socket as systemd makes it, and the name under which systemd passes it."""
     name = str(tmp_path / "notify") if request.param == "in a folder" else f"@drivecomm-test-{os.getpid()}"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as receiver:
         receiver.bind(name.replace("@", "\0"))
@@ -36,12 +36,12 @@ def heard(manager_socket):
     return lambda: manager_socket[0].recv(4096).decode().splitlines()
 
 
-def test_it_hears_when_the_server_is_ready(manager, heard):
+def test_manager_is_notified_when_the_server_is_ready(manager, heard):
     manager.ready("2 lines, 5 drives")
     assert heard() == ["READY=1", "STATUS=2 lines, 5 drives"]
 
 
-def test_it_hears_of_a_reload_with_the_time_of_its_beginning(manager, heard):
+def test_manager_is_notified_of_a_reload_with_its_start_time(manager, heard):
     before = time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000
     manager.reloading()
     word, at = heard()
@@ -50,17 +50,17 @@ def test_it_hears_of_a_reload_with_the_time_of_its_beginning(manager, heard):
     assert before <= int(at.removeprefix("MONOTONIC_USEC=")) <= after
 
 
-def test_it_hears_of_the_end(manager, heard):
+def test_manager_is_notified_of_the_shutdown(manager, heard):
     manager.stopping("stopping pump")
     assert heard() == ["STOPPING=1", "STATUS=stopping pump"]
 
 
-def test_a_status_adds_no_assignment_of_its_own(manager, heard):
+def test_status_with_a_line_break_adds_no_assignment(manager, heard):
     manager.status("hall:\nSTOPPING=1")
     assert heard() == ["STATUS=hall: STOPPING=1"]
 
 
-def test_the_watchdog_hears_a_loop_that_runs(manager_socket, heard):
+def test_watchdog_is_fed_by_a_running_loop(manager_socket, heard):
     manager = ServiceManager({"NOTIFY_SOCKET": manager_socket[1], "WATCHDOG_USEC": "90000"})
 
     async def run():
@@ -81,7 +81,7 @@ def test_the_watchdog_hears_a_loop_that_runs(manager_socket, heard):
     assert count >= 3
 
 
-def test_the_watchdog_does_not_hear_a_loop_that_hangs(manager_socket, heard):
+def test_watchdog_is_not_fed_by_a_hanging_loop(manager_socket, heard):
     manager = ServiceManager({"NOTIFY_SOCKET": manager_socket[1], "WATCHDOG_USEC": "60000"})
 
     async def run():
@@ -106,7 +106,7 @@ def test_the_watchdog_does_not_hear_a_loop_that_hangs(manager_socket, heard):
         {"WATCHDOG_USEC": "1000000", "WATCHDOG_PID": "1"},
     ],
 )
-def test_a_watchdog_that_is_not_this_process_s_is_not_fed(manager_socket, environment):
+def test_watchdog_of_another_process_is_not_fed(manager_socket, environment):
     manager = ServiceManager({"NOTIFY_SOCKET": manager_socket[1], **environment})
     assert manager.watchdog_s is None
     asyncio.run(manager.feed_watchdog())
@@ -116,13 +116,13 @@ def test_a_watchdog_that_is_not_this_process_s_is_not_fed(manager_socket, enviro
     manager.close()
 
 
-def test_the_watchdog_of_this_process_is_fed():
+def test_watchdog_time_is_read_for_this_process():
     environment = {"WATCHDOG_USEC": "30000000", "WATCHDOG_PID": str(os.getpid())}
     assert ServiceManager(environment).watchdog_s == 30
 
 
 @pytest.mark.parametrize("environment", [{}, {"NOTIFY_SOCKET": ""}, {"NOTIFY_SOCKET": "vsock:2:1234"}])
-def test_without_a_socket_nothing_is_sent(environment):
+def test_manager_without_a_socket_sends_nothing(environment):
     manager = ServiceManager(environment)
     manager.ready("ready")
     manager.status("polling")
@@ -132,7 +132,7 @@ def test_without_a_socket_nothing_is_sent(environment):
     manager.status("after the end")
 
 
-def test_a_manager_that_takes_nothing_holds_nobody_up_and_misses_nothing(tmp_path):
+def test_stalled_manager_does_not_block_and_gets_the_shutdown(tmp_path):
     name = str(tmp_path / "notify")
     manager = ServiceManager({"NOTIFY_SOCKET": name})
     manager.ready("nobody listens yet")
@@ -141,7 +141,7 @@ def test_a_manager_that_takes_nothing_holds_nobody_up_and_misses_nothing(tmp_pat
         manager.status("now")
         assert receiver.recv(4096).decode().splitlines() == ["READY=1", "STATUS=now"]
         began = time.monotonic()
-        for number in range(2000):  # more than the socket's queue holds
+        for number in range(2000):  # more than the queue of the socket holds
             manager.status(f"{number}")
         assert time.monotonic() - began < 2
         receiver.setblocking(False)

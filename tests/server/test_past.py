@@ -1,4 +1,4 @@
-"""The history as doors read it: by rows, in pieces, while it is written."""
+"""The history as doors read it: by rows, in pieces, and while it is written."""
 
 import asyncio
 import threading
@@ -31,7 +31,7 @@ async def rows_since(past, row):
         return [each.row async for piece in pieces for each in piece]
 
 
-def test_rows_are_read_from_any_on_and_to_the_end(tmp_path):
+def test_rows_are_read_from_any_row_to_the_end(tmp_path):
     store = Store(tmp_path / "history.sqlite")
     past = Past(tmp_path / "history.sqlite")
 
@@ -45,7 +45,7 @@ def test_rows_are_read_from_any_on_and_to_the_end(tmp_path):
         assert await rows_since(past, 9999) == []
         async with aclosing(past.since(0)) as pieces:
             async for piece in pieces:
-                # Who reads holds up nobody who writes.
+                # A reader must not block the writer.
                 store.add(values(9000, 1), [])
                 assert 0 < len(piece) <= 1000
                 break
@@ -54,7 +54,7 @@ def test_rows_are_read_from_any_on_and_to_the_end(tmp_path):
     store.close()
 
 
-def test_pieces_of_a_quantity_are_its_values_in_a_span(tmp_path):
+def test_pieces_of_a_quantity_have_its_values_in_a_time_span(tmp_path):
     store = Store(tmp_path / "history.sqlite")
     store.add(values(0, 2500), [])
     past = Past(tmp_path / "history.sqlite")
@@ -75,7 +75,7 @@ def test_pieces_of_a_quantity_are_its_values_in_a_span(tmp_path):
     assert not any(each.is_alive() for each in readers)
 
 
-def test_many_requests_open_few_files_and_hold_up_no_other_thread(tmp_path, monkeypatch):
+def test_many_requests_open_few_files_and_do_not_block_other_threads(tmp_path, monkeypatch):
     file = tmp_path / "history.sqlite"
     store = Store(file)
     store.add(values(0, 10), [])
@@ -97,9 +97,9 @@ def test_many_requests_open_few_files_and_hold_up_no_other_thread(tmp_path, monk
 
     async def test():
         asked = [asyncio.create_task(past.points("pump", "f", 0, 2 * NOON, 10)) for _ in range(100)]
-        while len(opened) < 4:  # noqa: ASYNC110 - threads are counted
+        while len(opened) < 4:  # noqa: ASYNC110 - counts threads
             await asyncio.sleep(0.001)
-        # A login, for example.
+        # Other uses of the thread pool, such as a login, still get a thread.
         await asyncio.wait_for(asyncio.gather(*(asyncio.to_thread(len, "") for _ in range(100))), 10)
         assert len(opened) == 4
         release.set()

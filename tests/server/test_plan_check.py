@@ -1,4 +1,4 @@
-"""What a plant asks of its lines is checked when it is served: what can never be read, and what a line cannot carry."""
+"""Checks of the poll plan when a plant is served: unreadable quantities, and overloaded lines."""
 
 import asyncio
 import signal
@@ -59,7 +59,7 @@ def test_load_of_a_line_counts_the_statuses(tmp_path):
 
 
 @awaited
-async def test_overload_is_reported_by_a_process_of_its_own(tmp_path):
+async def test_overload_is_found_by_a_separate_process(tmp_path):
     found = []
     await report_overload(file_of(tmp_path, plant_text(12)), lambda *told: found.append(told), after_s=0)
     ((line, text),) = found
@@ -96,7 +96,7 @@ async def test_check_that_is_cancelled_leaves_no_process(tmp_path):
 
 
 @awaited
-async def test_line_that_keeps_missing_polls_says_so_once_and_when_it_is_over(tmp_path, monkeypatch):
+async def test_line_that_keeps_missing_polls_is_reported_once_and_at_its_end(tmp_path, monkeypatch):
     monkeypatch.setattr(served_line, "MISSING_S", 0.3)
     text = plant_text(1, period_s=0.005, status_period_s=1, paced="true")
     async with core_of(tmp_path, text, status_period_s=1) as (core, _):
@@ -129,7 +129,7 @@ REFUSED = {
 
 @pytest.mark.parametrize("options", [(), ("--check",)], ids=["serve", "check"])
 @pytest.mark.parametrize(("text", "why"), REFUSED.items(), ids=["poll", "confirmed"])
-def test_serve_refuses_a_plant_file_with_what_a_model_does_not_have(tmp_path, text, why, options):
+def test_serve_refuses_a_plant_file_with_a_quantity_unknown_to_the_model(tmp_path, text, why, options):
     file = file_of(tmp_path, text)
     command = [sys.executable, "-m", "drivecomm", "serve", str(file), *options]
     ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
@@ -137,7 +137,7 @@ def test_serve_refuses_a_plant_file_with_what_a_model_does_not_have(tmp_path, te
     assert f"{file}: {why}" in ended.stderr
 
 
-def test_reload_with_what_a_model_does_not_have_changes_nothing(tmp_path):
+def test_reload_with_a_quantity_unknown_to_the_model_changes_nothing(tmp_path):
     with serving(tmp_path) as server:
 
         def values():
@@ -156,7 +156,7 @@ def test_reload_with_what_a_model_does_not_have_changes_nothing(tmp_path):
 
 
 @awaited
-async def test_quantity_that_cannot_be_read_has_a_time_and_is_no_silence(tmp_path):
+async def test_unreadable_quantity_is_bad_with_a_time_and_its_cause(tmp_path):
     began_s = time.time()
     async with core_of(tmp_path, WRONG) as (core, _):
         await until(lambda: core.table.value("fan1", "output_colour"))
@@ -166,7 +166,7 @@ async def test_quantity_that_cannot_be_read_has_a_time_and_is_no_silence(tmp_pat
         assert "output_colour" in value.cause
 
 
-def test_drives_of_which_the_same_is_wrong_share_a_sentence(tmp_path):
+def test_drives_with_the_same_error_share_a_sentence(tmp_path):
     drives = "".join(
         f'[[drive]]\nname = "mixer {address}"\ndrive = "vlt3500:{address}"\nline = "hall"\n'
         'poll = [{ parameters = ["output_frequency"] }]\n'

@@ -1,4 +1,4 @@
-"""Many callers at once, in random orders: no motor turns that nobody keeps, and a stop that was confirmed stays."""
+"""Many concurrent callers with random actions: no unkept motor runs, and a confirmed stop lasts."""
 
 import asyncio
 import time
@@ -15,7 +15,7 @@ RUN_S = 4.0
 
 
 async def commander(served, caller, random, until_s):
-    """Take leases, keep, set references, stop, and forget to renew."""
+    """Acquire leases, keep the motor, set references, stop, and sometimes fail to renew."""
     while time.monotonic() < until_s:
         try:
             lease = served.leases.take(
@@ -33,7 +33,7 @@ async def commander(served, caller, random, until_s):
 
 
 async def disturber(served, control, random, until_s):
-    """Stop from outside, trip the drive, and read the plant file again."""
+    """Stop from outside, trip the drive, and reload the plant file."""
     whole = served.plant
     while time.monotonic() < until_s:
         await asyncio.sleep(random.uniform(0, 0.4))
@@ -52,10 +52,10 @@ async def disturber(served, control, random, until_s):
 
 
 async def watch(served, control, until_s):
-    """See that the motor turns only while it is kept or being released."""
+    """Check that the motor runs only while it is kept or being released."""
     while time.monotonic() < until_s:
         if runs(control, "pump") and "pump" not in served.kept:
-            # It was commanded to stop, and takes its time for that.
+            # A stop was sent, and the motor takes some time to ramp down.
             await until(lambda: not runs(control, "pump") or "pump" in served.kept, 2)
         await asyncio.sleep(0.01)
 
@@ -63,7 +63,7 @@ async def watch(served, control, until_s):
 @pytest.mark.soak
 @pytest.mark.parametrize("seed", every(30, range(1, 30 if LONG else 9)))
 @awaited
-async def test_whatever_callers_do(tmp_path, seed):
+async def test_random_callers_leave_no_unkept_motor_running(tmp_path, seed):
     random, book = Random(seed), NoteBook()
     async with core_of(tmp_path, audit=book) as (served, control):
         until_s = time.monotonic() + RUN_S

@@ -1,4 +1,4 @@
-"""How fast callers from a network read values from a line, and what is never held up by it."""
+"""Rate limit of reads by network callers, and the requests that it never delays."""
 
 import asyncio
 
@@ -26,7 +26,7 @@ def reads(number, drive="pump"):
 @given(
     st.floats(0.1, 100), st.integers(1, 50), st.lists(st.tuples(st.floats(0, 3), st.integers(1, 5)), max_size=100)
 )  # fmt: skip
-def test_bucket_admits_what_its_rate_allows_in_any_span(per_s, burst, asked_for):
+def test_bucket_admits_at_most_its_rate_in_any_time_span(per_s, burst, asked_for):
     rate, bucket, now, cost = Rate(per_s, burst), Bucket(burst, 0.0), 0.0, 0
     for pause_s, each in asked_for:
         now += pause_s
@@ -36,17 +36,17 @@ def test_bucket_admits_what_its_rate_allows_in_any_span(per_s, burst, asked_for)
             assert Bucket(bucket.left, bucket.at_s).wait_s(rate, now + wait_s * 0.999) > 0
         else:
             cost += each
-            # The last one may cost more than there was left.
+            # The last request may cost more than the remaining tokens.
             assert cost - each <= burst + per_s * now + 1e-6
 
 
-def test_bucket_keeps_its_tokens_when_the_clock_stands():
+def test_bucket_gets_no_tokens_while_the_clock_stands_still():
     bucket = Bucket(1.0, 5.0)
     assert bucket.wait_s(Rate(1, 1), 5.0) == 0
     assert bucket.wait_s(Rate(1, 1), 4.0) == 1.0
 
 
-def test_callers_and_lines_have_buckets_of_their_own():
+def test_each_caller_and_line_has_its_own_bucket():
     rates = Rates(Rate(1, 1))
     assert rates.wait_s(("anna", "hall"), 0.0) == 0
     assert rates.wait_s(("anna", "hall"), 0.0) > 0
@@ -58,7 +58,7 @@ def test_callers_and_lines_have_buckets_of_their_own():
 
 
 @awaited
-async def test_a_list_of_parameters_counts_as_many_values(tmp_path):
+async def test_read_of_many_parameters_counts_each_of_them(tmp_path):
     async with core_of(tmp_path) as (core, _):
         plant = PlantForDoors(core, "hall", read_rate=Rate(per_s=1.0, burst=3))
         await until(lambda: core.drive("pump").reachability == "answers")
@@ -71,7 +71,7 @@ async def test_a_list_of_parameters_counts_as_many_values(tmp_path):
 
 
 @awaited
-async def test_programs_of_this_machine_and_other_lines_are_not_held_up(tmp_path):
+async def test_rate_limit_does_not_apply_to_local_callers_or_other_lines(tmp_path):
     async with core_of(tmp_path) as (core, _):
         plant = PlantForDoors(core, "hall", read_rate=SLOW)
         await until(lambda: all(each.reachability == "answers" for each in core.drives()))
@@ -82,7 +82,7 @@ async def test_programs_of_this_machine_and_other_lines_are_not_held_up(tmp_path
 
 
 @awaited
-async def test_http_tells_who_reads_too_often_when_to_come_again_and_lets_stops_and_leases_through(tmp_path):
+async def test_http_door_answers_429_to_reads_but_not_to_stops_and_leases(tmp_path):
     async with core_of(tmp_path) as (core, _):
         plant = PlantForDoors(core, "hall", users=FakeUsers(), read_rate=SLOW)
         door = HttpDoor(Table({"kind": "http", "listen": "127.0.0.1:0"}, "hall.toml"))
@@ -114,7 +114,7 @@ def _ask_over_http(client):
     assert client.get("/api/v1/drives/pump").status == 200
 
 
-def test_an_error_keeps_its_time_on_the_wire():
+def test_wait_time_of_an_error_survives_serialisation():
     error = error_of(error_content(TooOftenError("too often", wait_s=2.5)))
     assert isinstance(error, TooOftenError)
     assert (str(error), error.wait_s) == ("too often", 2.5)
@@ -122,7 +122,7 @@ def test_an_error_keeps_its_time_on_the_wire():
 
 @pytest.mark.parametrize("verb", ["status", "identify", "probe", "polled", "read_watchdog"])
 @awaited
-async def test_all_that_asks_a_drive_is_counted(tmp_path, verb):
+async def test_every_read_verb_counts_against_the_rate(tmp_path, verb):
     async with core_of(tmp_path) as (core, _):
         plant = PlantForDoors(core, "hall", read_rate=Rate(per_s=0.01, burst=1))
         assert (await plant.command(VIEWER, reads(1))).outcome in ("done", "failed")

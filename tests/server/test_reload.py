@@ -1,4 +1,4 @@
-"""A plant file that is read again while all goes on: what is gone leaves nothing behind."""
+"""Reloads of the plant file during operation: removed drives and lines leave nothing behind."""
 
 import asyncio
 from dataclasses import replace
@@ -25,7 +25,7 @@ def names(core):
 
 @pytest.mark.soak
 @awaited
-async def test_a_value_that_comes_while_a_drive_is_taken_out_goes_with_it(core):
+async def test_value_read_while_its_drive_is_removed_is_dropped(core):
     async with core() as (served, _):
         whole, without = served.plant, replace(served.plant, drives=served.plant.drives[:2])
         for _ in range(5):
@@ -46,7 +46,7 @@ async def test_a_value_that_comes_while_a_drive_is_taken_out_goes_with_it(core):
 
 
 @awaited
-async def test_a_line_without_a_port_gets_other_drives_and_goes(tmp_path):
+async def test_line_without_a_port_can_be_changed_and_removed(tmp_path):
     shed = '[[line]]\nname = "shed"\n[[drive]]\nname = "saw"\ndrive = "vabus:7"\nline = "shed"\n'
     drill = '[[drive]]\nname = "drill"\ndrive = "vabus:8"\nline = "shed"\n'
     plants = []
@@ -69,7 +69,7 @@ async def test_a_line_without_a_port_gets_other_drives_and_goes(tmp_path):
 
 
 @awaited
-async def test_a_story_tells_the_latest_and_in_order():
+async def test_story_keeps_the_latest_items_in_order():
     story, heard = Story(), []
     for number in range(MOST_TOLD + 50):
         story.tell({"number": number})

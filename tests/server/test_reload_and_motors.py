@@ -1,4 +1,4 @@
-"""A plant file that is read again: what it changes is exchanged, the rest goes on, and no motor is left behind."""
+"""Reloads of the plant file: changed lines and drives are replaced, others continue, and no motor runs unkept."""
 
 import asyncio
 import time
@@ -49,7 +49,7 @@ CHANGES = {
 @pytest.mark.soak
 @pytest.mark.parametrize("change", CHANGES)
 @awaited
-async def test_a_motor_is_stopped_before_its_drive_is_exchanged(core, change):
+async def test_motor_is_stopped_before_its_drive_is_replaced(core, change):
     async with core() as (served, control):
         await keep(served)
         await until(lambda: runs(control, "pump"))
@@ -82,7 +82,7 @@ async def test_group_is_refused_in_place_of_a_drive(core, verb):
 
 @pytest.mark.soak
 @awaited
-async def test_a_motor_whose_line_and_drive_are_as_before_goes_on(core):
+async def test_motor_with_unchanged_line_and_drive_keeps_running(core):
     async with core() as (served, control):
         await keep(served)
         await served.changed(without(served.plant, "mixer"))
@@ -93,7 +93,7 @@ async def test_a_motor_whose_line_and_drive_are_as_before_goes_on(core):
 
 @pytest.mark.soak
 @awaited
-async def test_nothing_is_started_while_its_drive_is_exchanged(core):
+async def test_motor_is_not_started_while_its_drive_is_replaced(core):
     async with core() as (served, control):
         lease = await keep(served)
         changing = asyncio.create_task(served.changed(without(served.plant, "pump")))
@@ -107,7 +107,7 @@ async def test_nothing_is_started_while_its_drive_is_exchanged(core):
 
 @pytest.mark.soak
 @awaited
-async def test_a_drive_that_does_not_answer_does_not_hold_up_the_others_for_ever(core):
+async def test_silent_drive_delays_a_reload_for_a_limited_time(core):
     async with core() as (served, control):
         await keep(served)
         control.order("power", drive="pump", state="off")
@@ -117,7 +117,7 @@ async def test_a_drive_that_does_not_answer_does_not_hold_up_the_others_for_ever
 
 
 @awaited
-async def test_values_of_what_has_gone_do_not_come_back(core):
+async def test_values_of_a_removed_drive_do_not_return(core):
     async with core() as (served, _):
         await until(lambda: {each.drive for each in served.table.values()} == {"pump", "fan", "mixer"})
         await served.changed(without(served.plant, "fan"))
@@ -126,7 +126,7 @@ async def test_values_of_what_has_gone_do_not_come_back(core):
 
 
 @awaited
-async def test_values_of_a_line_that_is_opened_anew_are_not_taken_for_current(core):
+async def test_values_of_a_line_that_fails_to_reopen_are_removed(core):
     async with core() as (served, _):
         await until(lambda: {each.drive for each in served.table.values()} == {"pump", "fan", "mixer"})
 
@@ -138,12 +138,12 @@ async def test_values_of_a_line_that_is_opened_anew_are_not_taken_for_current(co
         assert {each.drive for each in served.table.values()} == {"pump"}
         with pytest.raises(UsageError):
             served.drive("fan")
-        # And it can be there again.
+        # A later reload can bring the line back.
         assert await served.changed(with_line(served.plant, "yard", settings={"baudrate": 9600})) != []
 
 
 @awaited
-async def test_a_command_for_a_line_that_is_closed_is_answered(core):
+async def test_command_for_a_closed_line_is_answered(core):
     async with core() as (served, _):
         line = served.lines["yard"]
         await served.changed(replace(without(without(served.plant, "fan"), "mixer"), lines=served.plant.lines[:1]))
@@ -157,7 +157,7 @@ async def test_a_command_for_a_line_that_is_closed_is_answered(core):
 
 @pytest.mark.soak
 @awaited
-async def test_commands_go_on_while_the_plant_is_exchanged(core):
+async def test_commands_are_carried_out_during_reloads(core):
     async with core() as (served, _):
         plants = [served.plant, without(served.plant, "mixer")]
         await until(lambda: {each.drive for each in served.table.values()} == {"pump", "fan", "mixer"})

@@ -1,4 +1,4 @@
-"""Who may do what with a drive, by which door."""
+"""Rights of callers on a drive, by role and door."""
 
 from dataclasses import replace
 
@@ -39,7 +39,7 @@ ARGUMENTS = {"write": {"parameter": "3-41"}, "write_and_read": {"parameter": "3-
 
 @pytest.mark.parametrize("verb", NEEDS)
 @pytest.mark.parametrize("door", [HTTP, LOCAL])
-def test_no_command_passes_by_a_role_below(verb, door):
+def test_command_needs_its_role_or_a_higher_one(verb, door):
     allowed = [role for role in Role if may(caller(role, door), command(verb, **ARGUMENTS.get(verb, {})))]
     if verb == "set_watchdog" and door != LOCAL:
         assert not allowed
@@ -47,7 +47,7 @@ def test_no_command_passes_by_a_role_below(verb, door):
         assert allowed == [role for role in Role if role >= NEEDS[verb].role]
 
 
-def test_what_each_role_is_for():
+def test_reads_and_stops_need_role_view_and_commands_a_higher_role():
     for verb, needs in NEEDS.items():
         if verb in (
             "read", "read_many", "polled", "polled_many", "status", "polled_status", "wait", "identify", "probe",
@@ -63,7 +63,7 @@ def test_what_each_role_is_for():
             assert needs.commands
 
 
-def test_every_verb_of_a_drive_has_its_needs_and_every_word_of_the_plant_file_its_verb():
+def test_every_verb_has_requirements_and_every_network_word_a_verb():
     declared = {
         name for name in dir(AsyncDrive) if name[0] != "_" and hasattr(getattr(AsyncDrive, name), "__wrapped__")
     }
@@ -72,7 +72,7 @@ def test_every_verb_of_a_drive_has_its_needs_and_every_word_of_the_plant_file_it
 
 
 @pytest.mark.parametrize("verb", [verb for verb in NEEDS if NEEDS[verb].commands])
-def test_a_network_needs_to_be_allowed_verb_by_verb(verb):
+def test_network_command_needs_its_verb_in_the_plant_file(verb):
     who, what = caller(Role.COMMISSION), command(verb, **ARGUMENTS.get(verb, {}))
     assert not may(who, what, replace(PUMP, network=NetworkAccess()))
     assert not may(who, what, replace(PUMP, network=NetworkAccess(verbs={"mqtt": NETWORK_VERBS})))
@@ -83,19 +83,19 @@ def test_a_network_needs_to_be_allowed_verb_by_verb(verb):
 
 
 @pytest.mark.parametrize("verb", [verb for verb in NEEDS if NEEDS[verb].commands])
-def test_an_unarmed_drive_is_commanded_by_nobody(verb):
+def test_unarmed_drive_refuses_commands_unless_armed_by_a_local_caller(verb):
     unarmed = replace(PUMP, armed=False)
     what = command(verb, **ARGUMENTS.get(verb, {}))
     assert not may(caller(Role.COMMISSION), what, unarmed)
     assert not may(caller(Role.COMMISSION), replace(what, arm=True), unarmed)
     local = caller(Role.COMMISSION, LOCAL)
     assert may(local, replace(what, arm=True), unarmed)
-    # A verb of the protocol's own may only ask: the drive itself, which is read-only, refuses the others.
+    # `call` may be a read; the drive itself is read-only and refuses all others.
     assert may(local, what, unarmed) == (verb == "call")
 
 
 @pytest.mark.parametrize("drive", [PUMP, replace(PUMP, armed=False, network=NetworkAccess())])
-def test_a_stop_needs_to_be_known_and_nothing_else(drive):
+def test_stop_needs_only_a_known_caller(drive):
     for role in (Role.VIEW, Role.OPERATE, Role.COMMISSION):
         for door in (HTTP, LOCAL, "mqtt"):
             assert may(caller(role, door), command("stop", how="coast"), drive)
@@ -105,7 +105,7 @@ def test_a_stop_needs_to_be_known_and_nothing_else(drive):
     assert not may(caller(Role.NOBODY), command("stop"), drive)
 
 
-def test_starting_backwards_is_reversing():
+def test_reverse_start_needs_the_word_reverse():
     forwards = replace(PUMP, network=NetworkAccess(verbs={"http": ("start",)}))
     who = caller(Role.OPERATE)
     assert may(who, command("start"), forwards)
@@ -116,7 +116,7 @@ def test_starting_backwards_is_reversing():
 
 
 @pytest.mark.parametrize("unit", ["percent", "hz", "rpm", "machine"])
-def test_negative_reference_is_reversing_in_every_unit(unit):
+def test_negative_reference_needs_the_word_reverse_in_every_unit(unit):
     forwards_only = replace(PUMP, network=NetworkAccess(verbs={"http": ("reference",)}))
     otto = caller(Role.OPERATE)
     assert may(otto, command("set_reference", **{unit: 10}), forwards_only)
@@ -127,7 +127,7 @@ def test_negative_reference_is_reversing_in_every_unit(unit):
 
 
 @pytest.mark.parametrize("verb", ["write", "write_and_read"])
-def test_what_may_be_written_over_a_network(verb):
+def test_network_write_needs_a_listed_parameter_and_no_store(verb):
     who = caller(Role.COMMISSION)
     assert may(who, command(verb, parameter="3-41", value=5, store=False))
     for arguments in ({"parameter": "3-42"}, {"parameter": ""}, {}, {"parameter": 341}, {"parameter": ["3-41"]}):
@@ -137,7 +137,7 @@ def test_what_may_be_written_over_a_network(verb):
     assert may(caller(Role.COMMISSION, LOCAL), command(verb, parameter="9-99", store=True))
 
 
-def test_what_would_be_stored_anyway():
+def test_network_write_to_a_parameter_that_is_always_stored_is_refused():
     with pytest.raises(NotAllowedError, match="481 of pump cannot be stored over a network"):
         RIGHTS.check_stored(caller(Role.COMMISSION), PUMP, "481")
     RIGHTS.check_stored(caller(Role.COMMISSION, LOCAL), PUMP, "481")
@@ -145,14 +145,14 @@ def test_what_would_be_stored_anyway():
 
 @pytest.mark.parametrize("verb", ["read", "status", "stop", "start"])
 @pytest.mark.parametrize("said", [{"line": "hall"}, {"options": {"model": "fc101"}}])
-def test_drives_and_options_that_the_plant_does_not_have_are_for_programs_of_this_machine(verb, said):
+def test_unlisted_drives_and_options_need_a_local_caller(verb, said):
     what = replace(command(verb), **said)
     with pytest.raises(NotAllowedError, match="only for programs on the server's machine"):
         RIGHTS.check(caller(Role.COMMISSION), what, PUMP)
     assert may(caller(Role.COMMISSION, LOCAL), what) == (verb != "start" or "line" not in said)
 
 
-def test_sentences_say_what_to_write():
+def test_errors_name_the_plant_file_entry_to_write():
     with pytest.raises(NotAllowedError) as caught:
         RIGHTS.check(caller(Role.VIEW), command("start"), PUMP)
     assert str(caught.value) == (
@@ -171,7 +171,7 @@ def test_sentences_say_what_to_write():
         RIGHTS.check(caller(Role.OPERATE), command("strat"), PUMP)
 
 
-def test_what_a_caller_may():
+def test_verbs_for_a_caller_depend_on_role_door_and_drive():
     own = replace(PUMP, network=NetworkAccess(verbs={"http": ("start", "reset")}))
     asking = ["read", "read_many", "polled", "polled_many", "status", "polled_status", "wait", "identify", "probe"]
     asking.append("read_watchdog")
@@ -191,7 +191,7 @@ def test_what_a_caller_may():
     write=st.lists(st.sampled_from(["3-41", "jog"])).map(tuple),
     verb=st.sampled_from(list(NEEDS)),
 )
-def test_what_is_said_that_they_may_is_what_they_may(*, role, door, armed, verbs, write, verb):
+def test_listed_verbs_are_exactly_the_allowed_ones(*, role, door, armed, verbs, write, verb):
     drive = replace(PUMP, armed=armed, network=NetworkAccess(verbs=verbs, write=write))
     who = caller(role, door)
     listed = verb in RIGHTS.verbs_for(who, drive)

@@ -1,4 +1,4 @@
-"""One line of a server: what a failed opening, failed polls and its return leave behind."""
+"""One line of a server: effects of a failed opening, failed polls, and the return of the port."""
 
 from contextlib import asynccontextmanager
 from dataclasses import replace
@@ -29,7 +29,7 @@ options = { model = "fc302" }
 
 
 class Plug:
-    """Opens the port of a line while it is plugged in."""
+    """Opener of the line's port, which fails while the plug is pulled."""
 
     def __init__(self, address, *, plugged):
         self.plugged = plugged
@@ -45,7 +45,7 @@ class Plug:
 
 @asynccontextmanager
 async def served(tmp_path, *, plugged=True):
-    """Yield a core of one line, what controls its drive, and the plug of the line."""
+    """Yield a core of one line, the control of its drive, and the plug of the line."""
     file = tmp_path / "plant.toml"
     file.write_text(PLANT)
     plant = read_plant(file)
@@ -71,7 +71,7 @@ async def test_line_that_opens_at_a_later_attempt_carries_stops(tmp_path):
 
 
 @awaited
-async def test_drive_of_a_line_that_came_back_is_told_silent_once(tmp_path):
+async def test_drive_of_a_returned_line_is_reported_silent_once(tmp_path):
     async with served(tmp_path, plugged=False) as (core, control, plug):
         await until(lambda: plug.refused)
         plug.plugged = True
@@ -83,7 +83,7 @@ async def test_drive_of_a_line_that_came_back_is_told_silent_once(tmp_path):
 
 
 class Pause:
-    """Stands in for `Backoff`: hardly any pause, and the failures of each row are counted."""
+    """Replacement for `Backoff` with almost no pause, which counts the failures of each series."""
 
     rows: ClassVar = []
 
@@ -98,7 +98,7 @@ class Pause:
 
 
 @awaited
-async def test_pause_before_polling_again_starts_anew_after_a_good_time(tmp_path, monkeypatch):
+async def test_pause_before_polling_restarts_after_a_period_without_failures(tmp_path, monkeypatch):
     monkeypatch.setattr(served_line, "Backoff", Pause)
     monkeypatch.setattr(Pause, "rows", [])
     monkeypatch.setattr(served_line, "REOPEN_LONGEST_S", 1000.0)
@@ -128,7 +128,7 @@ async def test_pause_before_polling_again_starts_anew_after_a_good_time(tmp_path
         monkeypatch.setattr(line, "_take", take)
         await fail(2)
         assert rows_of_polling() == [2]
-        # From now on any time without a failure counts as long.
+        # From now on any period without a failure is long enough.
         monkeypatch.setattr(served_line, "REOPEN_LONGEST_S", -1.0)
         await fail(1)
         assert rows_of_polling() == [2, 1]

@@ -1,4 +1,4 @@
-"""Messages reach the journal or a file; what cannot be written holds up nobody, and is told when it can be again."""
+"""Server messages in the journal or a file; a failing destination blocks no caller, and the loss is reported."""
 
 import errno
 import logging
@@ -29,7 +29,7 @@ def texts(records):
 
 
 class TestOneLineAThing:
-    def test_a_file_has_time_level_and_text(self):
+    def test_line_of_a_log_file_has_time_level_and_text(self):
         made = record("hall: the port is gone")
         made.created = 0
         assert re.fullmatch(
@@ -39,19 +39,19 @@ class TestOneLineAThing:
     @pytest.mark.parametrize(
         ("level", "priority"), [("DEBUG", 7), ("INFO", 6), ("WARNING", 4), ("ERROR", 3), ("CRITICAL", 2)]
     )
-    def test_the_journal_is_told_the_priority(self, level, priority):
+    def test_line_for_the_journal_has_a_priority(self, level, priority):
         made = record("hall: the port is gone", level=logging.getLevelNamesMapping()[level])
         assert for_journal(made) == f"<{priority}>hall: the port is gone\n"
 
-    def test_libraries_are_named(self):
+    def test_message_of_a_library_has_its_name(self):
         assert for_journal(record("too late", name="uvicorn.error")) == "<4>uvicorn.error: too late\n"
 
-    def test_a_text_of_two_lines_forges_no_second_message(self, tmp_path):
+    def test_line_break_in_a_text_forges_no_second_message(self, tmp_path):
         with logging_to(tmp_path / "log", "info"):
             LOGGER.warning("unknown user %s", "x\n2026-01-01 00:00:00.000+00:00 info    pump was stopped")
         assert len((tmp_path / "log").read_text().splitlines()) == 1
 
-    def test_a_traceback_is_indented_after_its_message(self, tmp_path):
+    def test_traceback_is_indented_after_its_message(self, tmp_path):
         with logging_to(tmp_path / "log", "info"):
             try:
                 {}["pump"]
@@ -65,14 +65,14 @@ class TestOneLineAThing:
 
 
 class TestRepetitions:
-    def test_the_first_is_written_and_the_others_are_counted(self):
+    def test_first_message_is_written_and_repetitions_are_counted(self):
         seen = Repetitions()
         assert texts(seen.take(record("lost"), 0)) == ["lost"]
         for second in range(1, 58):
             assert seen.take(record("lost"), second) == []
         assert texts(seen.due(60)) == ["lost (57 more times in the last 60 s)"]
 
-    def test_who_goes_on_is_counted_on_and_who_falls_silent_begins_anew(self):
+    def test_repetitions_are_counted_each_minute_until_they_stop(self):
         seen = Repetitions()
         seen.take(record("lost"), 0)
         seen.take(record("lost"), 1)
@@ -85,24 +85,24 @@ class TestRepetitions:
     @pytest.mark.parametrize(
         "other", [record("late"), record("lost", level=logging.ERROR), record("lost", name="uvicorn")]
     )
-    def test_another_message_is_no_repetition(self, other):
+    def test_message_with_another_text_level_or_logger_is_not_a_repetition(self, other):
         seen = Repetitions()
         seen.take(record("lost"), 0)
         assert seen.take(other, 1) == [other]
 
-    def test_a_minute_that_is_over_is_told_before_what_comes_then(self):
+    def test_count_of_a_past_minute_is_written_before_the_next_message(self):
         seen = Repetitions()
         seen.take(record("lost"), 0)
         seen.take(record("lost"), 1)
         assert texts(seen.take(record("late"), 70)) == ["lost (1 more time in the last 70 s)", "late"]
 
-    def test_at_the_end_nothing_is_kept_back(self):
+    def test_counts_are_written_at_the_end(self):
         seen = Repetitions()
         for second in range(3):
             seen.take(record("lost"), second)
         assert texts(seen.rest(10)) == ["lost (2 more times in the last 10 s)"]
 
-    def test_a_thousand_different_messages_are_remembered_and_no_more(self):
+    def test_number_of_remembered_messages_is_limited(self):
         seen = Repetitions()
         seen.take(record("first"), 0)
         seen.take(record("first"), 1)
@@ -112,28 +112,28 @@ class TestRepetitions:
 
 
 class TestWhereTo:
-    def test_stderr_without_a_journal_shows_the_time(self):
+    def test_stderr_without_a_journal_has_times(self):
         done = _logging_program("")
         assert re.fullmatch(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d{3}\S+ info    ready\n", done.stderr)
 
     @pytest.mark.skipif(sys.platform != "linux", reason="the journal is systemd's")
-    def test_stderr_that_is_the_journal_gets_priorities(self):
-        # What systemd does: it connects stderr, and names it.
+    def test_stderr_connected_to_the_journal_has_priorities(self):
+        # systemd connects stderr to the journal, and names its device and inode in the environment.
         done = _logging_program("found = os.fstat(2); os.environ['JOURNAL_STREAM'] = f'{found.st_dev}:{found.st_ino}'")
         assert done.stderr == "<6>ready\n"
 
     @pytest.mark.skipif(sys.platform != "linux", reason="the journal is systemd's")
-    def test_stderr_that_was_turned_elsewhere_is_not_the_journal(self):
+    def test_redirected_stderr_has_no_priorities(self):
         done = _logging_program("os.environ['JOURNAL_STREAM'] = '8:1'")
         assert not done.stderr.startswith("<")
 
-    def test_levels(self, tmp_path):
+    def test_messages_below_the_level_are_not_logged(self, tmp_path):
         with logging_to(tmp_path / "log", "warning"):
             LOGGER.info("not this")
             LOGGER.warning("this")
         assert [line.split()[-1] for line in (tmp_path / "log").read_text().splitlines()] == ["this"]
 
-    def test_debug_is_heard_from_drivecomm_and_not_from_libraries(self, tmp_path):
+    def test_debug_messages_of_libraries_are_not_logged(self, tmp_path):
         with logging_to(tmp_path / "log", "debug"):
             LOGGER.debug("own")
             logging.getLogger("asyncio").debug("another's")
@@ -143,14 +143,14 @@ class TestWhereTo:
         assert "asyncio: important" in written
         assert "another's" not in written
 
-    def test_what_was_set_before_is_set_again(self, tmp_path):
+    def test_logging_settings_are_restored_afterwards(self, tmp_path):
         before = logging.getLogger().level, list(logging.getLogger().handlers), logging.getLogger("drivecomm").level
         with logging_to(tmp_path / "log", "debug"):
             pass
         after = logging.getLogger().level, list(logging.getLogger().handlers), logging.getLogger("drivecomm").level
         assert after == before
 
-    def test_a_file_that_cannot_be_is_said_before_anything_starts(self, tmp_path):
+    def test_invalid_log_file_is_refused_at_the_start(self, tmp_path):
         (tmp_path / "file").touch()
         file = tmp_path / "file" / "log"
         with pytest.raises(UsageError, match="file/log: cannot be written"), logging_to(file, "info"):
@@ -158,7 +158,7 @@ class TestWhereTo:
 
 
 class TestRotation:
-    def test_a_large_file_moves_on_and_five_older_ones_are_kept(self, tmp_path):
+    def test_large_log_file_is_rotated_and_five_older_ones_are_kept(self, tmp_path):
         file = RotatingFile(tmp_path / "log", largest=200)
         for number in range(40):
             file.write(record(f"message {number:02} {'.' * 20}"))
@@ -171,7 +171,7 @@ class TestRotation:
         assert len(numbers) > 10
 
     @pytest.mark.skipif(os.name != "posix", reason="Windows has no such permissions")
-    def test_a_new_file_is_for_its_owner_alone(self, tmp_path):
+    def test_new_log_file_is_accessible_to_its_owner_only(self, tmp_path):
         mask = os.umask(0o022)
         try:
             RotatingFile(tmp_path / "log").close()
@@ -179,7 +179,7 @@ class TestRotation:
             os.umask(mask)
         assert (tmp_path / "log").stat().st_mode & 0o777 == 0o600
 
-    def test_an_existing_file_is_appended_to(self, tmp_path):
+    def test_existing_log_file_is_appended_to(self, tmp_path):
         (tmp_path / "log").write_text("of yesterday\n")
         file = RotatingFile(tmp_path / "log")
         file.write(record("of today"))
@@ -187,7 +187,7 @@ class TestRotation:
         assert (tmp_path / "log").read_text().startswith("of yesterday\n")
         assert (tmp_path / "log").read_text().endswith("of today\n")
 
-    def test_a_message_larger_than_the_file_is_written_all_the_same(self, tmp_path):
+    def test_message_larger_than_the_size_limit_is_written(self, tmp_path):
         file = RotatingFile(tmp_path / "log", largest=100)
         file.write(record("x" * 500))
         file.write(record("y"))
@@ -196,7 +196,7 @@ class TestRotation:
 
 
 class FullDisk:
-    """Lets a file grow up to a size, as long as it is full."""
+    """Simulated full disk that lets a file grow up to a size."""
 
     def __init__(self, monkeypatch):
         self.is_full = True
@@ -211,7 +211,7 @@ class FullDisk:
 
 
 class TestFullDisk:
-    def test_messages_are_missing_and_that_is_told_when_it_goes_on(self, tmp_path, monkeypatch, capsys):
+    def test_number_of_missing_messages_is_logged_after_a_full_disk(self, tmp_path, monkeypatch, capsys):
         now = [1000.0]
         file = RotatingFile(tmp_path / "log", now=lambda: now[0])
         disk = FullDisk(monkeypatch)
@@ -228,12 +228,12 @@ class TestFullDisk:
         assert "3 are missing" in capsys.readouterr().err
 
     @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
-    def test_a_real_one_ends_nothing(self):
+    def test_real_full_disk_does_not_end_the_program(self):
         done = _logging_program("", place="Path('/dev/full')")
         assert done.returncode == 0
         assert "no space left on the device" in done.stderr
 
-    def test_a_rotation_that_fails_goes_on_with_the_file(self, tmp_path, capsys):
+    def test_failed_rotation_is_reported_on_stderr(self, tmp_path, capsys):
         file = RotatingFile(tmp_path / "log", largest=100)
         (tmp_path / "log.1").mkdir()
         (tmp_path / "log.1" / "in the way").touch()
@@ -246,7 +246,7 @@ class TestFullDisk:
 
 
 class TestNobodyWaits:
-    def test_a_destination_that_hangs_holds_up_no_caller_and_the_lost_are_counted(self, monkeypatch):
+    def test_hanging_destination_does_not_block_and_lost_messages_are_counted(self, monkeypatch):
         monkeypatch.setattr(logs, "_WAITING", 10)
         hanging = Hanging()
         handler = WaitingHandler(hanging)
@@ -259,7 +259,7 @@ class TestNobodyWaits:
         written = texts(hanging.written)
         assert any(re.fullmatch(r"9\d\d messages were lost: they came faster than written", text) for text in written)
 
-    def test_the_end_waits_a_moment_and_no_longer(self, monkeypatch):
+    def test_close_waits_for_a_hanging_destination_only_briefly(self, monkeypatch):
         monkeypatch.setattr(logs, "_PATIENCE_S", 0.1)
         hanging = Hanging()
         handler = WaitingHandler(hanging)
@@ -269,7 +269,7 @@ class TestNobodyWaits:
         assert time.monotonic() - began < 1
         hanging.go_on.set()
 
-    def test_arguments_are_those_of_the_moment(self, tmp_path):
+    def test_message_is_formatted_with_its_arguments_at_the_time_of_the_call(self, tmp_path):
         drives = ["pump"]
         with logging_to(tmp_path / "log", "info"):
             LOGGER.info("stopping %s", drives)
@@ -277,7 +277,7 @@ class TestNobodyWaits:
         assert "stopping ['pump']" in (tmp_path / "log").read_text()
 
     @pytest.mark.soak
-    def test_a_count_is_written_though_nothing_else_comes(self, monkeypatch):
+    def test_count_of_repetitions_is_written_without_another_message(self, monkeypatch):
         monkeypatch.setattr(logs, "_REPEATED_S", 0.2)
         written = Written()
         handler = WaitingHandler(written)
@@ -337,7 +337,7 @@ class TestEventsOfALostLine:
 
         return up, log_all
 
-    def test_of_its_drives_nothing_is_said(self, logged):
+    def test_silence_of_drives_on_a_lost_line_is_not_logged(self, logged):
         up, log_all = logged
         up["hall"] = False
         lost = [
@@ -360,7 +360,7 @@ class TestEventsOfALostLine:
         later = [{"kind": "answers", "line": "hall", "drive": name} for name in ("pump", "mixer")]
         assert log_all(*later) == ["INFO hall pump: answers: ...", "INFO hall mixer: answers: ..."]
 
-    def test_who_did_it(self, logged):
+    def test_command_is_logged_with_its_caller(self, logged):
         assert logged[1]({"kind": "command", "line": "hall", "drive": "pump", "who": "eva (local)"}) == [
             "INFO hall pump: command: ..., by eva (local)"
         ]

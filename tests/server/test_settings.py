@@ -1,4 +1,4 @@
-"""What a plant file says to its server, and what is said about what cannot be."""
+"""Server settings in a plant file: defaults, all keys, and errors."""
 
 import os
 from pathlib import Path
@@ -35,14 +35,14 @@ def settings_of(file, text):
     return read_settings(file)
 
 
-def test_what_is_not_said(file):
+def test_server_settings_have_defaults(file):
     said = settings_of(file, "")
     assert (said.name, said.status_period_s, said.users, said.doors, said.alarms) == ("plant", 1.0, None, (), ())
     assert said.audit == audit_file(file)
     assert said.history == HistorySettings(file=history_file(file), days=30, megabytes=1000)
 
 
-def test_all_that_can_be_said(file):
+def test_server_settings_accept_every_key(file):
     said = settings_of(
         file,
         """\
@@ -75,13 +75,13 @@ on = "fault"
     assert [dict(each.content) for each in said.alarms] == [{"on": "fault"}]
 
 
-def test_levels_of_a_door_get_the_names_of_the_server(file):
+def test_levels_of_a_door_take_their_names_from_the_server(file):
     text = '[server]\nname = "hall"\nsite = "Leeds"\narea = "mixing"\n[[door]]\nkind = "mqtt"\nlevels = {}\n'
     ((_, door),) = settings_of(file, text.format('["site", "plant", "line"]')).doors
     assert list(door.content["levels"].items()) == [("site", "Leeds"), ("plant", "hall"), ("line", "")]
 
 
-def test_no_history(file):
+def test_history_can_be_switched_off_or_configured(file):
     assert settings_of(file, "[server]\nhistory = false\n").history is None
     assert settings_of(file, "[server]\nhistory = true\n").history.file == history_file(file)
     assert settings_of(file, "[server]\nhistory = { days = 2 }\n").history.file == history_file(file)
@@ -127,20 +127,20 @@ def test_no_history(file):
         ),
     ],
 )
-def test_what_cannot_be(file, text, sentence):
+def test_invalid_server_setting_is_refused_with_its_line(file, text, sentence):
     with pytest.raises(FileFormatError) as caught:
         settings_of(file, text)
     assert str(caught.value).startswith(f"{file}, {sentence}")
 
 
-def test_a_plant_has_one_state_by_whatever_path(file, tmp_path):
+def test_plant_has_one_state_folder_for_all_its_paths(file, tmp_path):
     file.touch()
     (tmp_path / "link.toml").symlink_to(file)
     assert state_folder(tmp_path / "link.toml") == state_folder(Path(os.path.relpath(file))) == state_folder(file)
     assert state_folder(tmp_path / "other" / "plant.toml") != state_folder(file)
 
 
-def test_where_the_state_is(tmp_path, monkeypatch):
+def test_state_folder_follows_the_environment(tmp_path, monkeypatch):
     file = tmp_path / "plant.toml"
     monkeypatch.setenv("STATE_DIRECTORY", f"{tmp_path}{os.pathsep}/elsewhere")
     assert state_folder(file) == tmp_path / identity(file)

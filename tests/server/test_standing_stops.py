@@ -1,4 +1,4 @@
-"""A stop that was not confirmed stands: it is retried until the drive confirms it, or is started anew, or is gone."""
+"""Standing stops: an unconfirmed stop is retried until the drive confirms it, is started again, or is removed."""
 
 import asyncio
 from contextlib import suppress
@@ -19,7 +19,7 @@ RETRYING = "stop (ramp) not confirmed; retrying until the drive answers: "
 
 
 async def stop(core, drive="fan", caller=VIEWER, **arguments):
-    """Ask for a stop that is not confirmed."""
+    """Request a stop that is not confirmed; return its result."""
     answer = await asked(core, caller, drive, "stop", arguments=arguments)
     assert answer.outcome == "open"
     return answer
@@ -27,7 +27,7 @@ async def stop(core, drive="fan", caller=VIEWER, **arguments):
 
 class TestOnALine:
     @awaited
-    async def test_stop_that_a_silent_drive_missed_goes_out_when_it_answers(self, tmp_path):
+    async def test_stop_missed_by_a_silent_drive_is_sent_when_it_answers(self, tmp_path):
         async with cut_core(tmp_path) as (core, control, cable):
             await run(core)
             cable.deaf = True
@@ -43,7 +43,7 @@ class TestOnALine:
             assert "stop (ramp) confirmed" in said(core, "command")
 
     @awaited
-    async def test_status_that_says_running_sends_it_without_waiting(self, tmp_path, monkeypatch):
+    async def test_running_status_sends_the_standing_stop_immediately(self, tmp_path, monkeypatch):
         for pause in ("AGAIN_FIRST_S", "AGAIN_LONGEST_S"):
             monkeypatch.setattr(standing_stops, pause, 600.0)
         async with cut_core(tmp_path) as (core, control, cable):
@@ -72,7 +72,7 @@ class TestOnALine:
             assert not said(core, "warning")
 
     @awaited
-    async def test_stop_of_a_pulled_port_goes_out_when_it_is_back(self, tmp_path):
+    async def test_stop_on_an_unplugged_port_is_sent_when_the_port_returns(self, tmp_path):
         async with cut_core(tmp_path) as (core, control, cable):
             await run(core)
             cable.pulled = True
@@ -91,8 +91,8 @@ class TestOnALine:
             assert core.drive("fan").standing_stop is None
 
     @awaited
-    async def test_kind_that_the_drive_lacks_stands_as_a_ramp(self, tmp_path):
-        """Nobody could ask the drive while its line was not open."""
+    async def test_unsupported_kind_of_stop_stands_as_a_ramp(self, tmp_path):
+        """The kinds that the drive supports are unknown while its line is closed."""
         text = FAN.replace("danfoss-fc:3", "vabus:1").replace('"fc302"', '"agile"')
         async with cut_core(tmp_path, text, pulled=True) as (core, _, cable):
             await stop(core, how="dc_brake")
@@ -102,7 +102,7 @@ class TestOnALine:
 
     @pytest.mark.parametrize("how", ["coast", "quick"])
     @awaited
-    async def test_stop_is_retried_by_the_kind_that_was_asked_for(self, tmp_path, how):
+    async def test_stop_is_retried_with_the_requested_kind(self, tmp_path, how):
         async with cut_core(tmp_path) as (core, _, cable):
             hows, operations = [], core.lines["yard"].drive("fan")._exchanges.operations
             send = operations.stop
@@ -115,7 +115,7 @@ class TestOnALine:
             assert set(hows) == {Stop(how)}
 
     @awaited
-    async def test_later_stop_replaces_the_kind_that_is_retried(self, tmp_path):
+    async def test_later_stop_replaces_the_retried_kind(self, tmp_path):
         async with cut_core(tmp_path) as (core, control, cable):
             await run(core)
             hows, operations = [], core.lines["yard"].drive("fan")._exchanges.operations
@@ -132,7 +132,7 @@ class TestOnALine:
             await until(lambda: not runs(control, "fan"), 15)
 
     @awaited
-    async def test_later_stop_that_is_confirmed_ends_it(self, tmp_path):
+    async def test_confirmed_later_stop_ends_the_standing_stop(self, tmp_path):
         async with cut_core(tmp_path) as (core, control, cable):
             cable.deaf = True
             await stop(core)
@@ -146,11 +146,11 @@ class TestOnALine:
             assert runs(control, "fan")
 
     @awaited
-    async def test_stop_of_all_of_a_protocol_stands_for_each_drive_of_the_plant(self, tmp_path):
+    async def test_broadcast_stop_stands_for_each_drive_of_the_plant(self, tmp_path):
         async with cut_core(tmp_path, FAN_AND_MIXER) as (core, control, cable):
             await run(core)
             cable.deaf = True
-            # A broadcast is answered by none, so it does not find out.
+            # No drive replies to a broadcast, so the failure is not noticed.
             answer = await asked(core, ENGINEER, "danfoss-fc:*", "stop", line="yard")
             assert answer.outcome == "done"
             await until(lambda: len(said(core, "warning")) == 2)
@@ -160,7 +160,7 @@ class TestOnALine:
             await until(lambda: not runs(control, "fan"), 15)
 
     @awaited
-    async def test_broadcast_that_all_drives_confirm_is_no_warning(self, tmp_path):
+    async def test_broadcast_that_all_drives_confirm_causes_no_warning(self, tmp_path):
         async with cut_core(tmp_path, FAN_AND_MIXER) as (core, _, _cable):
             sent = stops_sent(core)
             assert (await asked(core, ENGINEER, "danfoss-fc:*", "stop", line="yard")).outcome == "done"
@@ -169,7 +169,7 @@ class TestOnALine:
             assert not said(core, "warning")
 
     @awaited
-    async def test_stop_of_everything_stands_where_it_was_not_confirmed(self, tmp_path):
+    async def test_stop_of_all_stands_for_drives_that_did_not_confirm(self, tmp_path):
         async with cut_core(tmp_path, FAN_AND_MIXER) as (core, control, cable):
             await run(core)
             cable.deaf = True
@@ -181,10 +181,10 @@ class TestOnALine:
             await until(lambda: not runs(control, "fan"), 15)
 
     @awaited
-    async def test_start_anew_ends_it(self, tmp_path, monkeypatch):
+    async def test_new_start_ends_the_standing_stop(self, tmp_path, monkeypatch):
         monkeypatch.setattr(standing_stops, "AGAIN_FIRST_S", 600.0)
         monkeypatch.setattr(standing_stops, "AGAIN_LONGEST_S", 600.0)
-        # Nothing is polled that would wake the stop up.
+        # No status is polled, which would trigger the stop.
         async with cut_core(tmp_path, status_period_s=600) as (core, control, cable):
             cable.deaf = True
             await stop(core)
@@ -197,7 +197,7 @@ class TestOnALine:
             assert runs(control, "fan")
 
     @awaited
-    async def test_start_that_is_not_confirmed_lets_it_go_out(self, tmp_path):
+    async def test_unconfirmed_start_keeps_the_standing_stop(self, tmp_path):
         async with cut_core(tmp_path) as (core, control, cable):
             await run(core)
             cable.deaf = True
@@ -208,7 +208,7 @@ class TestOnALine:
             await until(lambda: not runs(control, "fan"), 15)
 
     @awaited
-    async def test_plant_file_that_is_read_again_changes_nothing_for_the_same_drive(self, tmp_path):
+    async def test_reload_keeps_the_standing_stop_of_an_unchanged_drive(self, tmp_path):
         async with cut_core(tmp_path, FAN_AND_MIXER) as (core, control, cable):
             await run(core)
             cable.deaf = True
@@ -220,7 +220,7 @@ class TestOnALine:
 
     @pytest.mark.parametrize("change", ["gone", "another address"])
     @awaited
-    async def test_drive_that_leaves_the_plant_ends_it_with_an_event(self, tmp_path, change):
+    async def test_removed_drive_ends_its_standing_stop_with_an_event(self, tmp_path, change):
         async with cut_core(tmp_path, FAN_AND_MIXER) as (core, _, cable):
             cable.deaf = True
             await stop(core)
@@ -231,7 +231,7 @@ class TestOnALine:
             assert any("is retried no longer: the plant file was read again" in text for text in said(core, "warning"))
 
     @awaited
-    async def test_server_that_ends_tries_once_more_and_names_what_remains(self, tmp_path):
+    async def test_shutdown_retries_standing_stops_once_and_names_the_rest(self, tmp_path):
         async with cut_core(tmp_path) as (core, _, cable):
             cable.deaf = True
             await stop(core)
@@ -245,7 +245,7 @@ class TestOnALine:
 
 
 class Drive:
-    """Counts attempts, each of which raises what stands in `error`; None: it is confirmed."""
+    """Counter of stop attempts, each of which raises `error`, or is confirmed if it is None."""
 
     def __init__(self, error):
         self.error, self.hows = error, []
@@ -263,7 +263,7 @@ class Drive:
 class TestRules:
     @pytest.mark.parametrize("error", [StateError("no"), OvertakenError("later"), OSError(24, "no descriptors")])
     @awaited
-    async def test_whatever_does_not_confirm_it_lets_it_stand(self, monkeypatch, error):
+    async def test_stop_stands_after_any_error_until_confirmed(self, monkeypatch, error):
         monkeypatch.setattr(standing_stops, "AGAIN_FIRST_S", 0.01)
         monkeypatch.setattr(standing_stops, "LEAST_GAP_S", 0.01)
         drive = Drive(error)
@@ -276,7 +276,7 @@ class TestRules:
         assert drive.stops.of("fan") is None
 
     @awaited
-    async def test_earlier_stop_does_not_stand_after_a_later_one_was_sent(self):
+    async def test_earlier_stop_does_not_stand_after_a_later_stop(self):
         drive = Drive(NoReplyError("silent"))
         earlier = drive.stops.sent(["fan"], Stop.RAMP)
         drive.stops.sent(["fan"], Stop.COAST)
@@ -284,7 +284,7 @@ class TestRules:
         assert drive.stops.of("fan") is None
 
     @awaited
-    async def test_nothing_is_sent_while_a_start_is_under_way_and_at_once_if_it_fails(self):
+    async def test_standing_stop_waits_for_a_start_and_is_sent_if_the_start_fails(self):
         drive = Drive(NoReplyError("silent"))
         drive.stops.stand("fan", Stop.RAMP, "x", drive.stops.sent(["fan"], Stop.RAMP), drive.error)
         with suppress(ZeroDivisionError), drive.stops.giving_way("fan", "eva"):
@@ -298,7 +298,7 @@ class TestRules:
         assert drive.stops.of("fan") is None
 
     @awaited
-    async def test_stop_that_comes_during_a_start_outlives_it(self):
+    async def test_stop_requested_during_a_start_stands_after_it(self):
         drive = Drive(NoReplyError("silent"))
         drive.stops.stand("fan", Stop.RAMP, "x", drive.stops.sent(["fan"], Stop.RAMP), drive.error)
         with drive.stops.giving_way("fan", "eva"):
@@ -307,7 +307,7 @@ class TestRules:
         await drive.stops.finish()
 
     @awaited
-    async def test_many_silent_drives_leave_the_line_to_others(self, monkeypatch):
+    async def test_standing_stops_of_many_silent_drives_leave_half_of_the_line_free(self, monkeypatch):
         for pause in ("AGAIN_FIRST_S", "AGAIN_LONGEST_S", "LEAST_GAP_S"):
             monkeypatch.setattr(standing_stops, pause, 0.001)
         drive, took = Drive(NoReplyError("silent")), []
@@ -324,12 +324,12 @@ class TestRules:
             stops.stand(f"fan {number}", Stop.RAMP, "x", stops.sent([f"fan {number}"], Stop.RAMP), drive.error)
         began_s = loop.time()
         await until(lambda: len(took) >= 20, 30)
-        # Without rests they would take more than four times as long as there is.
+        # Without pauses between attempts the line would be busy all the time.
         assert sum(took) < 0.5 * (loop.time() - began_s)
         await stops.finish()
 
     @awaited
-    async def test_resting_drive_that_refuses_is_not_sent_it_with_each_status(self):
+    async def test_refusing_drive_gets_no_stop_with_each_status_while_at_rest(self):
         drive = Drive(StateError("no"))
         drive.stops.stand("fan", Stop.RAMP, "x", drive.stops.sent(["fan"], Stop.RAMP), drive.error)
         for _ in range(50):

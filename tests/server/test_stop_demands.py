@@ -1,4 +1,4 @@
-"""Stops that a door holds as a level: nothing is started against them, and what runs against them is stopped again."""
+"""Stops that a door demands until it releases them: starts are refused, and a running motor is stopped again."""
 
 import asyncio
 import time
@@ -37,13 +37,13 @@ def demands(clock, sent):
 
 
 class TestRules:
-    def test_start_is_refused_until_all_who_hold_it_release(self, demands):
+    def test_start_is_refused_until_every_demand_is_released(self, demands):
         ends = [demands.hold("fan", Stop.RAMP, "10.0.0.4 (modbus-tcp)"), demands.hold("fan", Stop.COAST, "10.0.0.5")]
         for end in ends:
             with pytest.raises(LeaseError, match="fan is not started while a stop of it is demanded by 10"):
                 demands.check("fan")
             end()
-            # Once is enough.
+            # A second release has no effect.
             end()
         demands.check("fan")
         assert demands.of("fan", None) is None
@@ -52,7 +52,7 @@ class TestRules:
         demands.hold("fan", Stop.RAMP, "plc")
         demands.check("pump")
 
-    def test_drive_that_runs_again_is_stopped_at_once(self, demands, sent):
+    def test_drive_that_runs_again_is_stopped_immediately(self, demands, sent):
         demands.hold("fan", Stop.QUICK, "plc")
         demands.seen("fan", running=False)
         assert demands.of("fan", None).confirmed
@@ -62,7 +62,7 @@ class TestRules:
         demands.seen("fan", running=False)
         assert demands.of("fan", None).confirmed
 
-    def test_drive_that_ramps_down_is_sent_it_seldom(self, demands, sent, clock):
+    def test_drive_that_ramps_down_gets_repeated_stops_at_growing_intervals(self, demands, sent, clock):
         demands.hold("fan", Stop.RAMP, "plc")
         for _ in range(100):
             demands.seen("fan", running=True)
@@ -73,7 +73,7 @@ class TestRules:
             demands.seen("fan", running=True)
         assert 10 <= len(sent) <= 15
 
-    def test_nothing_is_sent_without_a_demand(self, demands, sent):
+    def test_no_stop_is_sent_after_the_demand_is_released(self, demands, sent):
         demands.hold("fan", Stop.RAMP, "plc")()
         demands.seen("fan", running=False)
         demands.seen("fan", running=True)
@@ -81,7 +81,7 @@ class TestRules:
 
 
 @awaited
-async def test_demanded_drive_that_others_start_is_stopped_until_released(tmp_path):
+async def test_drive_started_despite_a_demand_is_stopped_until_its_release(tmp_path):
     async with cut_core(tmp_path) as (core, control, _):
         plant = PlantForDoors(core, "hall")
         release = plant.hold_stop(OPERATOR, "fan", "ramp")
@@ -94,7 +94,7 @@ async def test_demanded_drive_that_others_start_is_stopped_until_released(tmp_pa
         sent = stops_sent(core)
         polled = core.lines["yard"].state().polls
         await until(lambda: core.lines["yard"].state().polls > polled)
-        # As another master does, or somebody at the keypad.
+        # Simulates a start by another master, or at the keypad.
         await core.lines["yard"].drive("fan").start()
         await until(lambda: sent)
         await until(lambda: not runs(control, "fan"), 15)
@@ -115,7 +115,7 @@ STARTS = {
 
 @pytest.mark.parametrize("verb", STARTS)
 @awaited
-async def test_whatever_may_start_the_motor_is_refused_and_all_else_is_not(tmp_path, verb):
+async def test_demand_refuses_every_verb_that_may_start_the_motor(tmp_path, verb):
     async with cut_core(tmp_path) as (core, control, _):
         core.stop_demands.hold("fan", Stop.RAMP, "plc")
         lease = core.leases.take(ENGINEER, "fan", 30, now=time.monotonic(), time_s=time.time())
@@ -128,7 +128,7 @@ async def test_whatever_may_start_the_motor_is_refused_and_all_else_is_not(tmp_p
 
 
 @awaited
-async def test_start_that_waits_for_its_line_is_refused_by_a_demand_that_comes_meanwhile(tmp_path):
+async def test_waiting_start_is_refused_by_a_later_demand(tmp_path):
     class Gate:
         def __init__(self, trail):
             self._trail, self.open, self.waits = trail, asyncio.Event(), asyncio.Event()

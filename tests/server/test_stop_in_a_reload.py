@@ -1,4 +1,4 @@
-"""Stops while the plant file is read again: each goes to the line as it was, or to the one that is there instead."""
+"""Stops during a reload of the plant file: each is sent on the old line, or on the line that replaces it."""
 
 import asyncio
 from contextlib import asynccontextmanager
@@ -19,13 +19,16 @@ def core(tmp_path):
 
 
 def faster(plant):
-    """Every line has other settings."""
+    """Return the plant with other settings for every line."""
     return replace(plant, lines=tuple(replace(each, settings={"baudrate": 19200}) for each in plant.lines))
 
 
 @asynccontextmanager
 async def turning(core, drive, line):
-    """Serve a plant one of whose motors turns, and whose lines cannot be closed yet, because somebody has one."""
+    """Serve a plant with one running motor, and occupy a line, so that the line cannot be closed yet.
+
+    Yields the core, the control of its virtual drives, and a function that frees the line.
+    """
     async with core() as (served, control):
         await until(lambda: all(each.reachability == "answers" for each in served.drives()))
         if drive == "pump":
@@ -39,7 +42,7 @@ async def turning(core, drive, line):
 
 @pytest.mark.soak
 @awaited
-async def test_a_line_that_is_not_closed_yet_is_stopped_on(core):
+async def test_stop_is_sent_on_a_line_that_waits_to_be_closed(core):
     async with turning(core, "pump", "hall") as (served, control, give_back):
         bus = served.lines["hall"].bus
         changing = asyncio.create_task(served.changed(faster(served.plant)))
@@ -56,7 +59,7 @@ async def test_a_line_that_is_not_closed_yet_is_stopped_on(core):
 
 @pytest.mark.soak
 @awaited
-async def test_a_line_that_waits_to_be_closed_holds_up_no_other_one(core):
+async def test_line_that_waits_to_be_closed_does_not_delay_another(core):
     async with turning(core, "fan", "hall") as (served, control, give_back):
         changing = asyncio.create_task(served.changed(faster(served.plant)))
         await asyncio.sleep(0.3)
@@ -70,12 +73,12 @@ async def test_a_line_that_waits_to_be_closed_holds_up_no_other_one(core):
 
 @pytest.mark.soak
 @awaited
-async def test_a_stop_that_meets_the_end_of_its_line_is_sent_on_the_next_one(core):
+async def test_stop_requested_as_its_line_closes_is_sent_on_the_new_line(core):
     async with turning(core, "pump", "hall") as (served, control, give_back):
         changing = asyncio.create_task(served.changed(faster(served.plant)))
         await asyncio.sleep(0.1)
         give_back()
-        # It is asked for in the moment in which closing has its turn.
+        # The stop is requested at the moment when the line closes.
         answer = await asked(served, VIEWER, "pump", "stop")
         assert answer.outcome == "done", answer.error
         await until(lambda: not runs(control, "pump"), 2)
@@ -84,7 +87,7 @@ async def test_a_stop_that_meets_the_end_of_its_line_is_sent_on_the_next_one(cor
 
 @pytest.mark.soak
 @awaited
-async def test_a_drive_whose_line_is_not_there_yet_is_waited_for(core):
+async def test_stop_waits_for_a_line_that_is_not_open_yet(core):
     async with turning(core, "fan", "yard") as (served, control, give_back):
         port_of = served._port_of
         served._port_of = lambda line: port_of(replace(line, name=line.name.replace("court", "yard")))
@@ -103,7 +106,7 @@ async def test_a_drive_whose_line_is_not_there_yet_is_waited_for(core):
 
 @pytest.mark.soak
 @awaited
-async def test_all_drives_are_stopped(core):
+async def test_stop_all_works_during_a_reload(core):
     async with turning(core, "pump", "hall") as (served, control, give_back):
         changing = asyncio.create_task(served.changed(faster(served.plant)))
         await asyncio.sleep(0.1)
@@ -127,7 +130,7 @@ def breaks(*_):
 
 
 @awaited
-async def test_what_goes_wrong_in_a_reload_leaves_the_drives_to_be_commanded(core):
+async def test_drives_accept_commands_after_a_failed_reload(core):
     async with core() as (served, _):
         await until(lambda: all(each.reachability == "answers" for each in served.drives()))
         release, served.kept.release_all = served.kept.release_all, breaks
@@ -139,7 +142,7 @@ async def test_what_goes_wrong_in_a_reload_leaves_the_drives_to_be_commanded(cor
 
 
 @awaited
-async def test_a_line_that_cannot_be_exchanged_is_told_and_polled_on(core):
+async def test_line_that_cannot_be_replaced_is_reported_and_still_polled(core):
     async with core() as (served, _):
         await until(lambda: all(each.reachability == "answers" for each in served.drives()))
         yard = served.lines["yard"]

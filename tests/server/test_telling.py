@@ -1,4 +1,4 @@
-"""When who listens to a server is told of changes: of the first at once, of others together, of many a little later."""
+"""Times at which listeners receive changes: the first immediately, later ones in batches, large batches less often."""
 
 import pytest
 
@@ -7,7 +7,7 @@ from drivecomm.server.table import MANY_TOGETHER_S, TOGETHER_S, Table
 
 
 class Told:
-    """A table in a time of its own, and when what was told."""
+    """A table with simulated time, and the times and sizes of the batches that listeners received."""
 
     def __init__(self):
         self.now, self.waiting, self.batches = 0.0, [], []
@@ -30,7 +30,7 @@ def told():
     return Told()
 
 
-def test_a_change_after_a_pause_is_told_at_once_and_nothing_happens_where_nothing_changes(told):
+def test_change_after_a_pause_is_sent_immediately(told):
     told.put(1)
     told.pass_until(0.0)
     assert told.batches == [(0, 1)]
@@ -41,7 +41,7 @@ def test_a_change_after_a_pause_is_told_at_once_and_nothing_happens_where_nothin
     assert told.batches[1:] == [(1000, 1)]
 
 
-def test_what_follows_soon_is_told_together(told):
+def test_changes_in_quick_succession_are_sent_in_one_batch(told):
     told.put(1)
     told.pass_until(TOGETHER_S / 2)
     told.put(3)
@@ -49,7 +49,7 @@ def test_what_follows_soon_is_told_together(told):
     assert told.batches == [(0, 1), (2, 3)]
 
 
-def test_where_much_changes_more_is_told_together_until_it_is_less_again(told):
+def test_batch_interval_grows_with_the_number_of_changes(told):
     told.put(4)
     told.pass_until(TOGETHER_S)
     told.put(3)

@@ -1,4 +1,4 @@
-"""Several things at once that end together, also where one of them does not hear that it is cancelled."""
+"""Concurrent tasks that end together, even if one of them misses its cancellation."""
 
 import asyncio
 
@@ -8,7 +8,7 @@ from drivecomm.server import together
 
 
 class Deaf:
-    """Loses a cancellation, as `wait_for` does that has its result in the same moment."""
+    """Coroutine that loses a cancellation, like `wait_for` when its result arrives at the same moment."""
 
     def __init__(self, times):
         self.left, self.ended = times, False
@@ -30,7 +30,7 @@ async def fails():
 
 
 @pytest.mark.soak
-def test_the_first_failure_ends_all_of_it_also_what_has_lost_a_cancellation():
+def test_first_failure_ends_all_tasks_even_after_a_lost_cancellation():
     deaf = Deaf(times=1)
 
     async def test():
@@ -43,7 +43,7 @@ def test_the_first_failure_ends_all_of_it_also_what_has_lost_a_cancellation():
 
 
 @pytest.mark.soak
-def test_a_cancellation_from_outside_ends_all_of_it():
+def test_outer_cancellation_ends_all_tasks():
     parts = [Deaf(times=0), Deaf(times=1)]
 
     async def test():

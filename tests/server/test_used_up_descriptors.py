@@ -1,4 +1,4 @@
-"""A server that may open few files, and strangers who take all that they get: stops go out, and lines come back."""
+"""A server with few file descriptors, and strangers that use up all of them: stops are sent, and lines reopen."""
 
 import http.client
 import json
@@ -32,7 +32,7 @@ runpy.run_module("drivecomm", run_name="__main__")
 
 
 class Cable:
-    """What carries a line, until it is cut."""
+    """Proxy that carries a line until it is cut."""
 
     def __init__(self, port):
         self._to = port
@@ -85,7 +85,7 @@ def free_port():
 
 @contextmanager
 def limited_server(folder):
-    """Yield a server that may open few files, its ports by kind of door, and the cable of its line yard."""
+    """Yield a server with a low limit of open files, its ports by kind of door, and the cable of its line yard."""
     ports = {kind: free_port() for kind in ("http", "opcua", "modbus-tcp")}
     doors = "".join(DOORS[kind].format(port=port) for kind, port in ports.items())
     head = f'{doors}{QUICK}users = "users.toml"\n'
@@ -96,7 +96,7 @@ def limited_server(folder):
         places = {name: int(address.rpartition(":")[2]) for name, address in server.addresses.items()}
         with closing(Cable(places["yard"])) as cable:
             yard, hall = f"tcp:127.0.0.1:{cable.port}", f"tcp:127.0.0.1:{places['hall']}"
-            # Threads of a test carry it, beside other tests.
+            # The reply timeout is long, since threads of the test process carry the line and may be slow.
             patient = PLANT.replace('"fc302" ', '"fc302", reply_timeout_s = 2 ')
             file.write_text(patient.format(head=head, tail="", yard=yard, hall=hall))
             with server_of(folder, control, start=False) as one:
@@ -104,7 +104,7 @@ def limited_server(folder):
 
 
 def crowd(stack, ports):
-    """Have strangers connect to every door: some say nothing, some ask once, none ever goes."""
+    """Connect strangers to every door: some send nothing, some send one request, none disconnects."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, 4096), hard))
     stack.callback(resource.setrlimit, resource.RLIMIT_NOFILE, (soft, hard))
@@ -127,7 +127,7 @@ def stop_over_http(port, drive):
         return json.loads(asking.getresponse().read())["outcome"]
 
 
-def test_strangers_at_every_door_keep_no_stop_from_going_out_and_no_line_from_coming_back(tmp_path):
+def test_strangers_at_every_door_block_no_stop_and_no_reopening_of_a_line(tmp_path):
     with limited_server(tmp_path) as (served, ports, cable), ExitStack() as stack:
         served.keep("fan")
         served.keep("pump")

@@ -1,4 +1,4 @@
-"""The file of those who may come in: what it says, who can read it, and what stays when it is changed."""
+"""The users file: its content, its permissions, and edits that leave the rest unchanged."""
 
 import os
 
@@ -12,7 +12,7 @@ from drivecomm.server.users import User, add_user, read_users, remove_user
 
 HASH = token_hash("a token")
 ENTRY = f'[[user]]\nname = "anna"\nrole = "operate"\ntoken = "{HASH}"\n'
-POSIX = pytest.mark.skipif(os.name != "posix", reason="who may read a file is said otherwise there")
+POSIX = pytest.mark.skipif(os.name != "posix", reason="Windows has other file permissions")
 
 
 @pytest.fixture
@@ -27,11 +27,11 @@ def user(name, role=Role.VIEW):
     return User(name=name, role=role, token=token_hash(name))
 
 
-def test_who_is_in_it(file):
+def test_users_are_read_from_the_file(file):
     assert read_users(file) == (User(name="anna", role=Role.OPERATE, token=HASH),)
 
 
-def test_added_and_removed_with_all_else_as_it_was(file):
+def test_adding_and_removing_users_keeps_the_rest_of_the_file(file):
     file.write_text("# ours\n\n" + ENTRY + "# anna is on holiday in May\n")
     add_user(file, user("ben"))
     add_user(file, user("carla", Role.COMMISSION))
@@ -47,7 +47,7 @@ def test_added_and_removed_with_all_else_as_it_was(file):
     assert read_users(file) == ()
 
 
-def test_what_cannot_be_added_or_removed(file):
+def test_invalid_addition_or_removal_is_refused(file):
     with pytest.raises(UsageError, match=r"has a user anna already; remove that one first with drivecomm users remove"):
         add_user(file, user("anna"))
     with pytest.raises(UsageError, match=r"has no user 'ann'; did you mean 'anna'\? It has anna"):
@@ -59,7 +59,7 @@ def test_what_cannot_be_added_or_removed(file):
 
 
 @POSIX
-def test_what_is_written_is_for_its_owner_alone(tmp_path):
+def test_written_users_file_is_accessible_to_its_owner_only(tmp_path):
     file = tmp_path / "users.toml"
     add_user(file, user("anna"))
     assert file.stat().st_mode & 0o777 == 0o600
@@ -71,7 +71,7 @@ def test_what_is_written_is_for_its_owner_alone(tmp_path):
 
 @pytest.fixture
 def owned(file, monkeypatch):
-    """Lets the file belong to somebody, and somebody look at it."""
+    """Return a function that sets owner and mode of the file, and the user who reads it."""
 
     def belongs_to(owner, mode, me):
         file.chmod(mode)
@@ -84,7 +84,7 @@ def owned(file, monkeypatch):
 
 @POSIX
 @pytest.mark.parametrize("mode", [0o640, 0o604, 0o620, 0o602, 0o644, 0o666])
-def test_a_file_that_others_can_read_or_write(file, owned, mode):
+def test_users_file_accessible_to_others_is_refused(file, owned, mode):
     owned(1000, mode, 1000)
     for use in (read_users, lambda path: add_user(path, user("ben"))):
         with pytest.raises(FileFormatError, match=f"{file}: others can read or write it; say chmod 600 {file}"):
@@ -104,8 +104,8 @@ def test_a_file_that_others_can_read_or_write(file, owned, mode):
         (0, 0o644, 4711, "others can read or write it; say chmod 640"),
     ],
 )
-def test_a_file_of_somebody_else(file, owned, *, owner, mode, me, sentence):
-    """What root gives a service is readable by the group of the service."""
+def test_users_file_of_another_owner_is_refused_except_of_root(file, owned, *, owner, mode, me, sentence):
+    """A file that root gives to a service is readable by the group of the service."""
     owned(owner, mode, me)
     if sentence:
         with pytest.raises(FileFormatError, match=sentence):
@@ -115,7 +115,7 @@ def test_a_file_of_somebody_else(file, owned, *, owner, mode, me, sentence):
 
 
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="only root gives files away")
-def test_whoever_could_read_it_can_read_it_still(file):
+def test_rewritten_users_file_keeps_owner_group_and_mode(file):
     os.chown(file, 0, 4711)
     file.chmod(0o640)
     add_user(file, user("ben"))
@@ -144,7 +144,7 @@ def test_whoever_could_read_it_can_read_it_still(file):
         ("=", "cannot be read as a file of users"),
     ],
 )
-def test_what_cannot_be(file, text, sentence):
+def test_invalid_users_file_is_refused_with_its_line(file, text, sentence):
     file.write_text(text)
     with pytest.raises(FileFormatError) as caught:
         read_users(file)
@@ -153,14 +153,14 @@ def test_what_cannot_be(file, text, sentence):
 
 @pytest.mark.parametrize("key", ["token", "password"])
 @pytest.mark.parametrize("secret", ['"my dog Rex"', "8514", f'"{HASH[:-1]}"', '"scrypt:2:1:1:AAAA:AAAA"'])
-def test_a_secret_in_the_wrong_place_is_not_repeated(file, key, secret):
+def test_error_does_not_repeat_a_misplaced_secret(file, key, secret):
     file.write_text(ENTRY.replace(f'token = "{HASH}"', f"{key} = {secret}"))
     with pytest.raises(FileFormatError, match=r"drivecomm users add") as caught:
         read_users(file)
     assert secret.strip('"') not in str(caught.value)
 
 
-def test_tokens():
+def test_tokens_are_unique_and_stored_as_hashes():
     assert len({new_token() for _ in range(100)}) == 100
     assert len(new_token()) >= 43
     assert token_hash("a") == "sha256:ca978112ca1bbdcafac231b39a23dc4da786eff8147c4e72b9807785afee48bb"
@@ -168,24 +168,24 @@ def test_tokens():
 
 
 @pytest.mark.soak
-def test_passwords():
+def test_password_fits_only_its_salted_hash():
     known = password_hash("correct horse")
     assert is_password_hash(known)
     assert password_fits("correct horse", known)
     assert not password_fits("Correct horse", known)
     assert not password_fits("", known)
     assert not password_fits("x" * 10_000_000, known)
-    assert known != password_hash("correct horse"), "each has a salt of its own"
+    assert known != password_hash("correct horse"), "each hash has its own salt"
     assert "horse" not in known
 
 
 @pytest.mark.parametrize("password", ["", "seven77", "x" * 201])
-def test_what_is_no_password(password):
+def test_password_of_invalid_length_is_refused(password):
     with pytest.raises(UsageError, match="a password has 8 to 200 characters"):
         password_hash(password)
 
 
-def test_no_file_makes_a_login_cost_more_than_it_may(monkeypatch):
+def test_password_hash_with_excessive_cost_is_invalid(monkeypatch):
     monkeypatch.setattr(credentials, "_scrypt", lambda *_: b"x" * 32)
     usual = password_hash("correct horse")
     assert is_password_hash(usual)

@@ -1,4 +1,4 @@
-"""Callers who wait for a drive hold up nobody: they are asked for last, end with who asks, and are not too many."""
+"""Waits for a state of a drive: polled with the lowest priority, ended with their caller, limited in number."""
 
 import asyncio
 import time
@@ -23,7 +23,7 @@ def waiting(**further):
 
 @pytest.mark.soak
 @awaited
-async def test_polls_go_on_while_many_wait_and_who_goes_is_asked_for_no_more(tmp_path):
+async def test_polls_continue_beside_many_waits_which_end_with_their_callers(tmp_path):
     async with core_of(tmp_path, PACED, status_period_s=0.2) as (core, _):
         plant = PlantForDoors(core, "hall")
         await until(lambda: core.drive("pump").reachability == "answers")
@@ -52,7 +52,7 @@ async def test_polls_go_on_while_many_wait_and_who_goes_is_asked_for_no_more(tmp
 
 @pytest.mark.soak
 @awaited
-async def test_what_can_be_waited_for(tmp_path):
+async def test_wait_ends_at_its_goal_or_its_timeout(tmp_path):
     async with core_of(tmp_path) as (core, control):
         await until(lambda: core.drive("pump").status)
         state = core.drive("pump").status.state
@@ -76,7 +76,7 @@ async def test_what_can_be_waited_for(tmp_path):
     ],
 )
 @awaited
-async def test_what_cannot_be_waited_for_is_refused(tmp_path, wanted, sentence):
+async def test_invalid_wait_is_refused(tmp_path, wanted, sentence):
     async with core_of(tmp_path) as (core, _):
         answer = await Commands(core).carry_out(VIEWER, wanted)
         assert answer.outcome == "refused"
@@ -84,7 +84,7 @@ async def test_what_cannot_be_waited_for_is_refused(tmp_path, wanted, sentence):
 
 
 @awaited
-async def test_a_stop_that_overtakes_a_question_ends_no_waiting(tmp_path, monkeypatch):
+async def test_wait_continues_after_a_stop_overtakes_its_status_request(tmp_path, monkeypatch):
     asked = []
 
     def to_status(drive, rank):
@@ -103,7 +103,7 @@ async def test_a_stop_that_overtakes_a_question_ends_no_waiting(tmp_path, monkey
 
 
 @awaited
-async def test_all_of_a_protocol_cannot_be_waited_for(tmp_path):
+async def test_wait_for_a_broadcast_address_is_refused(tmp_path):
     async with core_of(tmp_path) as (core, _):
         everybody = Command(drive="danfoss-fc:*", line="yard", verb="wait", arguments={"goal": "ready"})
         answer = await Commands(core).carry_out(ENGINEER, everybody)
@@ -112,7 +112,7 @@ async def test_all_of_a_protocol_cannot_be_waited_for(tmp_path):
 
 @pytest.mark.soak
 @awaited
-async def test_so_many_wait_for_a_drive_and_no_more(tmp_path):
+async def test_number_of_waits_for_a_drive_is_limited(tmp_path):
     async with core_of(tmp_path) as (core, _):
         commands = Commands(core)
         callers = [asyncio.create_task(commands.carry_out(VIEWER, waiting())) for _ in range(MOST)]

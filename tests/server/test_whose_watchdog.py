@@ -1,4 +1,4 @@
-"""The watchdog of a motor that the server does not keep: whatever the server asks, it repeats no command for it."""
+"""The drive watchdog of a motor that the server does not keep: no request of the server feeds it."""
 
 import asyncio
 import time
@@ -17,7 +17,7 @@ def core(tmp_path):
 
 @pytest.mark.soak
 @awaited
-async def test_what_the_server_asks_feeds_no_watchdog_of_a_program_that_has_died(core):
+async def test_server_polls_do_not_feed_the_watchdog_of_a_dead_program(core):
     async with core() as (served, control):
         for parameter, value in (("8-04", 2), ("8-03", 0.5)):
             answer = await asked(served, ENGINEER, "fan", "stop")
@@ -33,7 +33,7 @@ async def test_what_the_server_asks_feeds_no_watchdog_of_a_program_that_has_died
 
 @pytest.mark.soak
 @awaited
-async def test_a_motor_that_was_kept_once_is_fed_no_more(core):
+async def test_watchdog_of_a_formerly_kept_motor_is_not_fed(core):
     async with core() as (served, control):
         await until(lambda: served.drive("fan").reachability == "answers")
         fan = served.lines["yard"].drive("fan")
@@ -58,7 +58,7 @@ async def test_a_motor_that_was_kept_once_is_fed_no_more(core):
 
 @pytest.mark.soak
 @awaited
-async def test_a_motor_that_the_server_keeps_is_fed(core):
+async def test_watchdog_of_a_kept_motor_is_fed(core):
     async with core() as (served, control):
         lease = served.leases.take(ENGINEER, "fan", 20, now=time.monotonic(), time_s=time.time())
         kept = await asked(

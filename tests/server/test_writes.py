@@ -1,4 +1,4 @@
-"""Which parameters were written through a server, as events say it."""
+"""Parameters written through a server, as recorded in events."""
 
 import pytest
 
@@ -26,10 +26,10 @@ def test_write_by_common_name_is_found_by_the_address(writes):
     assert "audit record 2" in writes.words_for("pump", "421", "ramp_down_time")
 
 
-def test_write_that_was_compared_before_made_no_later_change(writes):
+def test_write_before_the_last_comparison_is_not_the_author_of_a_change(writes):
     assert writes.words_for("pump", "420", after_s=NOON_S)
     assert writes.words_for("pump", "420", after_s=NOON_S + 61) == ""
 
 
-def test_parameter_that_nobody_wrote_has_no_words(writes):
+def test_parameter_without_a_write_has_no_author(writes):
     assert writes.words_for("pump", "430") == writes.words_for("fan", "420") == ""

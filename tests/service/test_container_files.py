@@ -1,6 +1,6 @@
-"""The Containerfile: what a linter would say, what it copies is there, and how it finds out whether a server is well.
+"""The Containerfile: rules of a linter, the files that it copies, and its health check.
 
-Nothing here builds it; the same installation, without a container, is in test_wheel.py.
+No image is built here; test_wheel.py tests the same installation without a container.
 """
 
 import json
@@ -21,7 +21,7 @@ KNOWN = {"FROM", "COPY", "RUN", "USER", "ENV", "VOLUME", "HEALTHCHECK", "STOPSIG
 
 
 def statements():
-    """The statements of the last stage, after those of the stages before it."""
+    """Return all statements as pairs of keyword and arguments."""
     text = re.sub(r"^#.*\n", "", (FOLDER / "Containerfile").read_text(encoding="utf-8"), flags=re.MULTILINE)
     lines = text.replace("\\\n", " ").splitlines()
     return [tuple(line.split(None, 1)) for line in lines if line.strip()]
@@ -32,17 +32,17 @@ def last_stage():
     return found[max(place for place, (word, _) in enumerate(found) if word == "FROM") :]
 
 
-def test_every_statement_is_known():
+def test_every_statement_of_the_containerfile_is_known():
     assert {word for word, _ in statements()} <= KNOWN
 
 
-def test_images_have_a_registry_and_a_version():
+def test_base_images_have_a_registry_and_a_version():
     for word, rest in statements():
         if word == "FROM":
             assert re.fullmatch(r"docker\.io/library/python:3\.\d+-slim-\w+( AS \w+)?", rest)
 
 
-def test_it_runs_as_a_numbered_user_who_is_not_root():
+def test_container_runs_as_a_numeric_user_other_than_root():
     users = [rest for word, rest in last_stage() if word == "USER"]
     assert re.fullmatch(r"[1-9]\d+:[1-9]\d+", users[-1])
     after = last_stage()[[word for word, _ in last_stage()].index("USER") :]
@@ -50,11 +50,11 @@ def test_it_runs_as_a_numbered_user_who_is_not_root():
 
 
 @pytest.mark.parametrize("word", ["ENTRYPOINT", "CMD", "VOLUME"])
-def test_no_shell_stands_between(word):
+def test_statement_uses_the_exec_form_without_a_shell(word):
     assert isinstance(json.loads(dict(last_stage())[word]), list)
 
 
-def test_what_is_written_to_is_a_volume():
+def test_writable_folders_are_volumes():
     volumes = json.loads(dict(last_stage())["VOLUME"])
     environment = dict(pair.split("=", 1) for pair in dict(last_stage())["ENV"].split())
     assert {environment["STATE_DIRECTORY"], environment["RUNTIME_DIRECTORY"]} == set(volumes)
@@ -64,7 +64,7 @@ def test_no_secret_is_in_the_image():
     assert not re.search(r"(?i)token|password|secret", (FOLDER / "Containerfile").read_text(encoding="utf-8"))
 
 
-def test_what_the_wheel_is_made_of_is_copied_and_nothing_else():
+def test_containerfile_copies_exactly_the_sources_of_the_wheel():
     with (ROOT / "pyproject.toml").open("rb") as file:
         hatch = tomllib.load(file)["tool"]["hatch"]["build"]["targets"]["wheel"]
     needed = {Path(name).parts[0] for name in [*hatch["packages"], *hatch["shared-data"]]}
@@ -89,11 +89,11 @@ class TestHealthcheck:
         )
         return done.returncode
 
-    def test_it_is_the_script_that_is_copied(self):
+    def test_health_check_runs_the_copied_script(self):
         healthcheck = dict(last_stage())["HEALTHCHECK"]
         assert json.loads(healthcheck.partition("CMD ")[2])[1] == "/opt/drivecomm/healthy.py"
 
-    def test_without_a_server_it_is_not_well(self, tmp_path):
+    def test_health_check_fails_without_a_server(self, tmp_path):
         assert self.asked(tmp_path) == 1
 
     @pytest.mark.parametrize(
@@ -105,7 +105,7 @@ class TestHealthcheck:
             (b"", 1),
         ],
     )
-    def test_it_is_as_well_as_the_server_says(self, tmp_path, answer, code):
+    def test_health_check_follows_the_response_of_the_server(self, tmp_path, answer, code):
         with socket.socket(socket.AF_UNIX) as listening:
             listening.bind(str(tmp_path / "hall-01234567.sock"))
             listening.listen()
@@ -123,7 +123,7 @@ class TestHealthcheck:
             server.join(5)
         assert asked[0].startswith(b"GET /healthz HTTP/1.1\r\n")
 
-    def test_a_server_that_was_killed_is_not_well(self, tmp_path):
+    def test_health_check_fails_after_the_server_was_killed(self, tmp_path):
         with socket.socket(socket.AF_UNIX) as listening:
             listening.bind(str(tmp_path / "hall-01234567.sock"))
         assert self.asked(tmp_path) == 1

@@ -1,4 +1,4 @@
-"""The wheel, built from what git knows, and installed where nothing else is: what a user of pip or pipx gets."""
+"""The wheel, built from tracked files and installed into an empty environment, as pip or pipx does."""
 
 import os
 import subprocess
@@ -30,7 +30,7 @@ def run(*command, **options):
 
 
 class Environment:
-    """A virtual environment with pip and nothing else."""
+    """A virtual environment with only pip."""
 
     def __init__(self, folder):
         venv.create(folder, with_pip=True)
@@ -45,7 +45,7 @@ class Environment:
         return tried(*self.pip_words, *arguments)
 
     def drivecomm(self, *arguments):
-        # Elsewhere than here, where the packages could be imported from the working folder.
+        # In the repository the packages would be imported from the working folder.
         return run(self.programs / "drivecomm", *arguments, cwd=self.folder, env={**os.environ, "COLUMNS": "200"})
 
     def python(self, program):
@@ -55,7 +55,7 @@ class Environment:
 @pytest.fixture(scope="module")
 def environment(tmp_path_factory):
     made = Environment(tmp_path_factory.mktemp("bare") / "environment")
-    # Whichever registry this machine's pip is set up for.
+    # The package registry that pip on this machine uses.
     sought = ("download", "--no-cache-dir", "--no-deps", "--retries", "0", "--timeout", "5", "construct")
     done = made.pip_tried(*sought, "--dest", made.folder / "reached", "--constraint", ROOT / "constraints.txt")
     if done.returncode != 0:
@@ -81,7 +81,7 @@ def tracked(folder):
     return run("git", "ls-files", "-z", folder, cwd=ROOT).split("\0")[:-1]
 
 
-def test_everything_that_is_tracked_is_in_it(wheel):
+def test_wheel_has_exactly_the_tracked_files(wheel):
     with (ROOT / "pyproject.toml").open("rb") as file:
         packages = tomllib.load(file)["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
     wanted = {name.removeprefix("protocols/") for package in packages for name in tracked(package)}
@@ -93,28 +93,28 @@ def test_everything_that_is_tracked_is_in_it(wheel):
     assert {name for name in names if ".dist-info/" not in name} == wanted | shared
 
 
-def test_the_command_is_there(installed):
+def test_wheel_installs_the_command(installed):
     assert __version__ in installed.drivecomm("--version")
     assert {"danfoss-fc", "fuji", "vabus", "vlt3500"} <= set(installed.drivecomm("protocols").split())
 
 
-def test_a_plant_is_served_with_nothing_else_installed(installed):
+def test_installed_wheel_serves_a_plant_without_other_packages(installed):
     assert "SIGHUP" in installed.drivecomm("serve", "--help")
     printed = installed.drivecomm("demo")
     assert "left out" not in printed
     assert "GET /api/v1/events" in printed
 
 
-def test_the_files_for_systemd_are_there(installed):
+def test_wheel_installs_the_files_for_systemd(installed):
     folder = installed.folder / "share" / "drivecomm" / "systemd"
     assert {path.name for path in folder.iterdir()} == {path.name for path in SYSTEMD.iterdir()}
 
 
-def test_nothing_is_missing_that_the_packages_need(installed):
+def test_installed_wheel_has_all_its_requirements(installed):
     installed.pip("check")
 
 
-def test_the_http_door_is_an_entry_point_and_can_be_loaded(installed):
+def test_http_door_of_the_installed_wheel_can_be_loaded(installed):
     installed.python(
         "from importlib.metadata import entry_points\n"
         "(door,) = entry_points(group='drivecomm.doors', name='http')\n"

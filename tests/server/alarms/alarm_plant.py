@@ -1,4 +1,4 @@
-"""A served plant with one drive, as alarms see it; tests say what changes."""
+"""A stand-in for a served plant with one drive, for tests of alarms; the test sets its state."""
 
 import asyncio
 
@@ -42,12 +42,12 @@ class AlarmPlant:
     def values(self):
         return self.all_values
 
-    def changes(self, every_s=0.0):  # noqa: ARG002 - every change, whoever is in haste
+    def changes(self, every_s=0.0):  # noqa: ARG002 - reports every change immediately
         self.read.append(Changes())
         return self.read[-1]
 
     def see(self, state, kind=""):
-        """Let the drive be so; told by an event of a kind, or by its polled status."""
+        """Set the state of the drive, and report it by an event of this kind, or as a polled status without a kind."""
         self.state = state
         event = Event(number=1, time_s=0.0, kind=kind, text="", drive="pump") if kind else None
         status = CurrentValue(time_s=1.0, drive="pump", name=STATUS, reading=None, quality="good")

@@ -1,4 +1,4 @@
-"""Rules, and what is seen of a drive called pump, on a clock that tests turn."""
+"""Alarm rules, states of a drive called pump, and alarms on a clock that the test sets."""
 
 from decimal import Decimal
 
@@ -38,7 +38,7 @@ def current(value, quality="good", cause="", unit="A"):
 
 
 class Clock:
-    """Alarms on a clock. off_s: how far the time of day is from the right one."""
+    """Alarms on a clock that the test sets. off_s: difference between the time of day and the correct time."""
 
     def __init__(self, *rules, run="run", **before):
         self.now_s = 1000.0
@@ -51,7 +51,10 @@ class Clock:
         return WALL_S + self.now_s + self.off_s
 
     def at(self, seconds, seen=None):
-        """Go to this many seconds after the begin, see something or only look; return what happened."""
+        """Set the clock to a number of seconds after the start, and return the new alarm events.
+
+        seen: a state or value that the alarms receive at that time; None if only time passes.
+        """
         self.now_s = 1000.0 + seconds
         if isinstance(seen, DriveState):
             found = self.alarms.drive_seen(seen, self.now_s, self.time_s)

@@ -1,4 +1,4 @@
-"""A receiver of webhooks that can be told to misbehave."""
+"""A webhook receiver that can be made to misbehave."""
 
 import json
 import socket
@@ -7,7 +7,11 @@ import threading
 
 
 class Hook:
-    """Answers as `does` says: a status, or refuses to (hang, drip, reset). got: the messages; begun: tries so far."""
+    """HTTP server that receives webhooks.
+
+    does: the HTTP status to answer with, or a misbehaviour: "hang", "drip" or "reset". got: received messages. begun:
+    number of requests so far.
+    """
 
     def __init__(self):
         self.does = 200
@@ -20,7 +24,7 @@ class Hook:
 
     @property
     def told(self):
-        """What each alarm that has arrived says, in its order."""
+        """Events of all received alarms, such as "raised", in order of arrival."""
         return [each["what"] for message in self.got for each in message["alarms"]]
 
     def __enter__(self):

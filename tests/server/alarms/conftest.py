@@ -1,4 +1,4 @@
-"""What tests of alarms stand on."""
+"""Fixtures of the alarm tests."""
 
 import time
 
@@ -17,7 +17,7 @@ def eventually():
     def wait(condition, within_s=20.0):
         until = time.monotonic() + within_s
         while not (found := condition()):
-            assert time.monotonic() < until, "it did not happen"
+            assert time.monotonic() < until, "the condition did not become true"
             time.sleep(0.01)
         return found
 

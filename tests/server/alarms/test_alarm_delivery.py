@@ -1,4 +1,4 @@
-"""Messages arrive although receivers hang, refuse and fail, and one receiver never holds up another."""
+"""Delivery of alarm messages to receivers that hang, refuse or fail; a bad receiver does not delay the others."""
 
 import contextlib
 import json
@@ -43,7 +43,7 @@ def delivering():
         yield make
 
 
-def test_a_message(hook, delivering, eventually):
+def test_webhook_receives_one_message_per_alarm(hook, delivering, eventually):
     out = delivering(f"webhook:{hook.url}")
     out.put()
     eventually(lambda: hook.got)
@@ -65,7 +65,7 @@ def test_a_message(hook, delivering, eventually):
     assert len(hook.got) == 1
 
 
-def test_what_happens_together_is_one_message(hook, delivering, eventually):
+def test_simultaneous_alarms_are_delivered_in_one_message(hook, delivering, eventually):
     out = delivering(f"webhook:{hook.url}", pace=Pace(gather_s=0.3))
     for number in range(50):
         out.put(number=number)
@@ -86,7 +86,7 @@ def test_what_happens_together_is_one_message(hook, delivering, eventually):
         (404, "it answered 404 Not Found"),
     ],
 )
-def test_a_receiver_that_fails_is_tried_again(hook, delivering, eventually, does, reason):
+def test_failed_delivery_is_retried(hook, delivering, eventually, does, reason):
     hook.does = does
     out = delivering(f"webhook:{hook.url}")
     out.put()
@@ -94,7 +94,7 @@ def test_a_receiver_that_fails_is_tried_again(hook, delivering, eventually, does
     out.put("over", number=2)
     hook.does = 200
     eventually(lambda: not out.delivery.waiting())
-    # In their order, and the failure is told once.
+    # The messages arrive in order, and the failure is reported once.
     assert hook.told == ["raised", "over"]
     label = f"webhook {hook.url.split('/')[2]}"
     assert out.said[0] == f"an alarm could not be delivered to {label}, it is tried again: {reason}"
@@ -103,7 +103,7 @@ def test_a_receiver_that_fails_is_tried_again(hook, delivering, eventually, does
     assert "secret" not in "".join(out.said)
 
 
-def test_nobody_listens(delivering, eventually):
+def test_refused_connection_is_reported(delivering, eventually):
     with socket.create_server(("127.0.0.1", 0)) as listening:
         port = listening.getsockname()[1]
     out = delivering(f"webhook:http://127.0.0.1:{port}/")
@@ -112,7 +112,7 @@ def test_nobody_listens(delivering, eventually):
 
 
 @pytest.mark.soak
-def test_the_pause_between_tries_grows(hook, delivering, eventually):
+def test_pause_between_retries_grows(hook, delivering, eventually):
     hook.does = 500
     out = delivering(f"webhook:{hook.url}", pace=Pace(within_s=1, first_s=0.2, longest_s=10, gather_s=0))
     began = time.monotonic()
@@ -121,7 +121,7 @@ def test_the_pause_between_tries_grows(hook, delivering, eventually):
     assert 1.4 <= time.monotonic() - began < 3.1
 
 
-def test_it_is_given_up_in_the_end(hook, delivering, eventually):
+def test_delivery_is_given_up_after_its_deadline(hook, delivering, eventually):
     hook.does = 500
     out = delivering(
         f"webhook:{hook.url}", pace=Pace(within_s=1, first_s=0.05, longest_s=0.05, give_up_s=0.3, gather_s=0)
@@ -132,7 +132,7 @@ def test_it_is_given_up_in_the_end(hook, delivering, eventually):
     assert hook.begun >= 2
 
 
-def test_one_that_hangs_holds_up_no_other(hook, delivering, eventually):
+def test_hanging_receiver_does_not_delay_another(hook, delivering, eventually):
     hook.does = "hang"
     with Hook() as other:
         out = delivering(f"webhook:{hook.url}", f"webhook:{other.url}", pace=Pace(within_s=60, gather_s=0))
@@ -142,11 +142,11 @@ def test_one_that_hangs_holds_up_no_other(hook, delivering, eventually):
         out.put("over", number=2)
         eventually(lambda: len(other.got) == 2)
         assert time.monotonic() - began < 10
-        # What was delivered is taken off the list a moment after it has come.
+        # A delivered message leaves the list a moment after its arrival.
         eventually(lambda: {each.to for each in out.delivery.waiting()} == {f"webhook:{hook.url}"})
 
 
-def test_not_more_wait_than_fit(hook, delivering):
+def test_oldest_messages_are_dropped_from_a_full_queue(hook, delivering):
     hook.does = "hang"
     out = delivering(f"webhook:{hook.url}", pace=Pace(within_s=60, gather_s=60))
     for number in range(MOST + 2):
@@ -158,7 +158,7 @@ def test_not_more_wait_than_fit(hook, delivering):
 
 
 @pytest.mark.soak
-def test_closing_takes_no_longer_than_it_may(hook, delivering, eventually):
+def test_close_returns_within_its_time_limit(hook, delivering, eventually):
     hook.does = "hang"
     out = delivering(f"webhook:{hook.url}", pace=Pace(within_s=60, gather_s=0))
     out.put()
@@ -169,7 +169,7 @@ def test_closing_takes_no_longer_than_it_may(hook, delivering, eventually):
     assert len(out.delivery.waiting()) == 1
 
 
-def test_closing_tries_what_waits_at_once(hook, delivering):
+def test_close_delivers_waiting_messages_immediately(hook, delivering):
     out = delivering(f"webhook:{hook.url}", pace=Pace(gather_s=60))
     out.put()
     out.delivery.close(5)
@@ -177,7 +177,7 @@ def test_closing_tries_what_waits_at_once(hook, delivering):
     assert out.delivery.waiting() == []
 
 
-def test_closing_tries_once_more_what_has_failed(hook, delivering, eventually):
+def test_close_retries_a_failed_message(hook, delivering, eventually):
     hook.does = 500
     out = delivering(f"webhook:{hook.url}", pace=Pace(first_s=60, gather_s=0))
     out.put()
@@ -187,7 +187,7 @@ def test_closing_tries_once_more_what_has_failed(hook, delivering, eventually):
     assert hook.told == ["raised"]
 
 
-def test_user_and_password(hook, delivering, eventually):
+def test_webhook_sends_user_and_password_of_the_url(hook, delivering, eventually):
     out = delivering(f"webhook:{hook.url.replace('http://', 'http://ann:p%40ss@')}")
     out.put()
     eventually(lambda: hook.got)
@@ -204,7 +204,7 @@ class TestCommand:
 
         return write
 
-    def test_it_gets_the_message_and_no_shell(self, command, tmp_path, delivering, eventually):
+    def test_command_receives_the_message_on_stdin_without_a_shell(self, command, tmp_path, delivering, eventually):
         got = tmp_path / "got.json"
         out = delivering(
             command(f"import sys, json; json.dump([sys.argv[1:], json.load(sys.stdin)], open({str(got)!r}, 'w'))"),
@@ -218,14 +218,14 @@ class TestCommand:
         assert out.said == []
 
     @pytest.mark.soak
-    def test_what_it_says_is_told(self, command, delivering, eventually):
+    def test_error_output_of_the_command_is_reported(self, command, delivering, eventually):
         out = delivering(command("import sys; print('no', file=sys.stderr); sys.exit('modem is off')"), pace=Pace())
         out.put()
         assert eventually(lambda: out.said)[0].endswith("it ended with exit status 1: modem is off")
 
     @pytest.mark.soak
     @pytest.mark.skipif(not hasattr(os, "killpg"), reason="process groups")
-    def test_one_that_hangs_is_killed_with_all_that_it_started(self, command, tmp_path, delivering, eventually):
+    def test_hanging_command_is_killed_with_its_child_processes(self, command, tmp_path, delivering, eventually):
         pids = tmp_path / "pids"
         out = delivering(
             command(
@@ -241,7 +241,7 @@ class TestCommand:
         for pid in map(int, pids.read_text().split()):
             eventually(lambda pid=pid: not alive(pid))
 
-    def test_one_that_is_not_there(self, delivering, eventually):
+    def test_missing_command_is_reported(self, delivering, eventually):
         out = delivering("command:/no/such/program")
         assert eventually(lambda: out.said) == [
             "no alarm can be delivered to command program: there is no program /no/such/program"
@@ -259,7 +259,7 @@ def alive(pid):
 
 
 class MailServer:
-    """Takes any mail, line by line."""
+    """SMTP server that accepts any mail."""
 
     def __init__(self):
         self.listening = socket.create_server(("127.0.0.1", 0))
@@ -288,7 +288,7 @@ class MailServer:
 @pytest.mark.skipif(find_spec("apprise") is None, reason="the extra server")
 class TestApprise:
     @pytest.mark.soak
-    def test_a_mail(self, delivering, eventually):
+    def test_apprise_sends_a_mail(self, delivering, eventually):
         server = MailServer()
         out = delivering(f"mailto://localhost:{server.port}/you@example.com?from=hall2@example.com", pace=Pace())
         out.put()
@@ -300,7 +300,7 @@ class TestApprise:
         assert out.said == []
 
     @pytest.mark.soak
-    def test_a_url_that_is_none_is_told_before_the_first_alarm(self, delivering, eventually):
+    def test_invalid_apprise_url_is_reported_before_the_first_alarm(self, delivering, eventually):
         out = delivering("nonsense://secret")
         (said,) = eventually(lambda: out.said, 60)
         assert said.startswith(
@@ -308,5 +308,5 @@ class TestApprise:
         )
         assert "secret" not in said
 
-    def test_it_is_not_loaded_into_the_server(self):
+    def test_apprise_is_not_imported_into_the_server_process(self):
         assert "apprise" not in sys.modules

@@ -1,4 +1,4 @@
-"""What is an alarm stands in the plant file, which is read strictly."""
+"""Alarm rules of a plant file: defaults, all keys, and errors."""
 
 from decimal import Decimal
 
@@ -26,12 +26,12 @@ def rules(tmp_path):
     return read
 
 
-def test_what_is_not_said():
+def test_alarm_rule_has_defaults():
     (rule,) = read_alarms([], DRIVES) or [AlarmRule(name="fault", on="fault", drives=("pump",))]
     assert (rule.for_s, rule.over_s, rule.remind_s, rule.deliver) == (0.0, 60.0, None, ())
 
 
-def test_all_that_may_be_said(rules):
+def test_alarm_rule_accepts_every_key(rules):
     assert rules(
         """
         [[alarm]]
@@ -76,7 +76,7 @@ def test_all_that_may_be_said(rules):
     )  # fmt: skip
 
 
-def test_in_words(rules):
+def test_alarm_rule_as_text(rules):
     fault, changed, current = rules(
         """
         [[alarm]]
@@ -135,7 +135,7 @@ def test_in_words(rules):
         ('on = "fault"\n[[alarm]]\non = "fault"', "line 3: alarm 2: two alarms are called 'fault'"),
     ],
 )  # fmt: skip
-def test_what_is_wrong(rules, line, said):
+def test_invalid_alarm_rule_is_refused_with_its_line(rules, line, said):
     with pytest.raises(FileFormatError) as caught:
         rules(f"[[alarm]]\n{line}\n")
     assert said in str(caught.value)
@@ -143,22 +143,22 @@ def test_what_is_wrong(rules, line, said):
 
 
 class TestSecrets:
-    def test_from_a_file_of_the_credentials(self, tmp_path):
+    def test_secret_is_read_from_the_credentials_folder_first(self, tmp_path):
         (tmp_path / "mail").write_text("mailto://ann:pass@example.com\n")
         environment = {"CREDENTIALS_DIRECTORY": str(tmp_path), "DRIVECOMM_ALARM_MAIL": "webhook:http://other"}
         found = receivers_of(["@mail"], environment)["@mail"]
         assert (found.label, found.url) == ("@mail", "mailto://ann:pass@example.com")
 
-    def test_from_the_environment(self, tmp_path):
+    def test_secret_is_read_from_the_environment(self, tmp_path):
         environment = {"CREDENTIALS_DIRECTORY": str(tmp_path), "DRIVECOMM_ALARM_ON_CALL": "webhook:https://x/secret"}
         found = receivers_of(["@on-call"], environment)["@on-call"]
         assert (found.label, found.url) == ("@on-call", "https://x/secret")
 
-    def test_nowhere(self):
+    def test_missing_secret_is_refused(self):
         with pytest.raises(UsageError, match=r"there is no secret @mail; put it into .*\$DRIVECOMM_ALARM_MAIL"):
             receivers_of(["@mail"], {})
 
-    def test_no_secret_is_shown(self):
+    def test_labels_and_errors_show_no_secret(self):
         found = receivers_of(["webhook:https://u:p@example.com:8443/secret", "slack://secret/secret"], {})
         assert [each.label for each in found.values()] == ["webhook example.com:8443", "slack"]
         with pytest.raises(UsageError) as caught:

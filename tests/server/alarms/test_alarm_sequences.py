@@ -1,4 +1,4 @@
-"""What holds for any sequence of values and times, against a plain account of what was seen."""
+"""Random sequences of values and times, compared with a simple model of alarms."""
 
 from decimal import Decimal
 from itertools import pairwise
@@ -18,7 +18,7 @@ STEP_S = 0.25
 
 
 class Account:
-    """The same, told otherwise: quarter of a second by quarter of a second."""
+    """Simple model of one limit alarm, computed in steps of a quarter of a second."""
 
     def __init__(self, for_s, over_s):
         self.for_s, self.over_s = for_s, over_s
@@ -56,7 +56,7 @@ class Account:
     over_s=st.sampled_from([1.0, 5.0, 60.0]),
     remind_s=st.sampled_from([None, 60.0]),
 )
-def test_delays_and_hysteresis_are_exact_and_nothing_is_told_twice(steps, for_s, over_s, remind_s):
+def test_delays_and_hysteresis_are_exact_and_no_alarm_is_repeated(steps, for_s, over_s, remind_s):
     clock = Clock(limit("12.5", "0.5", for_s=for_s, over_s=over_s, remind_s=remind_s))
     account = Account(for_s, over_s)
     found, acknowledged = [], True
@@ -65,7 +65,7 @@ def test_delays_and_hysteresis_are_exact_and_nothing_is_told_twice(steps, for_s,
         nonlocal acknowledged
         for each in what:
             if each == "reminded":
-                # What comes back after it was acknowledged is news, and no longer acknowledged.
+                # A condition that returns after its acknowledgement is reported as a new, unacknowledged one.
                 assert not acknowledged or any(not each.acknowledged_by for each in clock.alarms.standing())
                 assert second - max(when for told, when in found if told != "over") >= 60
             acknowledged = acknowledged and each != "raised"

@@ -1,4 +1,4 @@
-"""What happens to alarms, on a clock of the test's."""
+"""State changes of alarms, on a clock that the test sets."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ from drivecomm.errors import UsageError
 from drivecomm.server.drift_state import DriveDrift, SetChange
 
 
-def test_a_fault_is_raised_at_once_and_over_after_a_minute_without_it():
+def test_fault_is_raised_immediately_and_over_one_minute_after_its_end():
     clock = Clock(rule())
     assert clock.at(0, pump()) == []
     assert clock.at(1, pump("F0400 overload")) == ["raised"]
@@ -24,17 +24,17 @@ def test_a_fault_is_raised_at_once_and_over_after_a_minute_without_it():
     assert clock.at(64) == []
 
 
-def test_a_fault_without_a_text_is_one_all_the_same():
+def test_fault_without_a_text_raises_an_alarm():
     clock = Clock(rule())
     assert clock.at(0, pump(tripped=True)) == ["raised"]
     assert clock.texts() == ["fault"]
-    # Its number is asked for afterwards; it is the same fault.
+    # The drive reports the fault number later; the fault is the same.
     clock.acknowledge()
     assert clock.at(100, pump("F0400")) == []
     assert clock.alarm.acknowledged_by == "ann"
 
 
-def test_what_is_watched_of_a_drive():
+def test_warning_and_silence_of_a_drive_raise_alarms():
     clock = Clock(rule("warning"), rule("silent"))
     assert clock.at(0, pump(reachability="asking")) == []
     assert clock.at(0, pump(warning=None)) == []
@@ -43,14 +43,17 @@ def test_what_is_watched_of_a_drive():
     assert clock.texts() == [
         "a warning is active; not known now: the drive does not answer", "does not answer: no reply within 0.1 s"
     ]  # fmt: skip
-    # A drive that does not answer may have its warning still.
+    # A silent drive may still have its warning.
     assert clock.at(500) == []
     assert clock.at(501, pump()) == []
     assert clock.at(561) == ["over", "over"]
 
 
 def drifted(*changes, **more):
-    """Return a pump whose parameters differ so from its baseline: address, value of now, since when."""
+    """Return a pump whose parameters differ from its baseline.
+
+    changes: address, present value, and time of the first difference in seconds.
+    """
     made = tuple(
         SetChange(address=address, name="", unit="s", approved=5, now=now, since_s=since_s)
         for address, now, since_s in changes
@@ -59,7 +62,7 @@ def drifted(*changes, **more):
     return replace(pump(reachability="silent"), drift=DriveDrift(**known))
 
 
-def test_change_since_the_baseline_is_an_alarm_until_it_is_as_approved():
+def test_change_since_the_baseline_is_an_alarm_until_the_approved_value_returns():
     clock = Clock(rule("changed_since_baseline"))
     assert clock.at(0, pump()) == []
     assert clock.at(1, drifted(("420", 7, 0.0))) == ["raised"]
@@ -72,7 +75,7 @@ def test_change_since_the_baseline_is_an_alarm_until_it_is_as_approved():
     assert clock.at(160) == ["over"]
 
 
-def test_later_change_since_the_baseline_is_told_again_after_it_was_acknowledged():
+def test_later_change_since_the_baseline_is_reminded_after_acknowledgement():
     clock = Clock(rule("changed_since_baseline"))
     clock.at(0, drifted(("420", 7, 100.0)))
     clock.acknowledge()
@@ -82,14 +85,14 @@ def test_later_change_since_the_baseline_is_told_again_after_it_was_acknowledged
     assert clock.alarm.acknowledged_by == ""
 
 
-def test_replaced_drive_is_an_alarm_and_one_without_a_baseline_is_none():
+def test_replaced_drive_is_an_alarm_and_missing_baseline_is_not():
     clock = Clock(rule("changed_since_baseline"))
     assert clock.at(0, drifted(state="no baseline")) == []
     assert clock.at(1, drifted(state="replaced", replaced="its serial number is another")) == ["raised"]
     assert clock.texts() == ["replaced by another drive: its serial number is another"]
 
 
-def test_the_delay_counts_only_while_the_condition_is_known_to_hold():
+def test_delay_counts_only_while_the_condition_is_known_to_hold():
     clock = Clock(limit(for_s=10))
     assert clock.at(0, current("13")) == []
     assert clock.at(4, current(None, "bad", "no reply")) == []
@@ -98,7 +101,7 @@ def test_the_delay_counts_only_while_the_condition_is_known_to_hold():
     assert clock.at(106) == ["raised"]
 
 
-def test_a_condition_that_ends_early_begins_anew():
+def test_delay_restarts_if_the_condition_ends_early():
     clock = Clock(limit(for_s=10))
     clock.at(0, current("13"))
     assert clock.at(9, current("12")) == []
@@ -107,7 +110,7 @@ def test_a_condition_that_ends_early_begins_anew():
     assert clock.at(20) == ["raised"]
 
 
-def test_a_delay_that_was_over_before_the_condition_ended_counts():
+def test_alarm_is_raised_if_the_delay_passes_before_the_condition_ends():
     clock = Clock(limit(for_s=5))
     clock.at(0, current("13"))
     assert clock.at(5, current("12")) == ["raised"]
@@ -118,7 +121,7 @@ def test_a_delay_that_was_over_before_the_condition_ended_counts():
     ("side", "beyond", "between", "back"),
     [("above", "12.6", "12.1", "12.0"), ("below", "12.4", "12.9", "13.0")],
 )
-def test_hysteresis(side, beyond, between, back):
+def test_limit_alarm_clears_only_beyond_the_hysteresis(side, beyond, between, back):
     clock = Clock(limit("12.5", "0.5", side))
     assert clock.at(0, current("12.5")) == []
     assert clock.at(1, current(between)) == []
@@ -128,7 +131,7 @@ def test_hysteresis(side, beyond, between, back):
     assert clock.texts() == [f"output_current is {between} A, not yet back by 0.5 A from 12.5 A"]
     assert clock.at(100) == []
     assert clock.at(100, current(back)) == []
-    # What it was stays, and what it is stands beside it.
+    # The alarm keeps the text of its cause, and adds the text of its end.
     assert clock.texts() == [f"output_current is {beyond} A, {side} 12.5 A"]
     assert clock.alarm.gone == f"output_current is {back} A, no longer {side} 12.5 A"
     assert clock.at(160) == ["over"]
@@ -144,7 +147,7 @@ def test_hysteresis(side, beyond, between, back):
         (current("NaN"), "output_current is NaN, which is not a number"),
     ],
 )
-def test_what_is_not_known_neither_raises_nor_ends(seen, text):
+def test_unknown_value_neither_raises_nor_clears_an_alarm(seen, text):
     clock = Clock(limit())
     assert clock.at(0, seen) == []
     assert clock.at(1) == []
@@ -160,7 +163,7 @@ def test_what_is_not_known_neither_raises_nor_ends(seen, text):
     assert clock.at(2031) == ["over"]
 
 
-def test_reminders_until_somebody_acknowledges():
+def test_reminders_are_sent_until_acknowledgement():
     clock = Clock(rule(remind_s=600.0))
     assert clock.at(0, pump("F1")) == ["raised"]
     assert clock.at(599) == []
@@ -186,12 +189,12 @@ def test_alarm_is_confirmed_once_after_it_was_acknowledged():
     assert done.text == "pump fault: confirmed by bob (fault F1): belt replaced"
     assert clock.treat("confirmed") is None
     assert (clock.alarm.confirmed_by, clock.alarm.comment, clock.alarm.comment_by) == ("bob", "belt replaced", "bob")
-    # Another fault is nothing that anybody has dealt with.
+    # A different fault needs a new acknowledgement.
     clock.at(1, pump("F2"))
     assert (clock.alarm.acknowledged_by, clock.alarm.confirmed_by) == ("", "")
 
 
-def test_comment_changes_nothing_else():
+def test_comment_does_not_acknowledge_an_alarm():
     clock = Clock(rule(remind_s=600.0))
     clock.at(0, pump("F1"))
     assert clock.treat("commented", comment="eva looks").text == "pump fault: comment of ann (fault F1): eva looks"
@@ -204,7 +207,7 @@ def test_comment_changes_nothing_else():
     assert clock.alarms.standing() == []
 
 
-def test_alarm_says_whether_its_condition_is_known_now():
+def test_alarm_shows_whether_its_condition_is_known():
     clock = Clock(limit("12.5"))
     clock.at(0, current("13"))
     assert clock.alarm.known
@@ -212,7 +215,7 @@ def test_alarm_says_whether_its_condition_is_known_now():
     assert not clock.alarm.known
 
 
-def test_nobody_is_reminded_of_what_is_gone():
+def test_no_reminder_is_sent_while_the_condition_is_absent():
     clock = Clock(rule(remind_s=60.0, over_s=600.0))
     assert clock.at(0, pump("F1")) == ["raised"]
     assert clock.at(10, pump()) == []
@@ -220,7 +223,7 @@ def test_nobody_is_reminded_of_what_is_gone():
     assert clock.at(301, pump("F1")) == ["reminded"]
 
 
-def test_an_alarm_that_is_over_stands_until_it_is_acknowledged():
+def test_alarm_that_is_over_remains_listed_until_acknowledged():
     clock = Clock(rule())
     clock.at(0, pump("F1"))
     clock.at(1, pump())
@@ -240,7 +243,7 @@ def test_an_alarm_that_is_over_stands_until_it_is_acknowledged():
     assert clock.alarm.times == 1
 
 
-def test_a_condition_that_comes_and_goes_is_one_alarm():
+def test_flapping_condition_is_one_alarm():
     clock = Clock(rule())
     told = []
     for second in range(600):
@@ -251,12 +254,12 @@ def test_a_condition_that_comes_and_goes_is_one_alarm():
     assert clock.at(660) == ["over"]
 
 
-def test_what_comes_back_after_it_was_acknowledged_is_told_again_but_not_each_second():
+def test_returning_condition_is_reported_again_at_most_once_a_minute():
     clock = Clock(rule())
     clock.at(0, pump("F1"))
     clock.acknowledge()
     clock.at(5, pump())
-    # The reset has not helped: whoever acknowledged it does not know that.
+    # The reset did not help, and the person who acknowledged the fault has to learn of it.
     assert clock.at(10, pump("F1")) == []
     assert clock.alarm.acknowledged_by == ""
     assert clock.at(59) == []
@@ -268,7 +271,7 @@ def test_what_comes_back_after_it_was_acknowledged_is_told_again_but_not_each_se
     assert told_s == [121, 181, 241, 301, 361, 421, 481, 541, 601]
 
 
-def test_another_fault_is_news():
+def test_second_fault_of_a_drive_sends_a_reminder():
     clock = Clock(rule())
     assert clock.at(0, pump("F1")) == ["raised"]
     clock.acknowledge()
@@ -278,7 +281,7 @@ def test_another_fault_is_news():
     assert clock.at(160) == ["reminded"]
 
 
-def test_a_clock_that_is_set_changes_nothing():
+def test_setting_the_clock_does_not_affect_delays():
     clock = Clock(limit(for_s=10, remind_s=600.0))
     clock.at(0, current("13"))
     clock.off_s = -3600
@@ -306,7 +309,7 @@ class TestRestart:
         )  # fmt: skip
         return again
 
-    def test_an_acknowledged_alarm_is_not_told_again(self):
+    def test_acknowledged_alarm_is_not_reported_again_after_restart(self):
         clock = Clock(rule(remind_s=60.0))
         clock.at(0, pump("F1"))
         clock.acknowledge()
@@ -317,7 +320,7 @@ class TestRestart:
         assert again.alarm.id == "run-1"
         assert again.alarm.acknowledged_by == "ann"
 
-    def test_one_that_ended_meanwhile_is_told_as_over(self):
+    def test_alarm_that_ended_during_a_restart_is_reported_as_over(self):
         clock = Clock(rule())
         clock.at(0, pump("F1"))
         again = self.restarted(clock)
@@ -326,14 +329,14 @@ class TestRestart:
         assert again.at(60) == ["over"]
         assert again.alarm.id == "run-1"
 
-    def test_another_fault_after_it(self):
+    def test_different_fault_after_restart_sends_a_reminder(self):
         clock = Clock(rule())
         clock.at(0, pump("F1"))
         clock.acknowledge()
         again = self.restarted(clock, after_s=100)
         assert again.at(0, pump("F2")) == ["reminded"]
 
-    def test_a_value_within_the_hysteresis_goes_on(self):
+    def test_alarm_within_the_hysteresis_continues_after_restart(self):
         clock = Clock(limit("12.5", "0.5", for_s=30))
         clock.at(0, current("13"))
         clock.at(30)
@@ -342,7 +345,7 @@ class TestRestart:
         assert again.at(1000) == []
 
     @pytest.mark.parametrize(("off_s", "due_s"), [(0, 470), (-3600, 600), (3600, 0)])
-    def test_a_reminder_is_not_lost_whatever_was_done_to_the_clock(self, off_s, due_s):
+    def test_reminder_survives_a_restart_with_a_changed_clock(self, off_s, due_s):
         clock = Clock(rule(remind_s=600.0))
         clock.at(0, pump("F1"))
         clock.at(100)
@@ -353,7 +356,7 @@ class TestRestart:
         assert again.at(due_s) == ["reminded"]
         assert again.at(due_s + 599) == []
 
-    def test_one_whose_rule_is_gone_is_over(self):
+    def test_alarm_is_over_if_its_rule_was_removed(self):
         clock = Clock(rule(), rule("warning"))
         clock.at(0, pump("F1", warning=True))
         clock.treat("acknowledged", alarm="run-2")
@@ -365,7 +368,7 @@ class TestRestart:
         assert again.acknowledge().what == "acknowledged"
         assert again.alarms.standing() == []
 
-    def test_ids_are_not_used_again(self):
+    def test_alarm_ids_are_not_reused_after_restart(self):
         clock = Clock(rule())
         clock.at(0, pump("F1"))
         clock.at(1, pump())
@@ -375,7 +378,7 @@ class TestRestart:
         assert (again.alarm.id, again.alarm.times) == ("later-2", 2)
 
 
-def test_float_values_are_compared_as_they_are_written():
+def test_float_values_are_compared_by_their_decimal_text():
     clock = Clock(limit("0.3"))
     assert clock.at(0, current(0.1 + 0.2)) == ["raised"]
     clock = Clock(limit("12.6"))

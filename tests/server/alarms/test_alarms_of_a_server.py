@@ -1,4 +1,4 @@
-"""The alarms of a real server, listed and acknowledged at the command line."""
+"""Alarms of a real server, listed and acknowledged at the command line."""
 
 import json
 import os

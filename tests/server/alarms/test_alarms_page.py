@@ -1,4 +1,4 @@
-"""What the page about alarms shows is what happens."""
+"""Examples on the alarms page, compared with real output."""
 
 import json
 import subprocess
@@ -23,7 +23,7 @@ def block(language):
     return next(each.code for each in BLOCKS if each.language == language)
 
 
-def test_the_rules(tmp_path):
+def test_rules_on_the_page_match_their_texts(tmp_path):
     (tmp_path / "plant.toml").write_text(block("toml"))
     poll = (PollGroup(parameters=("output_current",)),)
     drives = [DriveConfig(protocol="vabus", address=n, name=name, poll=poll) for n, name in enumerate(["pump", "fan"])]
@@ -33,7 +33,7 @@ def test_the_rules(tmp_path):
     assert [each.name for each in rules] == ["tripped", "pump overloaded"]
 
 
-def test_the_message():
+def test_message_on_the_page_matches_a_real_one():
     clock = Clock(rule(name="tripped"))
     (raised,) = clock.alarms.drive_seen(pump("F0400 overload"), 0.0, 0.0)
     message = message_of("hall 2", [entry_of(raised)])
@@ -46,9 +46,9 @@ def test_the_message():
     assert message["text"].partition("since")[0] == shown["text"].partition("since")[0]
 
 
-def test_the_webhook(tmp_path):
+def test_webhook_program_of_the_page_works(tmp_path):
     program = next(each.code for each in BLOCKS if each.title == "receive.py")
-    # A port that is free, told on the way.
+    # The program takes a free port and prints its number.
     program = program.replace('HTTPServer(("127.0.0.1", 9000), Hook)', 'server = HTTPServer(("127.0.0.1", 0), Hook)')
     program = program.replace(".serve_forever()", "\nprint(server.server_port, flush=True)\nserver.serve_forever()")
     assert "server_port" in program
@@ -68,5 +68,5 @@ def test_the_webhook(tmp_path):
 
 
 @pytest.mark.parametrize("figure", ["up to each minute", "for an hour", "with apprise 30 s", "60 unless given"])
-def test_figures(figure):
+def test_page_states_the_figure(figure):
     assert figure in PAGE.read_text()

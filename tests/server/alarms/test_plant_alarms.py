@@ -1,4 +1,4 @@
-"""The alarms of a server that runs: events, messages, people, and restarts."""
+"""Alarms of a running server: events, messages, acknowledgements, and restarts."""
 
 import asyncio
 import contextlib
@@ -27,7 +27,7 @@ QUICK = Pace(within_s=1, first_s=0.05, longest_s=0.1, gather_s=0.02)
 
 
 class Running:
-    """Alarms of a plant in a thread and event loop of their own, as a server has them."""
+    """Alarms of a plant in a separate thread with its own event loop, as in a server."""
 
     def __init__(self, file, *rules, session="run", state=None):
         self.events = []
@@ -73,7 +73,7 @@ def running(tmp_path):
 
 
 @pytest.mark.soak
-def test_from_a_trip_to_its_end(running, hook, eventually):
+def test_alarm_from_trip_to_end_is_delivered_and_logged(running, hook, eventually):
     server = running(rule(over_s=0.3, deliver=(f"webhook:{hook.url}",)))
     server.plant.see(pump("F0400 overload"), "fault")
     (message,) = eventually(lambda: hook.got)
@@ -104,7 +104,7 @@ def test_from_a_trip_to_its_end(running, hook, eventually):
     assert server.alarms.standing() == []
 
 
-def test_what_is_there_already_and_what_was_missed(running, eventually):
+def test_conditions_present_at_the_start_or_missed_later_raise_alarms(running, eventually):
     server = running(rule(), limit(), state=pump("F1"))
     eventually(lambda: server.texts == ["pump fault: fault F1"])
     server.plant.all_values = [current("13")]
@@ -115,13 +115,13 @@ def test_what_is_there_already_and_what_was_missed(running, eventually):
 
 
 @pytest.mark.soak
-def test_a_delay_passes_without_anything_being_seen(running, eventually):
+def test_delay_passes_without_new_values(running, eventually):
     server = running(limit(for_s=0.3))
     server.plant.put([current("13")])
     eventually(lambda: server.texts)
 
 
-def test_who_may_acknowledge(running, eventually):
+def test_acknowledging_needs_the_role_operate(running, eventually):
     server = running(rule(), state=pump("F1"))
     (alarm,) = eventually(server.alarms.standing)
     with pytest.raises(NotAllowedError, match=r"eve .* needs the role operate"):
@@ -134,7 +134,7 @@ def test_who_may_acknowledge(running, eventually):
 
 
 @pytest.mark.soak
-def test_an_alarm_that_was_told_is_not_told_again_after_a_restart(running, hook, eventually, tmp_path):
+def test_delivered_alarm_is_not_delivered_again_after_a_restart(running, hook, eventually, tmp_path):
     watched = rule(over_s=1.0, deliver=(f"webhook:{hook.url}",))
     server = running(watched, state=pump("F1"))
     eventually(lambda: hook.got)
@@ -152,7 +152,7 @@ def test_an_alarm_that_was_told_is_not_told_again_after_a_restart(running, hook,
     assert json.loads((tmp_path / "alarms.json").read_text())["alarms"] == []
 
 
-def test_what_was_not_delivered_is_delivered_after_a_restart(running, hook, eventually, tmp_path):
+def test_undelivered_alarm_is_delivered_after_a_restart(running, hook, eventually, tmp_path):
     hook.does = 500
     watched = rule(deliver=(f"webhook:{hook.url}",))
     server = running(watched, state=pump("F1"))
@@ -168,7 +168,7 @@ def test_what_was_not_delivered_is_delivered_after_a_restart(running, hook, even
 
 
 @pytest.mark.soak
-def test_what_stands_is_in_the_file_before_it_is_delivered(running, hook, eventually, tmp_path):
+def test_alarm_is_stored_before_it_is_delivered(running, hook, eventually, tmp_path):
     found = []
 
     def look():
@@ -202,7 +202,7 @@ asyncio.run(alarms.run(plant, lambda: None))
 
 @pytest.mark.soak
 @pytest.mark.parametrize("does", ["hang", 200])
-def test_a_server_that_is_killed_while_it_tells_or_afterwards(running, hook, eventually, tmp_path, does):
+def test_alarm_is_delivered_if_the_server_is_killed_during_or_after_delivery(running, hook, eventually, tmp_path, does):
     hook.does = does
     file = tmp_path / "alarms.json"
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
@@ -222,7 +222,7 @@ def test_a_server_that_is_killed_while_it_tells_or_afterwards(running, hook, eve
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", '{"format": 1}', '{"format": 7}', '{"format": 1, "number": "x"}'])
-def test_a_damaged_file_costs_no_alarm(running, eventually, tmp_path, content):
+def test_damaged_alarm_file_loses_no_present_alarm(running, eventually, tmp_path, content):
     (tmp_path / "alarms.json").write_text(content)
     server = running(rule(), state=pump("F1"))
     assert server.texts[0].startswith("alarms before this start are not known, their file is alarms.json.damaged now")
@@ -231,7 +231,7 @@ def test_a_damaged_file_costs_no_alarm(running, eventually, tmp_path, content):
 
 
 @pytest.mark.soak
-def test_a_disk_that_is_full_costs_no_alarm(running, hook, eventually, tmp_path):
+def test_unwritable_alarm_file_loses_no_alarm(running, hook, eventually, tmp_path):
     server = running(rule(over_s=0.3, deliver=(f"webhook:{hook.url}",)))
     (tmp_path / "alarms.json").mkdir()
     server.plant.see(pump("F1"))
@@ -243,7 +243,7 @@ def test_a_disk_that_is_full_costs_no_alarm(running, hook, eventually, tmp_path)
 
 
 @pytest.mark.soak
-def test_other_rules(running, hook, eventually):
+def test_changed_rules_end_alarms_and_raise_others(running, hook, eventually):
     server = running(rule(deliver=(f"webhook:{hook.url}",)), state=pump("F1", warning=True))
     eventually(lambda: hook.told == ["raised"])
     server.alarms.acknowledge(ANN, "run-1")
@@ -261,8 +261,8 @@ def test_other_rules(running, hook, eventually):
 
 
 @pytest.mark.soak
-def test_it_may_be_run_again(hook, tmp_path):
-    """As it is by what looks after it, when something has failed."""
+def test_alarms_can_be_run_again_after_a_failure(hook, tmp_path):
+    """The supervisor of the server runs the alarms again after a failure."""
     hook.does = 500
     plant = AlarmPlant()
     plant.state = pump("F1")
@@ -280,7 +280,7 @@ def test_it_may_be_run_again(hook, tmp_path):
     assert hook.told == ["raised"]
 
 
-def test_a_drive_that_was_taken_out_of_the_plant(running, eventually):
+def test_drive_removed_from_the_plant_does_not_stop_alarms(running, eventually):
     server = running(rule())
 
     def gone(name):
@@ -293,12 +293,12 @@ def test_a_drive_that_was_taken_out_of_the_plant(running, eventually):
     eventually(lambda: "pump fault: fault F2" in server.texts)
 
 
-def test_a_secret_that_is_missing_is_told_at_the_start(tmp_path):
+def test_missing_secret_is_refused_at_the_start(tmp_path):
     with pytest.raises(UsageError, match="there is no secret @mail"):
         PlantAlarms(AlarmPlant(), [rule(deliver=("@mail",))], file=tmp_path / "a", write_event=print, environment={})
 
 
-def test_the_folder_of_the_file_is_made(tmp_path, hook):
+def test_folder_of_the_alarm_file_is_created(tmp_path, hook):
     found = Running(tmp_path / "not yet" / "alarms.json", rule(deliver=(f"webhook:{hook.url}",)), state=pump("F1"))
     found.end()
     assert json.loads((tmp_path / "not yet" / "alarms.json").read_text())["alarms"]

@@ -1,4 +1,4 @@
-"""Backups of a core while a block lasts, as a server makes them."""
+"""Backups of a core during a block, made as in a server."""
 
 import asyncio
 from contextlib import asynccontextmanager
@@ -9,7 +9,10 @@ from drivecomm.server.backups.settings import PlantBackups
 
 @asynccontextmanager
 async def backing(core, folder, clock, drives):
-    """Back up drives, by name with their settings, until the block ends; yield what does it."""
+    """Back up drives until the block ends; yield the backups object.
+
+    drives: backup settings by name of the drive.
+    """
     settings = PlantBackups(folder=folder / "backups", git=False, drives=drives)
     backups = Backups(core, settings, state=folder / "state", clock=clock)
     task = asyncio.create_task(backups.run())

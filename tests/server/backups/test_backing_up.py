@@ -1,4 +1,4 @@
-"""Backups that a server makes by itself, of virtual drives that answer in real time."""
+"""Automatic backups by a server, of virtual drives that answer in real time."""
 
 import asyncio
 import re
@@ -43,7 +43,7 @@ def texts(core, drive):
 
 
 @awaited
-async def test_due_drive_is_read_and_a_change_is_told_with_who_wrote_it(tmp_path, clock, monkeypatch):
+async def test_due_drive_is_backed_up_and_a_change_is_reported_with_its_author(tmp_path, clock, monkeypatch):
     async with core_of(tmp_path) as (core, control), backing(core, tmp_path, clock, {"pump": SOON}):
         await until(lambda: files(tmp_path, "pump"), 20)
         before = read_set(files(tmp_path, "pump")[0])
@@ -55,7 +55,7 @@ async def test_due_drive_is_read_and_a_change_is_told_with_who_wrote_it(tmp_path
         assert answer.outcome == "done", answer
         control.order("set", drive="pump", parameter="482", value=1100)
         clock.now_s += 2
-        # A restore would write on and on, so it is left alone for a while.
+        # A write blocks backups of the drive for a while, so that a running restore is not disturbed.
         await asyncio.sleep(0.2)
         assert len(files(tmp_path, "pump")) == 1
         monkeypatch.setattr(backing_up, "QUIET_S", 0.0)
@@ -67,7 +67,7 @@ async def test_due_drive_is_read_and_a_change_is_told_with_who_wrote_it(tmp_path
 
 
 @awaited
-async def test_nothing_is_read_again_before_it_is_due(tmp_path, clock, monkeypatch):
+async def test_drive_is_not_read_again_before_its_backup_is_due(tmp_path, clock, monkeypatch):
     reads = 0
     read = Unhurried.read
 
@@ -83,7 +83,7 @@ async def test_nothing_is_read_again_before_it_is_due(tmp_path, clock, monkeypat
             whole = reads
             await asyncio.sleep(0.1)
             assert reads == whole
-        # Another run of the server knows when that was.
+        # The time of the last backup survives a restart of the server.
         async with backing(core, tmp_path, clock, {"fan": SOON}):
             await asyncio.sleep(0.1)
             assert reads == whole
@@ -94,7 +94,7 @@ async def test_nothing_is_read_again_before_it_is_due(tmp_path, clock, monkeypat
 
 
 @awaited
-async def test_polls_go_on_while_a_drive_is_read_with_its_share(tmp_path, clock):
+async def test_polls_continue_while_a_backup_uses_its_share(tmp_path, clock):
     async with core_of(tmp_path) as (core, _):
         line = core.lines["hall"]
         await until(lambda: line.state().polls > 5)
@@ -106,7 +106,7 @@ async def test_polls_go_on_while_a_drive_is_read_with_its_share(tmp_path, clock)
 
 
 @awaited
-async def test_silent_drive_is_backed_up_when_it_answers(tmp_path, clock):
+async def test_silent_drive_is_backed_up_when_it_answers_again(tmp_path, clock):
     async with core_of(tmp_path) as (core, control):
         control.order("power", drive="pump", state="off")
         await until(lambda: core.drive("pump").reachability == "silent", 20)
@@ -119,7 +119,7 @@ async def test_silent_drive_is_backed_up_when_it_answers(tmp_path, clock):
 
 
 @awaited
-async def test_drive_without_a_model_is_told_once(tmp_path, clock):
+async def test_drive_without_a_model_is_reported_once(tmp_path, clock):
     async with core_of(tmp_path) as (core, _), backing(core, tmp_path, clock, {"mixer": SOON}):
         await until(lambda: any("cannot be backed up" in text for text in texts(core, "mixer")))
         for _ in range(3):
@@ -129,7 +129,7 @@ async def test_drive_without_a_model_is_told_once(tmp_path, clock):
 
 
 @awaited
-async def test_everything_goes_on_where_the_server_was_cut_off(tmp_path, clock):
+async def test_full_backup_resumes_after_an_interrupted_run(tmp_path, clock):
     all_of_it = BackupSettings(every_s=1e9, everything_s=1.0, share=1.0)
     asked_for = []
     async with core_of(tmp_path) as (core, _):
@@ -143,7 +143,7 @@ async def test_everything_goes_on_where_the_server_was_cut_off(tmp_path, clock):
 
 
 @awaited
-async def test_settings_of_a_plant_file_that_is_read_again_count(tmp_path, clock):
+async def test_changed_backup_settings_take_effect_on_reload(tmp_path, clock):
     async with core_of(tmp_path) as (core, _), backing(core, tmp_path, clock, {}) as backups:
         await asyncio.sleep(0.1)
         assert files(tmp_path, "fan") == []

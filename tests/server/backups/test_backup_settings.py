@@ -1,4 +1,4 @@
-"""What a plant file says of backups: for the plant, a line and a drive."""
+"""Backup settings of a plant file: for the plant, a line and a drive."""
 
 import pytest
 
@@ -38,7 +38,7 @@ def backups(tmp_path):
     return read
 
 
-def test_backups_are_off_unless_the_file_says_so(backups):
+def test_backups_are_off_by_default(backups):
     assert backups().drives == {}
 
 
@@ -61,11 +61,11 @@ def test_line_and_drive_override_the_plant(backups):
     assert said.drives["vabus:2"] == BackupSettings(every_s=2 * 86400)
 
 
-def test_drive_is_left_out_with_false(backups):
+def test_drive_with_backup_false_is_not_backed_up(backups):
     assert set(backups(server="backup = true", pump="backup = false").drives) == {"vabus:2"}
 
 
-def test_only_one_line_is_backed_up(backups):
+def test_backup_of_one_line_covers_only_its_drives(backups):
     assert set(backups(hall="backup = true").drives) == {"pump"}
 
 
@@ -83,7 +83,7 @@ def test_only_one_line_is_backed_up(backups):
         ("pump", "backup = 1", "backup cannot be 1"),
     ],
 )
-def test_wrong_entry_is_refused_with_its_place(backups, where, text, wrong):
+def test_invalid_backup_entry_is_refused_with_its_place(backups, where, text, wrong):
     with pytest.raises(FileFormatError, match=r"plant\.toml") as caught:
         backups(**{where: text})
     assert wrong in str(caught.value)

@@ -1,4 +1,4 @@
-"""What is known of a drive's drift, made of comparisons of sets that differ in one thing."""
+"""Drift records of drives, from comparisons of parameter sets that differ in one point."""
 
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -46,7 +46,7 @@ def test_drive_with_all_approved_values_is_as_approved():
     assert (SAME.approved_by, SAME.compared_s) == ("Anna", 100.0)
 
 
-def test_change_has_both_values_and_its_time():
+def test_change_records_both_values_and_its_time():
     assert (CHANGED.state, CHANGED.changed, CHANGED.since_s) == ("changed", 1, 100.0)
     assert str(CHANGED.changes[0]) == "420 acceleration: 5 -> 7 s"
 
@@ -61,26 +61,26 @@ def test_change_has_the_time_of_the_first_backup_that_showed_it():
     assert record(now(replace(RAMP, value=7), FREQUENCY), **{"420": 40.0}).since_s == 40.0
 
 
-def test_change_that_could_not_be_read_again_stays():
+def test_change_that_could_not_be_read_again_remains_a_change():
     unread = record(now(FREQUENCY, not_read={"420": "no reply"}), CHANGED, 200.0)
     assert (unread.state, unread.changes) == ("changed", CHANGED.changes)
     assert [each.address for each in unread.not_comparable] == ["420"]
     assert news(CHANGED, unread, {}) == []
 
 
-def test_change_that_could_not_be_read_again_ends_when_it_is_approved():
+def test_unreadable_change_ends_when_its_value_is_approved():
     approved = replace(APPROVED, entries={**APPROVED.entries, "420": replace(RAMP, value=7)})
     unread = record(now(FREQUENCY, not_read={"420": "no reply"}), CHANGED, 200.0, approved)
     assert (unread.state, unread.changes) == ("not comparable", ())
 
 
-def test_parameter_that_could_not_be_read_is_no_change():
+def test_unreadable_parameter_is_not_comparable_and_not_a_change():
     unread = record(now(FREQUENCY, not_read={"420": "no reply"}), SAME)
     assert (unread.state, unread.changed) == ("not comparable", 0)
     assert news(SAME, unread, {}) == []
 
 
-def test_another_drive_is_replaced_and_says_how_to_restore():
+def test_replaced_drive_is_reported_with_the_restore_command():
     found = record(now(replace(RAMP, value=7), FREQUENCY, identity={"serial number": "9999"}), SAME)
     assert (found.state, found.changed, found.replaced_since_s, found.restore) == ("replaced", 1, 100.0, RESTORE)
     ((is_warning, text),) = news(SAME, found, {})
@@ -93,7 +93,7 @@ def test_another_drive_is_replaced_and_says_how_to_restore():
     assert news(found, SAME, {}) == [(False, "it is the drive of its baseline again")]
 
 
-def test_news_names_values_who_wrote_them_and_how_many_differ():
+def test_news_names_values_their_author_and_the_number_of_differences():
     two = record(now(replace(RAMP, value=7), replace(FREQUENCY, value=Decimal("12.00"))), CHANGED)
     assert news(SAME, CHANGED, {"420": " (eva)"}) == [
         (True, "not set as approved, 1 parameter differs: 420 acceleration: 5 -> 7 s (eva)")
@@ -111,31 +111,31 @@ def test_news_of_a_new_baseline_names_who_approved_it():
     assert text == "set as approved again by the new baseline of Ben, nothing differs: 420 acceleration"
 
 
-def test_news_of_many_changes_names_five():
+def test_news_of_many_changes_names_the_first_five():
     many = [Entry(address=str(number), value=1) for number in range(8)]
     approved = replace(APPROVED, entries={each.address: each for each in many})
     found = record(now(*(replace(each, value=2) for each in many)), approved=approved)
     assert news(NOT_COMPARED, found, {})[0][1].endswith("4: 1 -> 2, and 3 more")
 
 
-def test_first_seen_is_the_oldest_backup_of_a_row_with_the_value():
+def test_first_seen_is_the_oldest_of_consecutive_backups_with_the_value():
     sets = [now(RAMP), now(FREQUENCY), now(RAMP), now(replace(RAMP, value=7)), now(RAMP)]
     backups = [(50.0 - place, each) for place, each in enumerate(sets)]
     assert first_seen({"420": RAMP}, now(RAMP), backups) == {"420": 48.0}
 
 
-def test_first_seen_stops_at_another_drive():
+def test_first_seen_ignores_backups_of_another_drive():
     backups = [(2.0, now(RAMP)), (1.0, now(RAMP, identity={"serial number": "1"}))]
     assert first_seen({"420": RAMP}, now(RAMP), backups) == {"420": 2.0}
 
 
-def test_only_new_values_are_looked_for():
+def test_newly_changed_excludes_known_changes():
     found = drift_between(APPROVED, now(replace(RAMP, value=7), FREQUENCY))
     assert list(newly_changed(found, SAME)) == ["420"]
     assert newly_changed(found, CHANGED) == {}
 
 
-def test_drift_survives_its_file_with_all_digits(tmp_path):
+def test_drift_file_keeps_all_digits_and_types(tmp_path):
     known = {
         "pump": record(now(replace(RAMP, value="fast"), replace(FREQUENCY, value=Decimal("12.50")))),
         "fan": record(now(FREQUENCY, identity={}, not_read={"420": "no reply"})),
@@ -148,7 +148,7 @@ def test_drift_survives_its_file_with_all_digits(tmp_path):
     assert isinstance(found["pump"].since_s, float)
 
 
-def test_spoilt_file_of_drift_is_as_none(tmp_path):
+def test_damaged_drift_file_reads_as_empty(tmp_path):
     file = tmp_path / "drift.json"
     for text in ("", "[]", '{"format": 2, "drives": {}}', '{"format": 1, "drives": {"pump": {"state": "changed"}}}'):
         file.write_text(text)

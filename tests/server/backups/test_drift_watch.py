@@ -1,4 +1,4 @@
-"""Drives that a server backs up are compared with their baselines; virtual drives answer in real time."""
+"""Comparison of drives with their baselines after each backup; virtual drives answer in real time."""
 
 import asyncio
 import time
@@ -21,7 +21,10 @@ SOON = BackupSettings(every_s=1e6, share=1.0)
 
 
 class Clock:
-    """A clock that the test turns on; it begins now, since drives and people have the real time."""
+    """Clock that the test advances.
+
+    It starts at the present time, since drives and approvals use the real time.
+    """
 
     def __init__(self):
         self.off_s = 0.0
@@ -70,7 +73,7 @@ async def first_backup(folder):
 
 
 @awaited
-async def test_change_is_known_with_its_values_until_it_is_approved(tmp_path, clock):
+async def test_change_is_reported_with_its_values_until_it_is_approved(tmp_path, clock):
     async with core_of(tmp_path) as (core, control), backing(core, tmp_path, clock, {"pump": SOON}):
         assert state(core).state == "not compared"
         await until(lambda: state(core).state == "no baseline")
@@ -94,7 +97,7 @@ async def test_change_is_known_with_its_values_until_it_is_approved(tmp_path, cl
 
 
 @awaited
-async def test_change_through_this_server_says_who_made_it(tmp_path, clock):
+async def test_change_through_this_server_names_its_author(tmp_path, clock):
     async with core_of(tmp_path) as (core, _), backing(core, tmp_path, clock, {"pump": SOON}):
         await first_backup(tmp_path)
         accept(tmp_path)
@@ -108,7 +111,7 @@ async def test_change_through_this_server_says_who_made_it(tmp_path, clock):
 
 
 @awaited
-async def test_restart_keeps_since_when_and_tells_nothing_twice(tmp_path, clock):
+async def test_restart_keeps_the_time_of_a_change_and_reports_nothing_twice(tmp_path, clock):
     async with core_of(tmp_path) as (core, control):
         async with backing(core, tmp_path, clock, {"pump": SOON}):
             await first_backup(tmp_path)
@@ -123,7 +126,7 @@ async def test_restart_keeps_since_when_and_tells_nothing_twice(tmp_path, clock)
             await until(lambda: state(core).state == "changed")
             await asyncio.sleep(0.2)
         assert state(core).changes == before.changes
-        # Without what it remembered, the shelf says when.
+        # Without the drift file, the stored backups give the time of the change.
         (tmp_path / "state" / "drift.json").unlink()
         core.drift.clear()
         assert len(about_approval(core)) == 1
@@ -133,7 +136,7 @@ async def test_restart_keeps_since_when_and_tells_nothing_twice(tmp_path, clock)
 
 
 @awaited
-async def test_baseline_that_was_read_after_the_last_backup_counts_as_the_drive(tmp_path, clock):
+async def test_baseline_newer_than_the_last_backup_counts_as_the_state_of_the_drive(tmp_path, clock):
     async with core_of(tmp_path) as (core, _), backing(core, tmp_path, clock, {"pump": SOON}):
         await first_backup(tmp_path)
         known = read_set(files(tmp_path)[-1])
@@ -144,7 +147,7 @@ async def test_baseline_that_was_read_after_the_last_backup_counts_as_the_drive(
 
 
 @awaited
-async def test_baseline_that_cannot_be_read_is_told_once_and_backups_go_on(tmp_path, clock):
+async def test_unreadable_baseline_is_reported_once_and_backups_continue(tmp_path, clock):
     async with core_of(tmp_path) as (core, control), backing(core, tmp_path, clock, {"pump": SOON}):
         await first_backup(tmp_path)
         accept(tmp_path)
@@ -162,7 +165,7 @@ async def test_baseline_that_cannot_be_read_is_told_once_and_backups_go_on(tmp_p
 
 
 @awaited
-async def test_baseline_that_is_removed_is_told(tmp_path, clock):
+async def test_removed_baseline_is_reported(tmp_path, clock):
     async with core_of(tmp_path) as (core, _), backing(core, tmp_path, clock, {"pump": SOON}):
         await first_backup(tmp_path)
         accept(tmp_path)
@@ -173,7 +176,7 @@ async def test_baseline_that_is_removed_is_told(tmp_path, clock):
 
 
 @awaited
-async def test_drive_in_the_place_of_another_one_is_replaced(tmp_path, clock):
+async def test_different_drive_model_is_reported_as_replaced(tmp_path, clock):
     async with core_of(tmp_path) as (core, _), backing(core, tmp_path, clock, {"pump": SOON}):
         await first_backup(tmp_path)
         accept(tmp_path, model="another model")
@@ -196,7 +199,7 @@ async def test_drive_that_is_not_backed_up_is_not_compared(tmp_path, clock):
 
 
 @awaited
-async def test_older_backup_is_not_taken_for_a_newer_one_that_cannot_be_read(tmp_path, clock):
+async def test_older_backup_does_not_replace_an_unreadable_newer_one(tmp_path, clock):
     async with core_of(tmp_path) as (core, control):
         async with backing(core, tmp_path, clock, {"pump": SOON}):
             await first_backup(tmp_path)
@@ -212,7 +215,7 @@ async def test_older_backup_is_not_taken_for_a_newer_one_that_cannot_be_read(tmp
 
 
 @awaited
-async def test_drive_that_is_approved_while_it_is_read_is_as_approved(tmp_path, clock, monkeypatch):
+async def test_drive_approved_during_a_backup_is_as_approved(tmp_path, clock, monkeypatch):
     read = Backups._read
 
     async def approved_meanwhile(self, drive, settings, extent):
@@ -232,7 +235,7 @@ async def test_drive_that_is_approved_while_it_is_read_is_as_approved(tmp_path, 
 
 
 @awaited
-async def test_backup_of_everything_does_not_count_since_parts_of_it_are_old(tmp_path, clock):
+async def test_full_backup_does_not_count_as_a_comparison(tmp_path, clock):
     async with core_of(tmp_path) as (core, _), backing(core, tmp_path, clock, {"pump": SOON}) as backups:
         await first_backup(tmp_path)
         accept(tmp_path)

@@ -1,4 +1,4 @@
-"""The files of backups: written when something changed, whole, the oldest removed, committed if wished."""
+"""Backup files: written only after a change, written whole, limited in number, and committed to git on request."""
 
 import subprocess
 from dataclasses import replace
@@ -35,14 +35,14 @@ def kept(shelf, known, day, most=30, extent="settings"):
     return shelf.keep("pump", known, extent, most=most, time_s=day * DAY_S)
 
 
-def test_first_set_is_written_as_backup_writes_it(shelf):
+def test_first_set_is_written_to_a_file_named_by_its_time(shelf):
     found = kept(shelf, KNOWN, 0)
     assert found.file == shelf.folder / "pump" / "1970-01-01T00-00-00Z.toml"
     assert read_set(found.file).entries == KNOWN.entries
     assert (found.before, found.changed, found.another) == (None, (), ())
 
 
-def test_nothing_is_written_when_nothing_changed(shelf):
+def test_unchanged_set_is_not_written_again(shelf):
     first = kept(shelf, KNOWN, 0)
     assert kept(shelf, KNOWN, 1).file is None
     assert shelf.files("pump") == [first.file]
@@ -55,45 +55,45 @@ def test_changed_parameter_is_written_and_named(shelf):
     assert shelf.files("pump") == [first.file, found.file]
 
 
-def test_parameter_that_could_not_be_read_is_no_change(shelf):
+def test_unreadable_parameter_is_not_a_change(shelf):
     kept(shelf, KNOWN, 0)
     assert kept(shelf, set_of(RAMP, not_read={"480": "no reply"}), 1).file is None
 
 
-def test_parameter_that_is_read_for_the_first_time_is_kept(shelf):
+def test_parameter_read_for_the_first_time_is_stored(shelf):
     kept(shelf, set_of(RAMP, not_read={"480": "no reply"}), 0)
     found = kept(shelf, KNOWN, 1)
     assert (found.file is not None, list(found.changed)) == (True, [])
 
 
-def test_measured_value_that_moved_is_no_change(shelf):
+def test_changed_measured_value_is_not_a_change(shelf):
     hours = Entry(address="245", value=1, part="measured")
     kept(shelf, set_of(RAMP, hours), 0)
     assert kept(shelf, set_of(RAMP, replace(hours, value=2)), 1).file is None
 
 
-def test_another_drive_is_told_as_such(shelf):
+def test_other_serial_number_is_reported_as_another_drive(shelf):
     kept(shelf, KNOWN, 0)
     found = kept(shelf, replace(KNOWN, identity={"serial number": "9999"}), 1)
     assert list(found.another) == ["serial number was '4711' and is '9999'"]
     assert found.file is not None
 
 
-def test_oldest_files_are_removed_and_other_kinds_stay(shelf):
+def test_oldest_files_are_removed_and_full_backups_stay(shelf):
     everything = kept(shelf, KNOWN, 0, extent="everything").file
     files = [kept(shelf, set_of(replace(RAMP, value=day)), day, most=3).file for day in range(1, 6)]
     assert shelf.files("pump") == files[-3:]
     assert shelf.files("pump", "everything") == [everything]
 
 
-def test_spoilt_file_costs_no_backup(shelf):
+def test_damaged_file_does_not_prevent_the_next_backup(shelf):
     first = kept(shelf, KNOWN, 0)
     first.file.write_text("half a fi")
     found = kept(shelf, KNOWN, 1)
     assert (found.file is not None, found.before) == (True, None)
 
 
-def test_sets_of_a_drive_come_with_their_times_the_newest_first(shelf):
+def test_sets_of_a_drive_are_listed_with_their_times_newest_first(shelf):
     changed = set_of(replace(RAMP, value=7), FREQUENCY)
     kept(shelf, KNOWN, 0)
     kept(shelf, changed, 1).file.write_text("half a fi")
@@ -103,7 +103,7 @@ def test_sets_of_a_drive_come_with_their_times_the_newest_first(shelf):
 
 
 @pytest.mark.parametrize("name", ["..", "a/b", "PUMP", "con", "Pumpe Süd"])
-def test_folder_of_any_name_stays_on_the_shelf(shelf, name):
+def test_folder_of_an_unusual_drive_name_stays_in_the_backup_folder(shelf, name):
     file = shelf.keep(name, KNOWN, "settings", most=3, time_s=0.0).file
     assert file.parent.parent == shelf.folder
     assert shelf.files(name) == [file]
@@ -124,7 +124,7 @@ def work_tree(tmp_path, monkeypatch):
     return git
 
 
-def test_each_change_is_one_commit_of_its_files_alone(work_tree, tmp_path):
+def test_each_change_is_committed_with_its_own_files_only(work_tree, tmp_path):
     shelf = Shelf(tmp_path / "backups", git=True)
     (tmp_path / "half done.txt").write_text("of a person")
     work_tree("add", "half done.txt")
@@ -140,7 +140,7 @@ def test_each_change_is_one_commit_of_its_files_alone(work_tree, tmp_path):
     assert work_tree("status", "--short").splitlines() == ['A  "half done.txt"']
 
 
-def test_folder_outside_a_work_tree_keeps_its_files_and_says_why(shelf, monkeypatch):
+def test_backup_outside_a_work_tree_is_written_and_the_git_error_reported(shelf, monkeypatch):
     monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(shelf.folder.parent.parent))
     found = kept(Shelf(shelf.folder, git=True), KNOWN, 0)
     assert found.file.exists()

@@ -1,7 +1,7 @@
-"""Ten days of a plant of forty drives of seven protocols, by a clock that the test turns on.
+"""Ten days of a plant of forty drives of seven protocols, on a clock that the test advances.
 
-Somebody changes drives at their panels, drives are exchanged, and the server ends in the middle of its backups again
-and again. Every change is found, with the right values, and none is invented.
+Settings are changed at keypads, drives are replaced, and the server is repeatedly stopped in the middle of its backups.
+Every change is found with the correct values, and no other change is reported.
 """
 
 import asyncio
@@ -30,7 +30,7 @@ SERIES = {
     "modbus": ("delta", "0x0903", (20, 900)),
     "mitsubishi": ("fr700", "72", (3, 14)),
 }
-"""By protocol: a model, a setting of it, and raw values that it takes."""
+"""By protocol: a model, one of its settings, and valid raw values of that setting."""
 
 
 def plant_text():
@@ -46,7 +46,7 @@ def plant_text():
 
 
 class Clock:
-    """The server's clock, which the test turns on."""
+    """The server's clock, which the test advances."""
 
     now_s = datetime.now(UTC).timestamp()
 
@@ -70,12 +70,12 @@ def drift_of(core, name):
 
 
 def all_are_read(core, clock):
-    """Whether every drive was read and compared today."""
+    """Return whether every drive has been read and compared today."""
     return all((drift_of(core, each.name).compared_s or 0.0) >= clock.now_s for each in core.plant.drives)
 
 
 async def cut_short(core, folder, clock, chance, times):
-    """Begin to back up, and end at some moment, so many times."""
+    """Start backups and interrupt them at a random moment, this number of times."""
     for _ in range(times):
         async with backing(core, folder, clock, daily(core)):
             await asyncio.sleep(chance.uniform(0.01, 0.6))
@@ -88,7 +88,7 @@ def approve(folder, name):
 
 
 def of_another_drive(folder, name):
-    """Let a baseline be of a drive with another name plate than the one that is there now."""
+    """Change the baseline of a drive so that its identity no longer matches the drive."""
     path = baseline_path(folder / "plant.toml", name)
     text = path.read_text(encoding="utf-8")
     path.write_text(re.sub(r'(\[identity\]\n[^=]* = )"[^"]*"', r'\1"another"', text), encoding="utf-8")
@@ -97,7 +97,7 @@ def of_another_drive(folder, name):
 @pytest.mark.soak
 @pytest.mark.timeout(600)
 @awaited
-async def test_changes_of_ten_days_are_found_and_none_is_invented(tmp_path):
+async def test_ten_days_of_backups_report_every_change_and_no_other(tmp_path):
     chance, clock = random.Random(5), Clock()
     async with core_of(tmp_path, plant_text(), status_period_s=1.0) as (core, control):
         names = [each.name for each in core.plant.drives]
@@ -128,7 +128,7 @@ async def test_changes_of_ten_days_are_found_and_none_is_invented(tmp_path):
                     (change,) = drift.changes
                     reading = await core.line(core.plant.drive(name).line).drive(name).read(parameter)
                     assert change.approved != change.now == reading.value, name
-                    # The name of a backup's file has whole seconds.
+                    # The name of a backup file gives its time in whole seconds.
                     assert changed[name] - 1 < change.since_s < changed[name] + 120, name
 
         assert len(changed) == CHANGES

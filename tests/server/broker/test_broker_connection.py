@@ -1,4 +1,4 @@
-"""Connections with a real broker: made, kept, made again, and never taken from another gateway."""
+"""Connections to a real broker: opened, renewed after a loss, and never taken from another gateway."""
 
 import asyncio
 import subprocess
@@ -24,7 +24,7 @@ def settings(broker, **more):
 
 
 class Door:
-    """Says who it is with each connection, and keeps what it hears."""
+    """Door that announces its name on each connection, and records received messages."""
 
     def __init__(self, broker, name="one", *, topic="plant/bridge", client_id="plant", **more):
         self.name, self.heard, self.told, self.connections = name, [], [], 0
@@ -71,7 +71,7 @@ def payloads(heard, topic):
 
 
 @pytest.mark.parametrize("version", ["5", "3.1.1"])
-def test_it_says_who_is_there_and_the_broker_says_who_is_gone(tmp_path, version):
+def test_gateway_announces_itself_and_the_broker_publishes_its_will(tmp_path, version):
     async def test():
         with mosquitto(tmp_path / "broker") as broker:
             door = Door(broker, version=version)
@@ -85,7 +85,7 @@ def test_it_says_who_is_there_and_the_broker_says_who_is_gone(tmp_path, version)
 
 
 @pytest.mark.parametrize("version", ["5", "3.1.1"])
-def test_what_was_published_before_is_not_heard_and_a_retained_message_is_told_apart(tmp_path, version):
+def test_earlier_messages_are_not_received_and_retained_ones_are_marked(tmp_path, version):
     async def test():
         with mosquitto(tmp_path / "broker") as broker:
             door = Door(broker, version=version)
@@ -100,14 +100,14 @@ def test_what_was_published_before_is_not_heard_and_a_retained_message_is_told_a
             if version == "5":
                 assert found == [(b"live", False), (b"kept", True)]
             else:
-                # The older version has neither: there, only what a command says of itself protects.
+                # MQTT 3.1.1 has neither option: only session and time of a command protect against old ones.
                 assert found == [(b"old", True), (b"live", False), (b"kept", False)]
 
     asyncio.run(test())
 
 
 @pytest.mark.soak
-def test_it_is_back_within_five_seconds_of_the_broker_and_says_so_once(tmp_path):
+def test_connection_returns_within_five_seconds_and_is_reported_once(tmp_path):
     async def test():
         with mosquitto(tmp_path / "broker") as broker:
             door = Door(broker)
@@ -120,13 +120,13 @@ def test_it_is_back_within_five_seconds_of_the_broker_and_says_so_once(tmp_path)
                 await until(lambda: door.connections == 2)
                 assert time.monotonic() - back < 5
                 await until(lambda: "is there again" in door.told[-1])
-            # Lost, cannot be reached, there again: whatever it tried meanwhile.
+            # At most three events: lost, cannot be reached, connected again.
             assert len(door.told) <= 3, door.told
 
     asyncio.run(test())
 
 
-def test_a_broker_that_is_not_there_yet_holds_up_nothing(tmp_path):
+def test_missing_broker_does_not_delay_the_start(tmp_path):
     async def test():
         with mosquitto(tmp_path / "broker") as broker:
             broker.end()
@@ -143,7 +143,7 @@ def test_a_broker_that_is_not_there_yet_holds_up_nothing(tmp_path):
 
 @pytest.mark.soak
 @pytest.mark.parametrize("version", ["5", "3.1.1"])
-def test_a_second_gateway_with_the_same_identity_is_refused_and_takes_nothing(tmp_path, version):
+def test_second_gateway_with_the_same_identity_is_refused(tmp_path, version):
     async def test():
         with mosquitto(tmp_path / "broker") as broker:
             one, two = Door(broker, "one", version=version), Door(broker, "two", version=version)
@@ -160,15 +160,15 @@ def test_a_second_gateway_with_the_same_identity_is_refused_and_takes_nothing(tm
 
 
 @pytest.mark.soak
-def test_who_has_lost_the_identity_stays_away_instead_of_fighting(tmp_path):
-    """Where two connect in the same moment, the broker lets the later one have it."""
+def test_gateway_that_lost_its_identity_does_not_reconnect(tmp_path):
+    """If two gateways connect at the same moment, the broker gives the identity to the later one."""
 
     async def test():
         with mosquitto(tmp_path / "broker") as broker:
             one, two = Door(broker, "one"), Door(broker, "two")
             async with running(one):
                 await until(lambda: one.connections == 1)
-                # As if it had asked before the other one was there.
+                # Simulates a check made before the other gateway connected.
                 two.broker._identity.ask = asked_before
                 async with running(two):
                     await until(lambda: two.connections == 1)
@@ -182,8 +182,8 @@ def test_who_has_lost_the_identity_stays_away_instead_of_fighting(tmp_path):
 
 
 @pytest.mark.soak
-def test_a_client_id_that_another_client_has_is_not_fought_for(tmp_path):
-    """Two that serve different topics do not find each other by asking, and the broker knows one of each id only."""
+def test_gateways_with_one_client_id_do_not_disconnect_each_other_repeatedly(tmp_path):
+    """Gateways of different topics cannot find each other, and the broker allows one client of each id."""
 
     async def test():
         with mosquitto(tmp_path / "broker") as broker:
@@ -197,8 +197,11 @@ def test_a_client_id_that_another_client_has_is_not_fought_for(tmp_path):
     asyncio.run(test())
 
 
-def test_a_broker_that_says_that_somebody_else_has_the_identity_is_understood():
-    """MQTT 5 has a reason code for it; this broker is played, because not every real one sends it."""
+def test_session_taken_over_reason_code_is_understood():
+    """MQTT 5 has a reason code for a taken client id.
+
+    The test plays the broker, since some real brokers do not send the code.
+    """
 
     async def play(reader, writer):
         await reader.read(100)
@@ -220,7 +223,7 @@ def test_a_broker_that_says_that_somebody_else_has_the_identity_is_understood():
 
 
 @pytest.mark.soak
-def test_a_gateway_that_was_killed_leaves_its_identity_to_the_next(tmp_path):
+def test_identity_of_a_killed_gateway_is_free_for_the_next(tmp_path):
     async def test():
         with mosquitto(tmp_path / "broker") as broker:
             async with listening(broker, "nothing") as (connection, _):
@@ -234,7 +237,7 @@ def test_a_gateway_that_was_killed_leaves_its_identity_to_the_next(tmp_path):
     asyncio.run(test())
 
 
-def test_a_wrong_password_is_told_without_the_password(tmp_path):
+def test_wrong_password_is_reported_without_the_password(tmp_path):
     folder = tmp_path / "broker"
     folder.mkdir()
     passwords = folder / "passwords"
@@ -254,7 +257,7 @@ def test_a_wrong_password_is_told_without_the_password(tmp_path):
     asyncio.run(test())
 
 
-def test_who_asks_for_an_answer_of_their_own_gets_it_there(tmp_path):
+def test_response_topic_of_a_command_receives_the_reply(tmp_path):
     async def test():
         with mosquitto(tmp_path / "broker") as broker:
             door = Door(broker)
@@ -277,14 +280,14 @@ def test_who_asks_for_an_answer_of_their_own_gets_it_there(tmp_path):
 
 
 @pytest.mark.soak
-def test_a_connection_that_closes_with_much_unsent_leaves_nothing_behind_in_the_event_loop(tmp_path):
+def test_connection_closed_with_unsent_data_leaves_no_error_in_the_event_loop(tmp_path):
     async def scenario(broker):
         wrong = []
         asyncio.get_running_loop().set_exception_handler(lambda _loop, context: wrong.append(context["message"]))
         async with connected(settings(broker), "plant", lambda _: None) as connection:
             publishing = asyncio.create_task(connection.publish(Message(topic="plant/much", payload=b"0" * 50_000_000)))
             await asyncio.sleep(0)
-            # Room for the rest is asked for now; before the loop comes to that, the socket is closed.
+            # The event loop is about to watch the socket for room; the socket closes before that happens.
             connection._client._client._sock_close()
             await asyncio.sleep(0.1)
             publishing.cancel()

@@ -1,4 +1,4 @@
-"""A broker that lets a client in and takes nothing from it: that must not look as if it had arrived."""
+"""A broker that accepts a client and rejects its messages; rejected messages must not count as delivered."""
 
 import asyncio
 
@@ -13,7 +13,7 @@ from drivecomm.tomlfile import Table
 pytestmark = needs_mosquitto
 
 
-def test_what_the_broker_does_not_take_is_told_and_not_taken_for_delivered(tmp_path):
+def test_message_rejected_by_the_broker_raises_an_error(tmp_path):
     folder = tmp_path / "broker"
     folder.mkdir()
     (folder / "rights").write_text("topic readwrite allowed/#\n")

@@ -1,4 +1,4 @@
-"""What a door may say of its broker, and what is refused with a sentence."""
+"""Broker settings of a door, and the errors for invalid ones."""
 
 import os
 import subprocess
@@ -19,7 +19,7 @@ def settings(tmp_path, text, environment=None):
     return broker_settings(table, table.take(BROKER_KEYS), environment or {})
 
 
-def test_without_a_word_it_is_the_broker_of_this_machine(tmp_path):
+def test_default_broker_is_on_this_machine(tmp_path):
     found = settings(tmp_path, "")
     assert (found.host, found.port, found.tls, found.version) == ("127.0.0.1", 1883, False, "5")
     assert found.password is None
@@ -34,7 +34,7 @@ def test_without_a_word_it_is_the_broker_of_this_machine(tmp_path):
         ("mqtts://broker.example.com:443/", "broker.example.com", 443, True),
     ],
 )
-def test_addresses(tmp_path, url, host, port, tls):
+def test_broker_url_gives_host_port_and_tls(tmp_path, url, host, port, tls):
     found = settings(tmp_path, f'broker = "{url}"')
     assert (found.host, found.port, found.tls) == (host, port, tls)
 
@@ -58,7 +58,7 @@ def test_addresses(tmp_path, url, host, port, tls):
         ("keep_alive_s = 1", "invalid keep_alive_s = 1"),
     ],
 )
-def test_what_cannot_be_is_refused_with_its_line(tmp_path, text, sentence):
+def test_invalid_broker_setting_is_refused_with_its_line(tmp_path, text, sentence):
     with pytest.raises(FileFormatError, match=r"plant\.toml, line") as refused:
         settings(tmp_path, text)
     assert sentence in str(refused.value)
@@ -66,11 +66,11 @@ def test_what_cannot_be_is_refused_with_its_line(tmp_path, text, sentence):
     assert "word@" not in str(refused.value)
 
 
-def test_an_unencrypted_broker_elsewhere_has_to_be_spelt_out(tmp_path):
+def test_unencrypted_remote_broker_needs_insecure_true(tmp_path):
     assert settings(tmp_path, 'broker = "mqtt://192.0.2.7"\ninsecure = true').host == "192.0.2.7"
 
 
-def test_a_password_comes_from_a_file_that_only_its_owner_reads(tmp_path):
+def test_password_is_read_from_a_private_file(tmp_path):
     word = tmp_path / "word"
     word.write_text("open sesame\n")
     word.chmod(0o600)
@@ -86,7 +86,7 @@ def test_a_password_comes_from_a_file_that_only_its_owner_reads(tmp_path):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="modes of files are POSIX's")
-def test_a_password_that_others_can_read_is_refused(tmp_path):
+def test_password_file_readable_by_others_is_refused(tmp_path):
     word = tmp_path / "word"
     word.write_text("open sesame\n")
     word.chmod(0o644)
@@ -94,7 +94,7 @@ def test_a_password_that_others_can_read_is_refused(tmp_path):
         settings(tmp_path, 'user = "hall"\npassword_file = "word"').password()
 
 
-def test_a_password_comes_from_the_service_manager_or_the_environment(tmp_path):
+def test_password_is_read_from_credentials_folder_or_environment(tmp_path):
     text = 'user = "hall"\npassword = "@hall-2"'
     (tmp_path / "hall-2").write_text("from a file\n")
     assert settings(tmp_path, text, {"CREDENTIALS_DIRECTORY": str(tmp_path)}).password() == "from a file"
@@ -104,13 +104,13 @@ def test_a_password_comes_from_the_service_manager_or_the_environment(tmp_path):
 
 
 @pytest.mark.soak
-def test_nothing_of_it_is_loaded_by_a_server_without_such_a_door():
+def test_server_without_a_broker_door_imports_no_mqtt_module():
     look = "import sys; import drivecomm.server.serving; print([each for each in sys.modules if 'mqtt' in each])"
     found = subprocess.run([sys.executable, "-c", look], capture_output=True, text=True, check=True, timeout=60)
     assert found.stdout.strip() == "[]"
 
 
-def test_a_door_without_its_packages_says_what_to_install(monkeypatch):
+def test_missing_package_is_reported_with_its_install_command(monkeypatch):
     monkeypatch.setitem(sys.modules, "aiomqtt", None)
     with pytest.raises(UsageError, match=r"pip install \"drivecomm\[mqtt\]\""):
         mqtt_door(Table({}, "plant.toml"))

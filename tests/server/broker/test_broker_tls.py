@@ -1,4 +1,4 @@
-"""TLS to a broker: with the authority that has signed its certificate, and with no other."""
+"""TLS to a broker: accepted with the authority that signed its certificate, refused with any other."""
 
 import asyncio
 import gc
@@ -34,11 +34,11 @@ async def publish(broker, **said):
         await connection.publish(Message(topic="a", payload="1"))
 
 
-# The library leaves a socket whose handshake has failed to the collector of garbage.
+# The library leaves a socket after a failed handshake to the garbage collector, which then warns.
 @pytest.mark.soak
 @pytest.mark.filterwarnings("ignore:.*unclosed <ssl.SSLSocket:pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.filterwarnings("ignore:unclosed <ssl.SSLSocket:ResourceWarning")
-def test_a_broker_is_known_by_its_authority(tmp_path):
+def test_broker_certificate_is_checked_against_its_authority(tmp_path):
     folder = tmp_path / "broker"
     folder.mkdir()
     for name in ("broker", "stranger"):

@@ -1,4 +1,7 @@
-"""Many messages and large ones, both ways: none is lost, cut or stuck, however the socket takes and gives them."""
+"""Many and large messages in both directions.
+
+No message is lost, cut or stuck, in whatever portions the socket sends and receives the bytes.
+"""
 
 import asyncio
 import select
@@ -27,7 +30,7 @@ def settings(**said):
 
 
 async def there_and_back(said, qos):
-    """Publish to oneself, and compare."""
+    """Publish messages to a topic of the same client, and compare them with the received ones."""
     heard, sent = [], [bytes([number % 256]) * SIZES[number % len(SIZES)] for number in range(210)]
     async with connected(settings(**said), "client", heard.append) as connection:
         await connection.subscribe("a", qos=qos)
@@ -40,7 +43,7 @@ async def there_and_back(said, qos):
 @needs_mosquitto
 @pytest.mark.parametrize("version", ["5", "3.1.1"])
 @pytest.mark.parametrize("qos", [0, 1])
-def test_messages_of_all_sizes_come_back_whole_and_in_order(tmp_path, version, qos):
+def test_messages_of_all_sizes_arrive_whole_and_in_order(tmp_path, version, qos):
     with mosquitto(tmp_path / "broker") as broker:
         asyncio.run(there_and_back({"broker": broker.url, "version": version}, qos))
 
@@ -49,7 +52,7 @@ def test_messages_of_all_sizes_come_back_whole_and_in_order(tmp_path, version, q
 @needs_mosquitto
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl, which makes the certificates, is missing")
 @pytest.mark.parametrize("qos", [0, 1])
-def test_the_same_over_tls(tmp_path, qos):
+def test_messages_of_all_sizes_arrive_whole_over_tls(tmp_path, qos):
     folder = tmp_path / "broker"
     folder.mkdir()
     certificate(folder, "broker")
@@ -59,7 +62,7 @@ def test_the_same_over_tls(tmp_path, qos):
 
 
 @needs_mosquitto
-def test_a_message_does_not_wait_for_the_acknowledgement_of_the_one_before(tmp_path):
+def test_socket_of_the_client_has_tcp_nodelay(tmp_path):
     async def test(broker):
         async with connected(settings(broker=broker.url), "client", print) as connection:
             sock = connection._client._client.socket()
@@ -70,7 +73,7 @@ def test_a_message_does_not_wait_for_the_acknowledgement_of_the_one_before(tmp_p
 
 
 @needs_mosquitto
-def test_a_broker_that_stands_still_gets_no_more_than_may_be_on_its_way(tmp_path):
+def test_stalled_broker_limits_the_messages_in_flight(tmp_path):
     async def publish(connection, number, handed):
         for _ in range(number):
             await connection.hand_over(Message(topic="a", payload="1"))
@@ -90,7 +93,7 @@ def test_a_broker_that_stands_still_gets_no_more_than_may_be_on_its_way(tmp_path
 
 
 @needs_mosquitto
-def test_a_broker_that_does_not_say_that_it_has_a_message_is_a_lost_connection(tmp_path, monkeypatch):
+def test_missing_acknowledgement_counts_as_a_lost_connection(tmp_path, monkeypatch):
     monkeypatch.setattr("drivecomm.server.broker.client.WITHIN_S", 0.3)
 
     async def test(broker):
@@ -103,7 +106,7 @@ def test_a_broker_that_does_not_say_that_it_has_a_message_is_a_lost_connection(t
 
 
 @needs_mosquitto
-def test_each_message_has_its_own_time_to_be_answered(tmp_path, monkeypatch):
+def test_each_message_has_its_own_acknowledgement_timeout(tmp_path, monkeypatch):
     monkeypatch.setattr("drivecomm.server.broker.client.WITHIN_S", 0.4)
 
     async def test(broker):
@@ -125,7 +128,7 @@ def test_each_message_has_its_own_time_to_be_answered(tmp_path, monkeypatch):
 
 
 @needs_mosquitto
-def test_what_is_published_in_one_turn_of_the_event_loop_goes_out_at_once_in_the_next(tmp_path, monkeypatch):
+def test_messages_of_one_event_loop_turn_are_sent_together(tmp_path, monkeypatch):
     sent = []
 
     async def test(broker):
@@ -145,7 +148,7 @@ def test_what_is_published_in_one_turn_of_the_event_loop_goes_out_at_once_in_the
 
 @contextmanager
 def connected_pair():
-    """Two ends of a connection of which ours does not block."""
+    """Yield the two ends of a connection; ours does not block."""
     with socket.create_server(("127.0.0.1", 0)) as server, socket.create_connection(server.getsockname()) as ours:
         theirs, _ = server.accept()
         with theirs:
@@ -153,7 +156,7 @@ def connected_pair():
             yield ours, theirs
 
 
-def test_a_buffered_socket_gives_what_came_in_any_pieces_and_lets_others_have_their_turn_in_between():
+def test_buffered_socket_returns_bytes_in_pieces_and_yields_in_between():
     with connected_pair() as (ours, theirs):
         buffered = BufferedSocket(ours)
         with pytest.raises(BlockingIOError):
@@ -162,7 +165,7 @@ def test_a_buffered_socket_gives_what_came_in_any_pieces_and_lets_others_have_th
         assert select.select([ours], [], [], 5)[0]
         assert (buffered.recv(1), buffered.pending(), buffered.recv(2), buffered.recv(9)) == (b"a", 5, b"bc", b"def")
         theirs.sendall(b"g")
-        # Whoever reads until there is no more comes to an end, whatever comes meanwhile.
+        # A read loop ends after the buffered bytes, even if more arrive meanwhile.
         with pytest.raises(BlockingIOError):
             buffered.recv(1)
         assert select.select([ours], [], [], 5)[0]
@@ -175,7 +178,7 @@ def test_a_buffered_socket_gives_what_came_in_any_pieces_and_lets_others_have_th
         assert buffered.fileno() == ours.fileno()
 
 
-def test_a_buffered_socket_sends_at_once_what_was_given_in_pieces():
+def test_buffered_socket_sends_several_pieces_together():
     with connected_pair() as (ours, theirs):
         buffered = BufferedSocket(ours)
         assert buffered.flush()
@@ -185,7 +188,7 @@ def test_a_buffered_socket_sends_at_once_what_was_given_in_pieces():
         assert theirs.recv(9) == b"abcde"
 
 
-def test_a_buffered_socket_keeps_what_there_is_no_room_for():
+def test_buffered_socket_keeps_bytes_that_do_not_fit():
     said = bytes(range(256)) * 40_000
     with connected_pair() as (ours, theirs):
         buffered = BufferedSocket(ours)
@@ -200,7 +203,7 @@ def test_a_buffered_socket_keeps_what_there_is_no_room_for():
         assert heard == said
 
 
-def test_a_buffered_socket_sends_before_it_is_closed():
+def test_buffered_socket_sends_its_buffer_before_closing():
     with connected_pair() as (ours, theirs):
         buffered = BufferedSocket(ours)
         buffered.send(b"the end")
@@ -208,11 +211,11 @@ def test_a_buffered_socket_sends_before_it_is_closed():
         assert (theirs.recv(9), theirs.recv(9)) == (b"the end", b"")
 
 
-def test_a_buffered_socket_to_which_nobody_listens_keeps_nothing():
+def test_buffered_socket_drops_its_buffer_after_a_broken_connection():
     with connected_pair() as (ours, theirs):
         buffered = BufferedSocket(ours)
         theirs.close()
-        with pytest.raises(OSError, match=r"Broken pipe|reset"):  # noqa: PT012 - the system tells it some time later
+        with pytest.raises(OSError, match=r"Broken pipe|reset"):  # noqa: PT012 - the error comes some sends later
             while True:
                 ours.send(b"anybody?")
                 time.sleep(0.01)

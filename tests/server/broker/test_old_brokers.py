@@ -1,4 +1,4 @@
-"""A broker that speaks MQTT 3.1.1 only, and takes no client whose id has a space, as NATS does."""
+"""A broker like NATS: it speaks only MQTT 3.1.1 and refuses client ids with a space."""
 
 import asyncio
 import json
@@ -19,7 +19,7 @@ BAD_VERSION, BAD_ID, BAD_USER = 1, 2, 5
 
 
 class OldBroker:
-    """Answers a client by itself; refuses: a code for everybody."""
+    """Broker played by the test. refuses: the return code sent to every client; 0 to accept them."""
 
     def __init__(self, refuses=0):
         self.refuses = refuses
@@ -49,7 +49,7 @@ class OldBroker:
             writer.close()
 
     def _publish(self, kind, content, writer):
-        """Acknowledge a message, and hand it to whoever sent it, who listens to everything of its own."""
+        """Acknowledge a message, and send it back to its publisher."""
         place = 2 + int.from_bytes(content[:2])
         if kind & 0x06:
             writer.write(bytes([0x40, 2]) + content[place : place + 2])
@@ -97,7 +97,7 @@ def settings_of(url, **more):
     return broker_settings(table, table.take(BROKER_KEYS))
 
 
-def test_version_that_the_broker_does_not_speak_is_named():
+def test_error_names_the_mqtt_version_that_the_broker_refuses():
     async def test():
         async with served(OldBroker()) as url:
             with pytest.raises(VersionRefused, match=r'does not speak MQTT 5; write version = "3\.1\.1" if it speaks'):
@@ -107,7 +107,7 @@ def test_version_that_the_broker_does_not_speak_is_named():
     asyncio.run(test())
 
 
-def test_only_a_refused_user_is_asked_for_its_user():
+def test_error_mentions_the_user_only_if_the_user_was_refused():
     async def test():
         async with served(OldBroker(refuses=BAD_USER)) as url:
             with pytest.raises(PortError, match=r"is user = right\?"):
@@ -122,7 +122,7 @@ def test_only_a_refused_user_is_asked_for_its_user():
     asyncio.run(test())
 
 
-def test_fleet_falls_back_to_the_older_version():
+def test_fleet_falls_back_to_mqtt_3_1_1():
     async def test():
         broker = OldBroker()
         async with served(broker) as url:
@@ -145,7 +145,7 @@ def test_fleet_command_shows_plants_of_an_old_broker():
     assert json.loads(asyncio.run(test()))["name"] == "Mill north"
 
 
-def test_client_id_made_of_a_name_has_no_space():
+def test_client_id_derived_from_a_plant_name_has_no_space():
     class Nothing:
         def will(self):
             return None

@@ -1,4 +1,4 @@
-"""Clients of the doors behind a broker: MQTT, and a primary host of Sparkplug."""
+"""Clients of the doors behind a broker: an MQTT client and a Sparkplug primary host."""
 
 import json
 import time
@@ -14,7 +14,7 @@ from drivecomm.server.sparkplug.wire import payload_class
 
 
 class Subscriber:
-    """A client of the broker that keeps what it receives."""
+    """A client of the broker that records every received message."""
 
     def __init__(self, broker, topic):
         self.heard = []
@@ -50,7 +50,7 @@ class MqttHand(JsonHand):
 
         def answered():
             told = map(json.loads, self.broker.of(f"drivecomm/hall/{answers}")[before:])
-            # A command may be answered while a stop is.
+            # The reply to a command may arrive while a stop waits for its own.
             return [each for each in told if (each.get("verb") == "stop") is topic.endswith("/stop")]
 
         self.broker.publish(f"drivecomm/hall/{topic}", json.dumps(content), retain=retain)
@@ -92,7 +92,10 @@ class MqttHand(JsonHand):
 
 
 class SparkplugHand:
-    """A primary host. It cannot take a lease but by a start, and hosts are known by the broker alone."""
+    """A Sparkplug primary host.
+
+    It acquires a lease only by a start. Hosts have no identity apart from the broker.
+    """
 
     kind = "sparkplug"
     wrong = MappingProxyType(
@@ -124,7 +127,7 @@ class SparkplugHand:
         return [payload_class().FromString(each) for each in self.broker.of(topic)]
 
     def outcomes(self, drive, *, of_stops):
-        """What the metrics of a drive have said of its commands, or of its stops."""
+        """Return the outcomes that the metrics of a drive report for its commands, or for its stops."""
         births = self.messages("DBIRTH", drive)
         names = {each.alias: each.name for birth in births for each in birth.metrics}
         told = [
@@ -142,7 +145,7 @@ class SparkplugHand:
         before, deaths = len(self.outcomes(drive, of_stops=stops)), len(self.messages("DDEATH", drive))
 
         def answered():
-            # The metrics of a dead device say nothing more.
+            # The metrics of a dead device no longer change.
             died = ["failed"] if len(self.messages("DDEATH", drive)) > deaths else []
             return self.outcomes(drive, of_stops=stops)[before:] or died
 
@@ -159,7 +162,7 @@ class SparkplugHand:
         return self.payload([metric, word], **changes)
 
     def hold(self):
-        """Wait until the device is born; the lease comes with the start."""
+        """Wait until the device is born; the later start acquires the lease."""
         end = f"/{NODE}/pump"
 
         def is_born():
@@ -187,7 +190,7 @@ class SparkplugHand:
         return self.send(drive, self.payload([pressed], timed=False), stops=True)
 
     def let_go(self):
-        """Nothing to do: the lease ends with the motor."""
+        """Do nothing: the lease ends when the motor stops."""
 
     def close(self):
         self.online(False)

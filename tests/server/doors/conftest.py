@@ -1,4 +1,4 @@
-"""One plant with all doors, and clients of them, for all tests of a module."""
+"""One plant with all doors, and their clients, shared by the tests of a module."""
 
 import pytest
 from every_door import hall_of
@@ -17,7 +17,7 @@ def hall(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def hands(hall):
-    """A client of each door, by its kind."""
+    """Yield a client of each door, by the door's kind."""
     made = {}
     try:
         for kind, hand in HANDS.items():
@@ -30,7 +30,7 @@ def hands(hall):
 
 @pytest.fixture
 def at_rest(hall, hands):
-    """The plant with its motors at rest, nobody in command, and nothing noted; and so again afterwards."""
+    """Yield the plant with motors at rest, no leases and empty records; restore that state afterwards."""
     hall.rest()
     yield hall
     for hand in hands.values():

@@ -1,4 +1,4 @@
-"""A plant with every kind of door open at once, one of them from the page "Write a door"; what it notes and moves."""
+"""A plant with every kind of door open, among them the one of the page "Write a door"; its records and motors."""
 
 import asyncio
 import sys
@@ -55,11 +55,11 @@ PLANT = (
         name="mixer", drive="danfoss-fc:4", line="yard", armed="false", model="fc302", policy="coast", network=_ALLOWED
     )
 )
-"""The pump may be started by every door, the fan by none, and the mixer is not armed."""
+"""Every door may start the pump, none may start the fan, and the mixer is not armed."""
 
 
 class Audit(NoteBook):
-    """A notebook that can be made to wait before a command is noted, and so before it is sent."""
+    """An audit that can delay the record of a command, and thereby its sending."""
 
     def __init__(self):
         super().__init__()
@@ -75,7 +75,7 @@ class Audit(NoteBook):
 
     @contextmanager
     def held(self):
-        """Let no command be noted for the time of the block."""
+        """Block the recording of commands during the block."""
         self.waiting.clear()
         self._free.clear()
         try:
@@ -84,45 +84,45 @@ class Audit(NoteBook):
             self._free.set()
 
     def refused_of(self, drive):
-        """What was refused of a drive, with the reasons."""
+        """Return the refused commands of a drive as pairs of verb and reason."""
         return [(verb, what) for name, verb, what in self.ended_with if name == drive and what.startswith("refused")]
 
     def forget(self):
-        """Begin anew."""
+        """Clear all records."""
         for noted in (self.asked_for, self.ended_with, self.stops):
             noted.clear()
         self.refuses = None
 
 
 class Hall:
-    """The plant and its doors. doors: by their kinds. broker: of those that have one."""
+    """The plant and its doors. doors: the doors by their kinds. broker: the broker of the MQTT and Sparkplug doors."""
 
     def __init__(self):
         self.audit, self.doors, self.broker = Audit(), {}, None
         self.core = self.control = self.plant = self.loop = None
 
     def runs(self, drive="pump"):
-        """Whether the motor of the virtual drive turns, whatever anybody was told."""
+        """Return whether the motor of the virtual drive turns, regardless of any reported state."""
         return runs(self.control, drive)
 
     def asked(self, work):
-        """Have something done in the core's event loop."""
+        """Run a coroutine in the core's event loop, and return its result."""
         return asyncio.run_coroutine_threadsafe(work, self.loop).result(20)
 
     def answers(self, drive="pump"):
-        """Whether a drive answers the server."""
+        """Return whether a drive answers the server."""
         return self.plant.drive(drive).reachability == "answers"
 
     def answers_for_a_while(self, drive="pump", seconds=1):
-        """Wait until a drive has answered for so long."""
+        """Wait until a drive has answered for this number of seconds."""
         until(lambda: self.answers(drive))
         seen = self.plant.drive(drive).answered_s
         until(lambda: (self.plant.drive(drive).answered_s or 0) > seen + seconds)
 
     def rest(self):
-        """Stop the pump, and wait until nobody has it."""
+        """Stop the pump, and wait until all leases are released."""
         for lease in self.plant.leases():
-            # A door may have given it back meanwhile.
+            # The door may have released the lease meanwhile.
             with suppress(LeaseError):
                 self.asked(self.plant.end_lease(lease.holder, lease.drive, lease.key))
         until(self.answers)
@@ -133,17 +133,17 @@ class Hall:
 
 
 def until(condition, seconds=15.0):
-    """Wait until something holds, and return it."""
+    """Wait until a condition is true, and return its value."""
     end = time.monotonic() + seconds
     while not (found := condition()):
-        assert time.monotonic() < end, "it does not happen"
+        assert time.monotonic() < end, "the condition did not become true"
         time.sleep(0.01)
     return found
 
 
 @contextmanager
 def hall_of(folder):
-    """Serve the plant by all doors; yield it."""
+    """Serve the plant through all doors; yield it."""
     hall, ready, over = Hall(), threading.Event(), threading.Event()
     history = folder / "history.sqlite"
 
@@ -213,7 +213,7 @@ def token_of(name):
 
 @contextmanager
 def _of_the_page(folder):
-    """Yield what makes the door of the page, as its entry point names it."""
+    """Yield the factory of the door on the page, as its entry point names it."""
     for block in blocks_of(PAGE):
         if block.title.endswith(".py"):
             place = folder / block.title

@@ -1,7 +1,8 @@
 """Clients of each door: how they hold a drive, command it and stop it over a real connection.
 
-`give` returns what became of a command as the door answers it; `wrong` names the ways in which a command of this door
-can be wrong, with what to change in it. A stop says that it is of another time, where its protocol can say so.
+`give` returns the outcome of a command as the door reports it. `wrong` names the ways in which a command of this door
+can be invalid, with the arguments that make it so. `stop` marks a stop as stale, if its protocol has a field for it;
+doors must send it all the same.
 """
 
 from broker_hands import MqttHand, SparkplugHand

@@ -1,4 +1,4 @@
-"""Clients of the doors to which programs speak JSON over TCP: HTTP, and the door of the page."""
+"""Clients of the doors with JSON over TCP: HTTP, and the door of the page "Write a door"."""
 
 import json
 import socket
@@ -12,13 +12,13 @@ from every_door import token_of
 from fake_plant import Client as HttpClient
 
 ANOTHER_TIME = {"session": "another run", "issued_s": 1.0, "valid_s": 2}
-"""What a command says that was meant for another time; a stop goes out all the same."""
+"""Session and times of a stale command; a stop with these fields is sent all the same."""
 VERBS = {"start": ("start", {}), "reference": ("set_reference", {"percent": 20}), "reset": ("reset", {})}
 NUMBERS = count(1)
 
 
 class JsonHand:
-    """What clients of doors share that take commands as JSON."""
+    """Common part of the clients of doors that accept commands as JSON."""
 
     wrong = MappingProxyType(
         {
@@ -50,7 +50,7 @@ class JsonHand:
         self.key = ""
 
     def close(self):
-        """Leave."""
+        """Close the connections."""
 
 
 class HttpHand(JsonHand):

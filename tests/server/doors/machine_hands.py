@@ -1,4 +1,4 @@
-"""Clients of the doors to which machines speak: OPC UA, and the registers of Modbus TCP."""
+"""Clients of the doors for machines: OPC UA, and Modbus TCP registers."""
 
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime, timedelta
@@ -40,7 +40,7 @@ class OpcuaHand:
         return [each.Value for each in result.OutputArguments or []] or ["refused"]
 
     def run(self, work):
-        """Have a coroutine of a client carried out."""
+        """Run a coroutine of a client, and return its result."""
         return self._loop.post(work)
 
     def hold(self):
@@ -64,7 +64,7 @@ class OpcuaHand:
 
     @contextmanager
     def _dated(self, client, age_s):
-        """Let the requests of a client say that they were sent some seconds earlier."""
+        """Backdate the requests of a client by some seconds during the block."""
         protocol = client.uaclient.protocol
         begun = protocol._setup_request_header
 
@@ -98,7 +98,7 @@ class OpcuaHand:
 
 
 class ModbusTcpHand:
-    """A PLC. What it writes is an image, which a door takes for a command when its sequence changes."""
+    """A PLC. It writes a register image, which the door takes as a command when the sequence number changes."""
 
     kind = "modbus-tcp"
     wrong = MappingProxyType({"seen first on a connection": {"first": True}})
@@ -144,7 +144,7 @@ class ModbusTcpHand:
             another.master.close()
 
     def words(self, drive):
-        """Return the registers of a drive that are read."""
+        """Return the readable registers of a drive."""
         return self._plcs[drive].master.read(0, 120)
 
     def repeat(self, times):

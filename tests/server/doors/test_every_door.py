@@ -1,4 +1,4 @@
-"""What every door must refuse, and what it must let through, a stop first; over real connections."""
+"""Commands that every door must refuse, and those it must accept, stops first; over real connections."""
 
 import threading
 
@@ -16,25 +16,25 @@ WRONG = [(kind, wrong) for kind in KINDS for wrong in HANDS[kind].wrong]
 
 
 @pytest.fixture(params=KINDS)
-def hand(request, hands, at_rest):  # noqa: ARG001 - rests before and after each test
-    """A client of one door, at a plant at rest."""
+def hand(request, hands, at_rest):  # noqa: ARG001 - brings the plant to rest around each test
+    """Yield a client of one door, with the plant at rest."""
     return hands[request.param]
 
 
 def start(hand):
-    """Hold the pump, and start it."""
+    """Hold the pump and start it; return the outcome."""
     assert hand.hold()
     return hand.give("start")
 
 
-def test_command_is_carried_out_and_noted(hand, at_rest):
+def test_command_is_carried_out_and_recorded(hand, at_rest):
     assert start(hand) == "done"
     until(at_rest.runs)
     assert [verb for _, drive, verb in at_rest.audit.asked_for if drive == "pump"][-1] == "keep"
     assert f"({hand.kind} " in at_rest.audit.asked_for[-1][0]
     assert hand.stop() == "done"
     until(lambda: not at_rest.runs())
-    # A token is written nowhere.
+    # Tokens never appear in the audit.
     assert not any(token_of(name) in str(vars(at_rest.audit)) for name in TOKENS)
 
 
@@ -63,7 +63,7 @@ def test_plant_file_lists_each_verb_of_a_door_without_a_wildcard(tmp_path, kind)
 
 
 @pytest.mark.parametrize(("kind", "wrong"), WRONG, ids=[f"{kind} {wrong}".replace(" ", "-") for kind, wrong in WRONG])
-def test_command_that_may_be_meant_for_another_time_moves_nothing(at_rest, hands, kind, wrong):
+def test_stale_or_undated_command_moves_no_motor(at_rest, hands, kind, wrong):
     hand = hands[kind]
     assert hand.hold()
     assert hand.give("start", **hand.wrong[wrong]) == "refused"
@@ -74,7 +74,7 @@ def test_command_that_may_be_meant_for_another_time_moves_nothing(at_rest, hands
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if hasattr(HANDS[kind], "retained")])
-def test_retained_command_moves_nothing(at_rest, hands, kind):
+def test_retained_command_moves_no_motor(at_rest, hands, kind):
     assert hands[kind].hold()
     assert hands[kind].retained("start") == "refused"
     assert at_rest.audit.asked_for == []
@@ -95,7 +95,7 @@ def test_motor_is_started_only_under_a_lease(at_rest, hands, kind):
     assert not at_rest.runs()
 
 
-def test_lease_of_one_door_keeps_all_others_from_commanding_and_from_no_stop(hand, hands, at_rest):
+def test_lease_of_one_door_blocks_commands_of_others_but_no_stop(hand, hands, at_rest):
     assert start(hand) == "done"
     for other in hands.values():
         if other is hand:
@@ -112,15 +112,15 @@ def test_lease_of_one_door_keeps_all_others_from_commanding_and_from_no_stop(han
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "opcua"])
-def test_command_that_comes_again_acts_once(at_rest, hands, kind):
-    """OPC UA has no room for an id: a secure channel takes no message twice."""
+def test_repeated_command_acts_once(at_rest, hands, kind):
+    """OPC UA has no command id: its secure channel accepts no message twice."""
     hand = hands[kind]
     assert hand.hold()
     if hasattr(hand, "repeat"):
         assert hand.repeat(1) == ["done"]
         times = len(at_rest.audit.asked_for)
         outcomes = hand.repeat(3)
-        # The first of these is another command.
+        # The first of these repetitions is a new command.
         assert len(at_rest.audit.asked_for) == times + 1
     else:
         outcomes = [hand.give("reference", id="the same") for _ in range(3)]
@@ -129,7 +129,7 @@ def test_command_that_comes_again_acts_once(at_rest, hands, kind):
 
 
 @pytest.mark.parametrize("kind", ["http", "lines", "mqtt"])
-def test_start_that_comes_again_after_a_stop_is_answered_and_moves_nothing(at_rest, hands, kind):
+def test_repeated_start_after_a_stop_is_answered_and_moves_no_motor(at_rest, hands, kind):
     hand = hands[kind]
     assert hand.hold()
     assert hand.give("start", id="one start") == "done"
@@ -141,7 +141,7 @@ def test_start_that_comes_again_after_a_stop_is_answered_and_moves_nothing(at_re
     assert not at_rest.runs()
 
 
-def test_motor_is_not_started_again_after_its_drive_was_away(hand, at_rest):
+def test_motor_is_not_restarted_after_its_drive_was_unreachable(hand, at_rest):
     assert start(hand) == "done"
     until(at_rest.runs)
     at_rest.control.order("power", drive="pump", state="off")
@@ -151,7 +151,7 @@ def test_motor_is_not_started_again_after_its_drive_was_away(hand, at_rest):
     assert not at_rest.runs()
 
 
-def test_start_of_a_silent_drive_is_not_made_up_for_later(hand, at_rest):
+def test_start_of_a_silent_drive_is_not_sent_later(hand, at_rest):
     assert hand.hold()
     at_rest.control.order("power", drive="pump", state="off")
     try:
@@ -162,7 +162,7 @@ def test_start_of_a_silent_drive_is_not_made_up_for_later(hand, at_rest):
     assert not at_rest.runs()
 
 
-def test_stop_goes_before_a_command_that_waits_and_cancels_it(hand, at_rest):
+def test_stop_overtakes_and_cancels_a_waiting_command(hand, at_rest):
     assert hand.hold()
     outcomes = []
     with at_rest.audit.held():
@@ -178,7 +178,7 @@ def test_stop_goes_before_a_command_that_waits_and_cancels_it(hand, at_rest):
     assert not at_rest.runs()
 
 
-def test_command_that_the_audit_cannot_take_is_not_sent_but_a_stop_is(hand, at_rest):
+def test_audit_failure_blocks_commands_but_no_stop(hand, at_rest):
     assert hand.hold()
     at_rest.audit.refuses = PortError("the audit cannot be written: no space left")
     assert hand.give("start") != "done"

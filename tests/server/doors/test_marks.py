@@ -1,4 +1,4 @@
-"""A good reading of a fact that nobody has confirmed is good at every door, with the mark of the model beside it."""
+"""A good reading with an unconfirmed model fact has quality good at every door, with the model's mark beside it."""
 
 import json
 
@@ -9,10 +9,10 @@ from mosquitto import needs_mosquitto
 pytestmark = needs_mosquitto
 
 NOTE = "type and unit are derived"
-"""Of the pump's output frequency."""
+"""Mark of the pump's output frequency."""
 
 
-def test_http_door_has_the_mark_as_a_note_and_as_a_label(hands):
+def test_http_door_shows_the_mark_as_a_note_and_as_a_label(hands):
     client = hands["http"].client("otto")
 
     def good():
@@ -34,7 +34,7 @@ def metrics_of(client):
     return client.get("/metrics").content.decode()
 
 
-def test_mqtt_door_has_the_mark_as_a_note(hands):
+def test_mqtt_door_shows_the_mark_as_a_note(hands):
     def good():
         told = map(json.loads, hands["mqtt"].broker.of("drivecomm/hall/pump/output_frequency"))
         return [each for each in told if each["quality"] == "good"]
@@ -42,7 +42,7 @@ def test_mqtt_door_has_the_mark_as_a_note(hands):
     assert until(good)[-1]["note"] == NOTE
 
 
-def test_sparkplug_door_has_the_mark_as_a_property(hands):
+def test_sparkplug_door_shows_the_mark_as_a_property(hands):
     hand = hands["sparkplug"]
 
     def good():
@@ -60,7 +60,7 @@ def test_sparkplug_door_has_the_mark_as_a_property(hands):
     assert (found["Uncertain"].boolean_value, found["Reason"].string_value) == (True, NOTE)
 
 
-def test_opc_ua_door_has_the_mark_as_a_property(hands):
+def test_opc_ua_door_shows_the_mark_as_a_property(hands):
     hand, name = hands["opcua"], "drives/pump/Monitoring/ConverterOutputFrequency"
 
     def read(*parts):
@@ -71,5 +71,5 @@ def test_opc_ua_door_has_the_mark_as_a_property(hands):
     assert read("Note").Value.Value == NOTE
 
 
-def test_modbus_tcp_door_says_that_the_value_is_good(hands):
+def test_modbus_tcp_door_shows_the_value_as_good(hands):
     assert until(lambda: hands["modbus-tcp"].words("pump")[10] == 192)

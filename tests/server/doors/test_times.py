@@ -1,4 +1,4 @@
-"""No door shows a time of 1970: what never was has no time."""
+"""No door shows a time of 1970: an event that has not occurred has no time."""
 
 import json
 import time
@@ -15,8 +15,8 @@ LONG_AGO_S = datetime(2020, 1, 1, tzinfo=UTC).timestamp()
 
 
 @pytest.fixture(scope="module")
-def silent_fan(hall, hands):  # noqa: ARG001 - doors have clients before
-    """The plant after its fan has fallen silent, so that each door shows what is not there."""
+def silent_fan(hall, hands):  # noqa: ARG001 - connects the clients first
+    """Silence the fan of the plant, so that each door shows missing values."""
     until(lambda: hall.plant.value("fan", "output_frequency"))
     hall.control.order("power", drive="fan", state="off")
     until(lambda: not hall.answers("fan"))
@@ -27,7 +27,7 @@ def silent_fan(hall, hands):  # noqa: ARG001 - doors have clients before
 
 
 def early_in(content, place=""):
-    """Yield where a time of a JSON text is too early."""
+    """Yield the places in a JSON text with a time before LONG_AGO_S."""
     if isinstance(content, dict):
         for key, value in content.items():
             is_time = key in ("time_s", "source_s") or key.endswith(("ed_s", "since_s", "until_s"))

@@ -1,4 +1,4 @@
-"""The fleet as a real broker tells it of real servers: in a terminal, as JSON, as a page; and with parts of it gone."""
+"""A fleet of real servers behind a real broker, in a terminal, as JSON and as a page, also with parts missing."""
 
 import asyncio
 import json
@@ -65,7 +65,7 @@ def broker(tmp_path):
 
 @contextmanager
 def served(folder, name, broker):
-    """Serve a plant with one virtual drive, which tells the broker how it is."""
+    """Serve a plant with one virtual drive, which publishes its state to the broker."""
     virtual = folder / f"virtual-{name}.toml"
     virtual.write_text(PLANT.format(name=name, broker=broker.url, listen="tcp:127.0.0.1:0"))
     server = PlantServer(VirtualPlant(read_plant(virtual)), control="127.0.0.1:0")
@@ -80,7 +80,7 @@ def served(folder, name, broker):
 def soon(condition, seconds=15.0):
     end = time.monotonic() + seconds
     while not (found := condition()):
-        assert time.monotonic() < end, "it does not come about"
+        assert time.monotonic() < end, "the condition did not become true"
         time.sleep(0.05)
     return found
 
@@ -95,7 +95,7 @@ def run(capsys):
     return run
 
 
-def test_plants_and_their_drives(tmp_path, broker, run):
+def test_fleet_command_lists_plants_and_their_drives(tmp_path, broker, run):
     assert run(broker.url)[0] == 4
     with served(tmp_path, "mill", broker), served(tmp_path, "quarry", broker):
 
@@ -126,7 +126,7 @@ def test_plants_and_their_drives(tmp_path, broker, run):
     assert "what the drives do is not known" in out
 
 
-def test_what_cannot_be(broker, run):
+def test_fleet_command_reports_unknown_plant_and_missing_broker(broker, run):
     code, _, err = run(broker.url, "mill")
     assert code == 2
     assert "no plant 'mill' below drivecomm" in err
@@ -143,7 +143,7 @@ def test_what_cannot_be(broker, run):
 
 @contextmanager
 def page(broker, past=None):
-    """Serve the page of a fleet in a thread; yield what asks it."""
+    """Serve the page of a fleet in a thread; yield a function that requests a path."""
     listening = ListenAddress("127.0.0.1", 0).open()
     place = f"http://127.0.0.1:{listening.getsockname()[1]}"
     opened, loops = threading.Event(), []
@@ -178,7 +178,7 @@ def page(broker, past=None):
         thread.join(10)
 
 
-def test_the_page_follows_the_broker_and_says_when_it_cannot(tmp_path, broker):
+def test_fleet_page_follows_the_broker_and_reports_its_loss(tmp_path, broker):
     with page(broker) as ask, served(tmp_path, "mill", broker):
 
         def plants():
@@ -189,7 +189,7 @@ def test_the_page_follows_the_broker_and_says_when_it_cannot(tmp_path, broker):
 
         def titled():
             drives = json.loads(ask("/plants/mill")[0])["list"]
-            # What there is is told a little later than who is there.
+            # The titles of drives arrive a little later than their names.
             return drives if all(drive["title"] for drive in drives) else None
 
         drives = soon(titled)
@@ -232,7 +232,7 @@ def test_page_shows_alarms_and_trends_from_a_record(tmp_path, broker):
             missing.value.close()
 
 
-def test_page_without_a_record_shows_none(broker):
+def test_fleet_page_without_a_record_has_no_alarms(broker):
     with page(broker) as ask:
         assert json.loads(ask("/plants")[0])["has_record"] is False
         with pytest.raises(urllib.error.HTTPError) as missing:
@@ -241,7 +241,7 @@ def test_page_without_a_record_shows_none(broker):
         missing.value.close()
 
 
-def test_the_page_is_ours_only(broker):
+def test_fleet_page_serves_its_files_and_refuses_foreign_origins(broker):
     with page(broker) as ask:
         text, headers = ask("/")
         assert b"drivecomm fleet" in text

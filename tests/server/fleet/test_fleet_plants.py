@@ -1,4 +1,4 @@
-"""What is known of many plants from what they have told, whatever order it comes in, and whoever else publishes."""
+"""State of many plants from their published messages, in any order, and with foreign messages among them."""
 
 import asyncio
 import json
@@ -38,12 +38,12 @@ def mill(*more):
     )
 
 
-def test_a_plant_in_numbers():
+def test_plant_summary_counts_drives_and_alarms():
     summary = mill().plants["mill"].summary
     assert summary == ("mill", "online", 2, 2, 1, 1, 0, 2001.0, 0, "1", "", "", None)
 
 
-def test_what_runs_where_and_which_alarms_stand():
+def test_plant_shows_its_version_plant_file_and_alarms():
     alarm = {"id": "a-1", "rule": "tripped", "drive": "fan", "text": "fault 14", "since_s": 5, "over_s": None}
     file = {"name": "mill.toml", "sha256": "abcdef", "read_s": 1000.5}
     plant = mill(("mill/bridge/info", {"drives": [], "file": file}), ("mill/bridge/alarms", {"alarms": [alarm]}))
@@ -51,12 +51,12 @@ def test_what_runs_where_and_which_alarms_stand():
     assert plant.plants["mill"].alarms == (("a-1", "tripped", "fan", "fault 14", 5.0, None, ""),)
 
 
-def test_drives_stand_in_the_order_of_their_plant_whatever_came_first():
+def test_drives_are_shown_in_plant_order_for_any_message_order():
     fleet = heard(("mill/fan/status", RUNNING), ("mill/bridge/info", {"drives": [{"name": "pump"}, {"name": "fan"}]}))
     assert [drive.name for drive in fleet.plants["mill"].shown] == ["pump", "fan"]
 
 
-def test_plant_below_levels_takes_its_own_drives_alone():
+def test_plant_below_topic_levels_takes_only_its_own_drives():
     told = {"drives": [{"name": "pump", "topic": "drivecomm/leeds/mixing/l1/pump"}]}
     theft = {"drives": [{"name": "fan", "topic": "drivecomm/leeds/mixing/l1/pump"}]}
     fleet = heard(
@@ -73,54 +73,54 @@ def test_plant_below_levels_takes_its_own_drives_alone():
     assert "drivecomm/+/+/+/+/status" not in Fleet().filters
 
 
-def test_of_a_plant_whose_server_is_gone_nothing_is_known():
+def test_offline_plant_has_no_drive_states():
     plant = mill(("mill/bridge/state", {"state": "offline"})).plants["mill"]
     assert plant.summary[:7] == ("mill", "offline", 2, 0, 0, 0, 0)
 
 
-def test_nor_while_the_broker_cannot_be_heard():
+def test_plants_are_unknown_without_the_broker():
     fleet = mill()
     fleet.silent()
     assert fleet.plants["mill"].summary.gateway == "unknown"
     assert fleet.plants["mill"].summary.running == 0
 
 
-def test_a_silent_drive_has_no_state():
+def test_silent_drive_has_no_state():
     plant = mill(("mill/pump/availability", {"state": "offline"})).plants["mill"]
     assert plant.drives["pump"].state == ""
     assert (plant.summary.running, plant.summary.silent) == (0, 1)
 
 
-def test_a_stale_status_says_nothing():
+def test_stale_status_gives_no_state():
     plant = mill(("mill/pump/status", {**RUNNING, "quality": "stale"})).plants["mill"]
     assert plant.drives["pump"].state == ""
 
 
-def test_all_values_of_a_drive_in_one_message():
+def test_one_message_carries_all_values_of_a_drive():
     plant = mill(("mill/pump/values", {"status": FAULT, "output_frequency": {**RUNNING, "value": 12.5, "unit": "Hz"}}))
     drive = plant.plants["mill"].drives["pump"]
     assert (drive.state, drive.fault) == ("fault", "14 earth fault")
     assert str(drive.values["output_frequency"].value) == "12.5"
 
 
-def test_what_the_broker_forgets_is_forgotten():
+def test_cleared_retained_message_removes_plant_or_status():
     assert heard(("mill/bridge/state", b""), fleet=mill()).plants == {}
     plant = heard(("mill/pump/status", b""), fleet=mill()).plants["mill"]
     assert plant.drives["pump"].state == ""
 
 
-def test_a_drive_that_the_plant_has_no_more_is_not_shown():
+def test_drive_removed_from_the_plant_is_not_shown():
     plant = mill(("mill/bridge/info", {"drives": [{"name": "fan"}]})).plants["mill"]
     assert [drive.name for drive in plant.shown] == ["fan"]
     assert plant.summary.drives == 1
 
 
-def test_names_that_a_topic_cannot_carry():
+def test_names_with_reserved_characters_are_decoded_from_topics():
     fleet = heard(("hall%2F2/bridge/state", ONLINE), ("hall%2F2/%62ridge/status", RUNNING))
     assert fleet.plants["hall/2"].drives["bridge"].state == "running"
 
 
-def test_a_prefix_of_several_levels():
+def test_topic_prefix_may_have_several_levels():
     fleet = Fleet("plants/north")
     assert "plants/north/+/bridge/state" in fleet.filters
     fleet.take("plants/north/mill/bridge/state", json.dumps(ONLINE).encode())
@@ -128,7 +128,7 @@ def test_a_prefix_of_several_levels():
     assert list(fleet.plants) == ["mill"]
 
 
-def test_what_cannot_be_read_is_counted_and_changes_nothing():
+def test_unreadable_messages_are_counted_and_ignored():
     fleet = mill(
         ("mill/pump/status", b"\xff\xfe"),
         ("mill/pump/status", b"[1]"),
@@ -163,7 +163,7 @@ def test_what_cannot_be_read_is_counted_and_changes_nothing():
         max_size=10,
     )
 )
-def test_whatever_somebody_publishes_it_can_be_shown(messages):
+def test_fleet_can_be_shown_after_any_messages(messages):
     fleet = heard(*messages)
     for plant in fleet.plants.values():
         assert plant.summary.drives == len(plant.shown)
@@ -171,7 +171,7 @@ def test_whatever_somebody_publishes_it_can_be_shown(messages):
 
 
 class Refusing:
-    """A broker that refuses some subscriptions. of: in which filters; messages: what it has kept."""
+    """A broker that refuses some subscriptions. of: text in the refused filters; messages: retained messages."""
 
     def __init__(self, of, messages):
         self.of, self.messages = of, messages
@@ -192,7 +192,7 @@ class Refusing:
         await asyncio.Event().wait()
 
 
-def test_what_a_broker_refuses_below_levels_costs_the_other_plants_nothing(monkeypatch):
+def test_refused_deep_subscription_does_not_affect_other_plants(monkeypatch):
     deep = {"drives": [{"name": "pump", "topic": "drivecomm/leeds/mixing/l1/pump"}]}
     kept = [("leeds/mixing/bridge/info", deep), ("mill/bridge/state", ONLINE), ("mill/pump/status", RUNNING)]
     monkeypatch.setattr(following, "connected", Refusing("+/+/+/+/status", kept).connected)
@@ -202,7 +202,7 @@ def test_what_a_broker_refuses_below_levels_costs_the_other_plants_nothing(monke
         one = Following(settings, Fleet())
         running = asyncio.create_task(one.run())
         async with asyncio.timeout(10):
-            while not one.problem:  # noqa: ASYNC110 - it is set by the task
+            while not one.problem:  # noqa: ASYNC110 - the task sets the attribute
                 await asyncio.sleep(0.01)
         assert one.fleet.plants["mill"].summary.running == 1
         assert not running.done()

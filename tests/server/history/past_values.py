@@ -1,4 +1,4 @@
-"""Values as a server has them, for tests of the history."""
+"""Values and events as a server has them, for tests of the history."""
 
 from decimal import Decimal
 
@@ -9,7 +9,7 @@ NOON = 1_795_000_000.0
 
 
 def value(number=0, *, drive="pump", name="output_frequency", time_s=None, quality="good", cause="", **reading):
-    """A value that was read at NOON and so many seconds, or that there was none (quality bad)."""
+    """Return a value read `number` seconds after NOON; without a reading if its quality is bad."""
     time_s = NOON + number if time_s is None else time_s
     if quality == "bad":
         return CurrentValue(drive=drive, name=name, reading=None, quality="bad", cause=cause, time_s=time_s)

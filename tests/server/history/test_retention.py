@@ -1,4 +1,4 @@
-"""What is too old goes, and what there is no room for; a clock that is wrong for a while costs nothing."""
+"""Removal of old values by age and by file size; a clock that is wrong for a while deletes nothing too early."""
 
 import time
 from types import SimpleNamespace
@@ -30,7 +30,7 @@ def filled(file, count, *, apart_s=1.0, text=""):
 
 
 @pytest.mark.usefixtures("small_segments")
-def test_what_is_too_old_goes_in_pieces(file):
+def test_values_and_events_beyond_the_age_limit_are_dropped_in_steps(file):
     one = filled(file, 5000)
     one.add([], [event(n) for n in range(5000)])
     dropped = 0
@@ -45,7 +45,7 @@ def test_what_is_too_old_goes_in_pieces(file):
 
 @pytest.mark.soak
 @pytest.mark.usefixtures("small_segments")
-def test_there_is_no_room_for_more(file):
+def test_oldest_rows_are_dropped_beyond_the_size_limit(file):
     filled(file, 30_000).close()
     full = file.stat().st_size
     one = store.Store(file)
@@ -61,7 +61,7 @@ def test_there_is_no_room_for_more(file):
 
 
 @pytest.mark.usefixtures("small_segments")
-def test_rows_count_on_when_all_is_too_old(file):
+def test_row_numbers_continue_after_all_rows_were_dropped(file):
     one = filled(file, 3000)
     while one.drop_oldest(before_s=NOON * 2, megabytes=1000):
         pass
@@ -74,7 +74,7 @@ def test_rows_count_on_when_all_is_too_old(file):
 
 
 @pytest.mark.soak
-def test_many_events_go_where_there_is_no_room(file):
+def test_oldest_events_are_dropped_beyond_the_size_limit(file):
     one = store.Store(file)
     for _ in range(4):
         one.add([], [event(n, "x" * 500) for n in range(10_000)])
@@ -84,7 +84,7 @@ def test_many_events_go_where_there_is_no_room(file):
         assert len(history.events()) == 30_000
 
 
-def test_age_by_a_clock_that_is_right():
+def test_age_limit_applies_after_an_hour_and_lags_by_one():
     limit = age.AgeLimit(30)
     assert limit.before_s(NOON, 5.0) == 0
     assert limit.before_s(NOON + 3599, 3604.0) == 0
@@ -93,7 +93,7 @@ def test_age_by_a_clock_that_is_right():
 
 
 @pytest.mark.parametrize("wrong_s", [365 * DAY, -365 * DAY])
-def test_a_clock_that_is_wrong_for_half_an_hour_costs_nothing(wrong_s):
+def test_clock_wrong_for_half_an_hour_deletes_nothing_too_early(wrong_s):
     limit = age.AgeLimit(30)
     for steady_s in range(0, 5 * 3600, 60):
         wrong = 7000 <= steady_s < 8800
@@ -103,7 +103,7 @@ def test_a_clock_that_is_wrong_for_half_an_hour_costs_nothing(wrong_s):
 
 @pytest.mark.soak
 @pytest.mark.usefixtures("small_segments")
-def test_a_journal_drops_what_is_too_old_after_an_hour(file, monkeypatch):
+def test_journal_drops_old_values_after_an_hour(file, monkeypatch):
     monkeypatch.setattr(journals, "COMMITTED_EVERY_S", 0.001)
     filled(file, 5000).close()
     steady_s, wall_s = [0.0], NOON + 4200 + 30 * DAY

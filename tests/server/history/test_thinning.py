@@ -1,4 +1,4 @@
-"""A thinned course has its ends, its extremes and its gaps: what is drawn of it says nothing that was not so."""
+"""Thinning of a curve for a plot: its ends, extremes and gaps remain, and no other value appears."""
 
 from itertools import pairwise
 
@@ -16,17 +16,17 @@ def points_of(values):
 
 
 def runs(values):
-    """Return the course as alternating runs: False for a gap."""
+    """Return the curve as alternating runs: True for values, False for a gap."""
     told = [value is not None for value in values]
     return told[:1] + [after for before, after in pairwise(told) if after != before]
 
 
 def edges(points):
-    """Return when gaps begin, and when the first value after each comes."""
+    """Return the times at which gaps begin, and those of the first value after each gap."""
     return [after.time_s for before, after in pairwise(points) if (before.value is None) != (after.value is None)]
 
 
-def test_course_goes_on_after_a_gap():
+def test_thinned_curve_continues_after_a_gap():
     course = [Point(second, 120.0 + second, "good") for second in range(20)]
     course += [Point(20, None, "bad")]
     course += [Point(second, 130.0, "good") for second in range(21, 39)]
@@ -36,7 +36,7 @@ def test_course_goes_on_after_a_gap():
 
 
 @given(courses, st.integers(4, 200))
-def test_thinned_course_keeps_order_ends_and_extremes(values, most):
+def test_thinned_curve_keeps_order_ends_and_extremes(values, most):
     points = points_of(values)
     found = list(thinned(points, 0, len(values), most))
     assert [point for point in points if point in set(found)] == found
@@ -50,7 +50,7 @@ def test_thinned_course_keeps_order_ends_and_extremes(values, most):
 
 
 @given(courses, st.integers(4, 200))
-def test_gaps_of_a_thinned_course_are_gaps_and_end(values, most):
+def test_thinned_curve_keeps_begin_and_end_of_its_gaps(values, most):
     points = points_of(values)
     found = list(thinned(points, 0, len(values), most))
     width = len(values) / max(1, most // Outline.POINTS)
@@ -63,7 +63,7 @@ def test_gaps_of_a_thinned_course_are_gaps_and_end(values, most):
 
 
 @given(st.lists(numbers, min_size=40, max_size=300))
-def test_more_gaps_than_there_is_room_for_keep_the_first_and_the_last(values):
+def test_outline_with_too_many_gaps_keeps_the_first_and_the_last(values):
     outline = Outline()
     for place, value in enumerate(values):
         outline.add(place, value)
@@ -77,7 +77,7 @@ def test_more_gaps_than_there_is_room_for_keep_the_first_and_the_last(values):
 
 
 @given(st.lists(st.sampled_from(["ready", "running", None]), min_size=1, max_size=100))
-def test_texts_keep_their_changes_only(values):
+def test_thinned_texts_keep_only_their_changes(values):
     points = points_of(values)
     found = list(thinned(points, 0, len(values), 10_000))
     changes = [points[0], *(after for before, after in pairwise(points) if after.value != before.value)]

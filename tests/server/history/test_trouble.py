@@ -1,4 +1,4 @@
-"""What becomes of a history when its process is killed, its disk is full or hangs, or its file is damaged."""
+"""A history whose process is killed, whose disk is full or hangs, or whose file is damaged."""
 
 import os
 import resource
@@ -69,8 +69,8 @@ def numbers(file, **wanted):
 
 @pytest.mark.soak
 @pytest.mark.parametrize("seconds", [0.7, 1.3])
-def test_kill_9_costs_what_was_not_committed_yet(file, seconds):
-    """What was committed is there, without a hole and once; what is missing came within the last half second."""
+def test_killed_process_loses_only_uncommitted_values(file, seconds):
+    """Committed values are complete and unique; only values of the last half second are lost."""
     with subprocess.Popen([sys.executable, "-c", WRITER, file], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout.readline()
         time.sleep(seconds)
@@ -82,7 +82,7 @@ def test_kill_9_costs_what_was_not_committed_yet(file, seconds):
     connection = sqlite3.connect(file)
     assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
     connection.close()
-    # The next server goes on with it, and the history says that there was none.
+    # The next server continues the file, and the history marks the time without a server.
     journal = Journal(file)
     journal.add_values([value(7, name="f", time_s=time.time())])
     journal.close()
@@ -92,7 +92,7 @@ def test_kill_9_costs_what_was_not_committed_yet(file, seconds):
     assert (gap.value, gap.quality, gap.note) == (None, "bad", "no values were recorded: no server was running")
 
 
-def test_a_full_disk_loses_the_oldest_values_and_no_event_and_says_what_is_missing(file, said, monkeypatch):
+def test_full_disk_loses_the_oldest_values_and_no_event(file, said, monkeypatch):
     monkeypatch.setattr(journals, "MOST_WAITING", 1000)
     monkeypatch.setattr(journals, "ROWS_A_COMMIT", 100)
     full = threading.Event()
@@ -126,7 +126,7 @@ def test_a_full_disk_loses_the_oldest_values_and_no_event_and_says_what_is_missi
     assert said[1:] == [f"{file}: the history is written again; 4000 values are missing in all"]
 
 
-def test_a_gap_is_told_though_it_could_not_be_written_at_first(file, said, monkeypatch):
+def test_gap_is_recorded_although_its_first_writes_failed(file, said, monkeypatch):
     monkeypatch.setattr(journals, "MOST_WAITING", 100)
     monkeypatch.setattr(journals, "ROWS_A_COMMIT", 50)
     broken, tried, add = threading.Event(), [], store.Store.add
@@ -144,7 +144,7 @@ def test_a_gap_is_told_though_it_could_not_be_written_at_first(file, said, monke
     broken.set()
     for first in range(1, 201, 50):
         journal.add_values([value(n) for n in range(first, first + 50)])
-    # The gap was part of several batches that failed, and nothing was dropped since.
+    # The gap was in several failed batches, and nothing has been dropped since.
     until(lambda: len(tried) >= 3 and all(tried[-2:]))
     broken.clear()
     until(lambda: journal.written == 101)
@@ -155,8 +155,11 @@ def test_a_gap_is_told_though_it_could_not_be_written_at_first(file, said, monke
     assert gap.note == "values were lost, because of the history's file: disk I/O error"
 
 
-def test_what_was_rolled_back_is_not_taken_for_known(file):
-    """A quantity and a remark that came with a value which no database can hold are written with the next one."""
+def test_quantity_and_text_of_a_rolled_back_batch_are_written_again(file):
+    """A batch fails at a value that cannot be stored.
+
+    The new quantity and text of that batch must be written again with the next value.
+    """
     with closing(store.Store(file)) as opened:
         opened.add([value(1, name="new", text="a text"), value(2, name="new", time_s=float("nan"))], [])
         opened.add([value(3, name="new", text="a text")], [])
@@ -164,8 +167,8 @@ def test_what_was_rolled_back_is_not_taken_for_known(file):
         assert [(each.raw, each.text) for each in history.values("pump", "new")] == [(1, "a text"), (3, "a text")]
 
 
-def test_a_file_that_may_not_grow_any_further(file, said):
-    """As a full disk, by the operating system's own word."""
+def test_file_size_limit_of_the_system_loses_no_value(file, said):
+    """The operating system refuses to let the file grow, as on a full disk."""
     journal = Journal(file, tell=said.append)
     journal.add_values([value(n) for n in range(100)])
     until(lambda: journal.written == 100)
@@ -182,7 +185,7 @@ def test_a_file_that_may_not_grow_any_further(file, said):
     assert journal.missing == 0
 
 
-def test_a_disk_that_hangs_holds_nobody_up(file, said, monkeypatch):
+def test_hanging_disk_does_not_block_the_caller(file, said, monkeypatch):
     goes_on = threading.Event()
     add = store.Store.add
     monkeypatch.setattr(store.Store, "add", lambda *given: goes_on.wait(30) and add(*given))
@@ -201,7 +204,7 @@ def test_a_disk_that_hangs_holds_nobody_up(file, said, monkeypatch):
     assert numbers(file) == list(range(1, 100))
 
 
-def test_a_disk_that_is_full_when_the_server_starts(file, said, monkeypatch):
+def test_full_disk_at_the_start_delays_only_the_history(file, said, monkeypatch):
     begin = journals.Store
     full = [True]
 
@@ -223,7 +226,7 @@ def test_a_disk_that_is_full_when_the_server_starts(file, said, monkeypatch):
 
 
 @pytest.mark.parametrize("damage", [b"no database at all" * 1000, b"SQLite format 3\0" + b"\xff" * 9000])
-def test_a_damaged_file_goes_aside_when_the_server_starts(file, said, damage):
+def test_damaged_file_is_renamed_at_the_start(file, said, damage):
     file.write_bytes(damage)
     journal = Journal(file, tell=said.append)
     journal.add_values([value(1)])
@@ -235,7 +238,7 @@ def test_a_damaged_file_goes_aside_when_the_server_starts(file, said, damage):
 
 
 @pytest.mark.soak
-def test_a_file_that_is_damaged_while_it_is_written_goes_aside(file, said):
+def test_file_damaged_while_open_is_renamed(file, said):
     journal = Journal(file, tell=said.append)
     journal.add_values([value(n) for n in range(20_000)])
     until(lambda: journal.written == 20_000)
@@ -253,7 +256,7 @@ def test_a_file_that_is_damaged_while_it_is_written_goes_aside(file, said):
     assert "is damaged; it is kept as" in said[0]
 
 
-def test_a_database_of_another_program_is_left_alone(file):
+def test_database_of_another_program_is_refused_and_unchanged(file):
     connection = sqlite3.connect(file)
     connection.execute("CREATE TABLE precious (x)")
     connection.close()
@@ -265,7 +268,7 @@ def test_a_database_of_another_program_is_left_alone(file):
 
 @pytest.mark.skipif(os.name != "posix", reason="Windows has no such permissions")
 @pytest.mark.parametrize("before", [None, 0o644, 0o660])
-def test_a_history_is_not_for_others_wherever_it_lies(tmp_path, before):
+def test_history_files_are_not_accessible_to_other_users(tmp_path, before):
     file = tmp_path / "history.sqlite"
     if before is not None:
         with closing(open_for_writing(file)):
@@ -282,21 +285,21 @@ def test_a_history_is_not_for_others_wherever_it_lies(tmp_path, before):
     assert modes == {"history.sqlite": kept, "history.sqlite-wal": kept, "history.sqlite-shm": kept}
 
 
-def test_a_folder_that_cannot_be_written(tmp_path):
+def test_history_below_a_file_instead_of_a_folder_is_refused(tmp_path):
     (tmp_path / "no folder").write_text("")
     with pytest.raises(FileFormatError, match=r"history\.sqlite: cannot be written as a history: "):
         Journal(tmp_path / "no folder" / "history.sqlite")
 
 
 @pytest.mark.skipif("os.getuid() == 0", reason="root may write everywhere")
-def test_a_folder_without_the_right_to_write(tmp_path):
+def test_history_in_a_read_only_folder_is_refused(tmp_path):
     tmp_path.chmod(0o500)
     with pytest.raises(FileFormatError, match="cannot be written as a history: unable to open database file"):
         Journal(tmp_path / "history.sqlite")
     tmp_path.chmod(0o700)
 
 
-def test_the_second_process_refuses_and_the_first_goes_on(file):
+def test_second_writer_is_refused_and_the_first_continues(file):
     journal = Journal(file)
     program = f"from pathlib import Path; from drivecomm.server.history import Journal; Journal(Path({str(file)!r}))"
     second = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
@@ -309,7 +312,7 @@ def test_the_second_process_refuses_and_the_first_goes_on(file):
     Journal(file).close()
 
 
-def test_limits_that_make_no_sense(file):
+def test_history_refuses_invalid_limits(file):
     for limits in ({"days": 0}, {"megabytes": 1}):
         with pytest.raises(UsageError, match="a history keeps more than 0 days and at least 10 megabytes"):
             Journal(file, **limits)

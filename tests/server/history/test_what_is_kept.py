@@ -1,4 +1,4 @@
-"""What goes into a history comes out of it: exactly, in order, by quantity and time."""
+"""Values, events and commands are read from a history exactly as written: in order, by quantity and time."""
 
 import sqlite3
 import subprocess
@@ -22,7 +22,7 @@ def file(tmp_path):
 
 
 def kept(file, *batches, events=()):
-    """Write these batches, each by itself, and read the history."""
+    """Write each batch in one call, and return the history opened for reading."""
     journal = Journal(file)
     for batch in batches:
         journal.add_values(batch)
@@ -38,7 +38,7 @@ def small_segments(monkeypatch):
 
 
 def written(file, values, *, at_once=5):
-    """Write values and make segments of them whenever there are enough."""
+    """Write values, and convert them to segments whenever enough have gathered."""
     one = store.Store(file)
     for first in range(0, len(values), at_once):
         one.add(values[first : first + at_once], [])
@@ -65,7 +65,7 @@ def written(file, values, *, at_once=5):
         ("", 0),
     ],
 )
-def test_a_value_comes_back_exactly(file, number, raw):
+def test_value_is_read_back_exactly(file, number, raw):
     with kept(file, [value(1, value=number, raw=raw)]) as history:
         (back,) = history.values()
     assert str(back.value) == str(number)
@@ -73,7 +73,7 @@ def test_a_value_comes_back_exactly(file, number, raw):
     assert type(back.raw) is type(raw)
 
 
-def test_all_that_was_known_of_a_value(file):
+def test_all_fields_of_a_value_are_stored(file):
     state = value(1, name="status", value="fault", raw=8, text="F0507 overcurrent", unit="", parameter="", note="n")
     with kept(file, [state]) as history:
         (back,) = history.values("pump", "status")
@@ -88,7 +88,7 @@ def test_all_that_was_known_of_a_value(file):
     }  # fmt: skip
 
 
-def test_what_was_not_read_says_why_and_a_stale_value_when_it_was_read(file):
+def test_bad_value_has_its_cause_and_stale_value_its_read_time(file):
     stale = value(5, quality="stale", cause="no reply", time_s=NOON + 5)
     old = read_at(stale, NOON + 2)
     with kept(file, [value(6, quality="bad", cause="silent"), old]) as history:
@@ -108,7 +108,7 @@ def replace_time(reading, time_s):
 
 
 @pytest.mark.usefixtures("small_segments")
-def test_a_quantity_between_two_times_whatever_segments_it_is_in(file):
+def test_values_of_a_quantity_are_selected_by_time_across_segments(file):
     values = [value(n // 2, drive=("pump", "fan")[n % 2], value=Decimal(n)) for n in range(104)]
     written(file, values)
     with History(file) as history:
@@ -121,7 +121,7 @@ def test_a_quantity_between_two_times_whatever_segments_it_is_in(file):
 
 
 @pytest.mark.usefixtures("small_segments")
-def test_texts_and_notes_of_every_segment(file):
+def test_texts_and_notes_are_stored_in_every_segment(file):
     values = [
         value(n, text=f"t{n % 7}", note=("", "why")[n % 2], quality=("good", "uncertain")[n % 2]) for n in range(47)
     ]
@@ -133,7 +133,7 @@ def test_texts_and_notes_of_every_segment(file):
 
 
 @pytest.mark.usefixtures("small_segments")
-def test_since_a_row_goes_on_over_segments_and_over_what_is_written_meanwhile(file):
+def test_reading_since_a_row_continues_over_segments_and_new_rows(file):
     written(file, [value(n) for n in range(33)])
     with History(file) as history:
         begun = history.since(11)
@@ -145,7 +145,7 @@ def test_since_a_row_goes_on_over_segments_and_over_what_is_written_meanwhile(fi
 
 
 @pytest.mark.usefixtures("small_segments")
-def test_rows_count_on_when_the_file_is_opened_again(file):
+def test_row_numbers_continue_after_reopening(file):
     for _ in range(3):
         written(file, [value(n) for n in range(10)])
     with History(file) as history:
@@ -153,8 +153,8 @@ def test_rows_count_on_when_the_file_is_opened_again(file):
 
 
 @pytest.mark.usefixtures("small_segments")
-def test_the_clock_is_set_back_an_hour(file):
-    """Nothing is lost: rows are in the order in which they came, points in the order of the clock."""
+def test_clock_set_back_an_hour_loses_no_value(file):
+    """Rows stay in order of arrival, and points are in order of their time."""
     values = [value(n, value=Decimal(n)) for n in range(25)]
     values += [value(n, value=Decimal(n), time_s=NOON - 3600 + n) for n in range(25, 60)]
     written(file, values)
@@ -168,7 +168,7 @@ def test_the_clock_is_set_back_an_hour(file):
     assert [each.value for each in before_noon] == list(range(25, 60))
 
 
-def test_points_keep_what_stands_out(file):
+def test_points_of_a_plot_keep_extremes_and_gaps(file):
     values = [value(n, value=Decimal(n % 10)) for n in range(5000)]
     values[1234] = value(1234, value=Decimal(99))
     values[3333] = value(3333, value=Decimal(-99))
@@ -202,7 +202,7 @@ def test_few_values_are_all_points_of_a_plot(file):
 
 
 @pytest.mark.usefixtures("small_segments")
-def test_what_there_is(file):
+def test_history_lists_drives_and_quantities_and_suggests_names(file):
     written(file, [value(1), value(2, drive="fan"), value(3, name="output_current", unit="A", parameter="211")] * 11)
     with History(file) as history:
         assert history.drives() == ["pump", "fan"]
@@ -219,8 +219,8 @@ def test_what_there_is(file):
 
 
 @pytest.mark.usefixtures("small_segments")
-def test_the_latest_of_each(file):
-    # One that was read long ago, one that is there no more, and one that has just come.
+def test_latest_value_of_each_quantity(file):
+    # A value of an old drive, an older value of the pump, and one just written.
     values = [value(1, drive="old"), *[value(n) for n in range(40)], value(50, quality="bad", cause="silent")]
     written(file, values)
     with History(file) as history:
@@ -230,7 +230,7 @@ def test_the_latest_of_each(file):
         assert [each.drive for each in history.latest("old")] == ["old"]
 
 
-def test_events_by_drive_kind_and_time(file):
+def test_events_are_selected_by_drive_kind_and_time(file):
     events = [event(n, f"e{n}", drive=("pump", "fan")[n % 2], kind=("fault", "silent")[n % 2]) for n in range(20)]
     with kept(file, events=events) as history:
         assert [each.event for each in history.events()] == events
@@ -238,7 +238,7 @@ def test_events_by_drive_kind_and_time(file):
         assert [each.event for each in history.events("fan", "silent", NOON + 2, NOON + 5)] == [events[3], events[5]]
 
 
-def test_commands_and_what_came_of_them(file):
+def test_commands_are_stored_with_their_outcomes(file):
     mary = Caller(name="mary", role=Role.OPERATE, door="http")
     journal = Journal(file)
     asked = Command(drive="pump", verb="set_reference", arguments={"percent": Decimal("40.0")})
@@ -256,7 +256,7 @@ def test_commands_and_what_came_of_them(file):
         assert history.commands("fan") == [failed]
 
 
-def test_what_a_drive_remembers_of_its_faults(file):
+def test_fault_log_of_a_drive_is_stored(file):
     journal = Journal(file)
     read = [Reading(parameter=f"15-30[{n}]", value=code, raw=code, text=f"A{code}") for n, code in enumerate((14, 7))]
     journal.add_fault_log("pump", read, time_s=NOON)
@@ -267,7 +267,7 @@ def test_what_a_drive_remembers_of_its_faults(file):
     assert (older.place, older.text, older.time_s) == (2, "A7", NOON)
 
 
-def test_what_no_database_can_hold_costs_nothing_else(file):
+def test_value_that_cannot_be_stored_does_not_affect_others(file):
     nowhen = value(2, time_s=float("nan"))
     with kept(file, [value(1), nowhen, value(3, name="other")], events=[event(1), event(2, text="\ud800")]) as history:
         assert [each.raw for each in history.values()] == [1, 3]
@@ -275,7 +275,7 @@ def test_what_no_database_can_hold_costs_nothing_else(file):
         assert len(history.quantities()) == 2
 
 
-def test_it_is_read_while_it_is_written(file):
+def test_history_is_readable_while_it_is_written(file):
     journal = Journal(file)
     with History(file) as history:
         assert list(history.values()) == []
@@ -284,7 +284,7 @@ def test_it_is_read_while_it_is_written(file):
         assert [each.value for each in history.values()] == [Decimal("0.01")]
 
 
-def test_it_is_read_where_nothing_can_be_written(file, tmp_path):
+def test_history_is_readable_in_a_read_only_folder(file, tmp_path):
     kept(file, [value(1)]).close()
     for name in ("history.sqlite-wal", "history.sqlite-shm"):
         (tmp_path / name).unlink(missing_ok=True)
@@ -298,7 +298,7 @@ def test_it_is_read_where_nothing_can_be_written(file, tmp_path):
 
 
 @pytest.mark.parametrize("content", [b"", b"time,drive\n" * 100, "other"])
-def test_what_is_no_history_is_said_so(file, content):
+def test_other_file_is_refused_as_a_history(file, content):
     if content == "other":
         sqlite3.connect(file).execute("CREATE TABLE x (y)").connection.close()
     else:
@@ -307,12 +307,12 @@ def test_what_is_no_history_is_said_so(file, content):
         History(file)
 
 
-def test_there_is_no_such_history(file):
+def test_missing_history_is_reported(file):
     with pytest.raises(FileFormatError, match="there is no such history"):
         History(file)
 
 
-def test_one_of_a_newer_drivecomm_is_left_alone(file):
+def test_history_of_a_newer_version_is_refused_and_unchanged(file):
     kept(file, [value(1)]).close()
     connection = schema.open_for_writing(file)
     connection.execute("PRAGMA user_version = 2")
@@ -325,13 +325,13 @@ def test_one_of_a_newer_drivecomm_is_left_alone(file):
 
 
 @pytest.mark.soak
-def test_a_row_is_small(file, monkeypatch):
+def test_stored_value_takes_less_than_30_bytes(file, monkeypatch):
     monkeypatch.setattr(store, "ROWS_A_SEGMENT", 4_000)
     written(file, [value(n % 5000, name=f"q{n % 200}", time_s=NOON + n / 2000) for n in range(40_000)], at_once=4000)
     assert file.stat().st_size / 40_000 < 30
 
 
-def test_a_program_that_only_reads_loads_no_more_than_it_needs(file):
+def test_reading_a_history_does_not_import_asyncio_or_serial(file):
     kept(file, [value(1)]).close()
     program = (
         "import sys; from drivecomm.server.history import History; print({'asyncio', 'serial'} & set(sys.modules))"
@@ -339,7 +339,7 @@ def test_a_program_that_only_reads_loads_no_more_than_it_needs(file):
     assert subprocess.check_output([sys.executable, "-c", program], text=True).strip() == "set()"
 
 
-def test_the_latest_fault_log_of_each_drive(file):
+def test_latest_fault_log_of_each_drive_is_found(file):
     assert remembered_faults(file) == {}
 
     def entry(value):

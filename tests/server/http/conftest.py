@@ -1,4 +1,4 @@
-"""Doors that serve a played plant."""
+"""Doors that serve a fake plant."""
 
 import pytest
 from fake_plant import Client, FakeHistory, FakePlant, FakeUsers, served

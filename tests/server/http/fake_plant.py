@@ -1,4 +1,4 @@
-"""A plant that is played, and doors that serve it in threads of their own, as the server runs them."""
+"""A fake plant, and doors that serve it in separate threads, as the server runs them."""
 
 import asyncio
 import contextlib
@@ -41,7 +41,7 @@ def counted(reply_s, counters):
 
 
 class FakeChanges:
-    """Coalesces per value, as the server does."""
+    """Changes of the fake plant, merged per value as in the server."""
 
     def __init__(self, plant):
         self._plant = plant
@@ -71,7 +71,7 @@ class FakeChanges:
 
 
 class FakeUsers:
-    """anna views, otto operates, carl commissions; their tokens are their names twice."""
+    """Users anna (view), otto (operate) and carl (commission); each token is the name written twice."""
 
     def __init__(self):
         self.roles = {"anna": Role.VIEW, "otto": Role.OPERATE, "carl": Role.COMMISSION}
@@ -188,7 +188,7 @@ class FakePlant:
     def events(self):
         return list(self.happened)
 
-    def changes(self, every_s=0.0):  # noqa: ARG002 - every change, whoever is in haste
+    def changes(self, every_s=0.0):  # noqa: ARG002 - reports every change immediately
         changes = FakeChanges(self)
         self.listeners.add(changes)
         return changes
@@ -278,7 +278,7 @@ class FakePlant:
         yield {"line": line, "what": what, "choices": dict(choices)}
 
     def change(self, *values, events=()):
-        """Let values change and events happen."""
+        """Publish changed values and new events."""
         self.current.update({(each.drive, each.name): each for each in values})
         self.happened.extend(events)
         for each in list(self.listeners):
@@ -290,7 +290,7 @@ class FakePlant:
 
 @contextlib.contextmanager
 def served(door, plant):
-    """Run a door in a thread and a loop of its own; gives what stops it."""
+    """Run a door in a thread with its own event loop; yield its state, whose `end` stops it."""
     opened, found = threading.Event(), SimpleNamespace(error=None, ended_s=None, loop=None)
 
     async def run():
@@ -302,7 +302,7 @@ def served(door, plant):
             asyncio.run(run())
         except asyncio.CancelledError:
             pass
-        except BaseException as error:  # noqa: BLE001 - the test is to see it
+        except BaseException as error:  # noqa: BLE001 - the test checks the exception
             found.error = error
         opened.set()
 
@@ -330,7 +330,7 @@ def served(door, plant):
 
 
 class Client:
-    """Asks one door, over TCP or its unix socket."""
+    """Client of one door, over TCP or its unix socket."""
 
     def __init__(self, door, token="", **headers):
         self._door = door
@@ -377,7 +377,7 @@ class Client:
 
 
 class EventSource:
-    """What comes on a stream, message by message."""
+    """Messages of an event stream, one by one."""
 
     def __init__(self, connected):
         self.socket = connected
@@ -396,7 +396,7 @@ class EventSource:
         return self._file.readline()
 
     def next(self, kind=None):
-        """Return the name, the content and the id of the next message (of this kind)."""
+        """Return name, content and id of the next message, or of the next one of this kind."""
         while True:
             while b"\n\n" not in self._text:
                 size = self._file.readline()

@@ -1,4 +1,4 @@
-"""Commands a drive by a client that openapi-python-client made of the server's own description, the package `hall`."""
+"""Commands to a drive by `hall`, a client that openapi-python-client generated from the server's description."""
 
 import json
 import sys

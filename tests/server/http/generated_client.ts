@@ -1,4 +1,4 @@
-// Commands a drive by a client that openapi-typescript made of the server's own description.
+// Sends commands to a drive by a client that openapi-typescript generated from the server's description.
 import createClient from "openapi-fetch";
 import type { components, paths } from "./api.js";
 

@@ -27,7 +27,7 @@ def otto(door):
     return Client(door, "ottootto")
 
 
-def test_the_plant(local):
+def test_plant_endpoint(local):
     found = local.get("/api/v1/plant").content
     assert found["name"] == "hall 2"
     assert found["session"] == "blue-otter-17"
@@ -38,7 +38,7 @@ def test_the_plant(local):
     assert found["alarms"] == 1
 
 
-def test_drives(local, plant):
+def test_drives_endpoint_shows_state_rights_and_values(local, plant):
     plant.change(value("pump", amount="10.00"))
     plant.states["fan"] = replace(
         plant.states["fan"],
@@ -68,7 +68,7 @@ def test_drives(local, plant):
     assert pump == {**local.get("/api/v1/drives/pump").content, "age_s": pump["age_s"], "values": pump["values"]}
 
 
-def test_drift(local, plant):
+def test_drift_endpoint_shows_changes_since_the_baseline(local, plant):
     change = SetChange(
         address="420", name="acceleration", unit="s", approved=Decimal("5.00"), now=Decimal("7.50"), since_s=60.0
     )
@@ -95,7 +95,7 @@ def test_drift(local, plant):
     assert local.get("/api/v1/drives/pumq/drift").status == 404
 
 
-def test_drives_tell_their_groups_as_the_plant_has_them_now(local, plant):
+def test_drives_show_their_present_groups(local, plant):
     def change(**groups):
         drives = tuple(replace(each, groups=groups.get(each.name, ())) for each in plant.plant.drives)
         plant.plant = replace(plant.plant, drives=drives)
@@ -120,7 +120,7 @@ def test_drives_of_an_unknown_group_are_not_found(local, plant, group):
     assert "t has wet" in found.content["error"]["text"]
 
 
-def test_values(local, plant):
+def test_values_endpoint_shows_reading_and_age(local, plant):
     plant.change(value("pump", amount="10.00"), value("fan", quality="bad"))
     pump, fan = local.get("/api/v1/values").content
     assert pump["reading"]["value"] == Decimal("10.00")
@@ -129,14 +129,14 @@ def test_values(local, plant):
     assert fan["age_s"] is None
 
 
-def test_a_drive_that_is_not_there(local):
+def test_unknown_drive_gives_404_with_a_suggestion(local):
     found = local.get("/api/v1/drives/pumq")
     assert found.status == 404
     assert found.content["error"]["kind"] == "UsageError"
     assert "did you mean 'pump'?" in found.content["error"]["text"]
 
 
-def test_a_verb(otto, door, plant):
+def test_verb_is_sent_to_the_plant_and_its_result_returned(otto, door, plant):
     found = otto.post("/api/v1/drives/pump/read", id="1", arguments={"parameter": "481", "limit": 10.10})
     assert found.status == 200
     assert found.content["outcome"] == "done"
@@ -159,7 +159,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("error", "outcome", "status"), REFUSED, ids=lambda each: str(getattr(each, "args", each)))
-def test_command_that_is_not_done_has_a_status_that_says_so(door, plant, error, outcome, status):
+def test_failed_command_gives_a_matching_status(door, plant, error, outcome, status):
     plant.answers["otto", "1"] = Answer(id="1", outcome=outcome, error=error)
     found = Client(door, "ottootto").post("/api/v1/drives/pump/write", id="1")
     assert (found.status, found.content["status"]) == (status, status)
@@ -171,7 +171,7 @@ def test_command_that_is_not_done_has_a_status_that_says_so(door, plant, error, 
 
 
 @pytest.mark.skipif(not shutil.which("curl"), reason="curl is not installed")
-def test_curl_fails_for_a_start_that_is_refused(door, plant):
+def test_curl_fails_for_a_refused_start(door, plant):
     def fails(token, verb):
         place = f"http://127.0.0.1:{door.port}/api/v1/drives/pump/{verb}"
         command = ["curl", "-sf", "-H", f"Authorization: Bearer {token}", "-d", f'{{"id": "{verb}"}}', place]
@@ -182,7 +182,7 @@ def test_curl_fails_for_a_start_that_is_refused(door, plant):
     assert plant.acted == ["start"]
 
 
-def test_the_stream(local, plant):
+def test_stream_sends_values_and_events(local, plant):
     with local.stream() as stream:
         assert stream.next().data["session"] == "blue-otter-17"
         assert {each["drive"] for each in stream.next("values").data} == {"pump", "fan"}
@@ -208,18 +208,18 @@ def lines_of(answer):
         ("GET", "statistics", {}),
     ],
 )
-def test_what_is_asked_of_a_whole_line(local, method, what, choices):
+def test_line_examination_passes_its_choices(local, method, what, choices):
     found = local.ask(method, f"/api/v1/lines/main/{what}", choices or None)
     assert lines_of(found) == [{"line": "main", "what": what, "choices": choices}]
 
 
-def test_what_a_line_cannot_be_asked(local):
+def test_invalid_line_examination_is_refused(local):
     found = lines_of(local.post("/api/v1/lines/main/scan", only=["nonsense"]))
     assert found[0]["error"]["text"] == "there is no protocol 'nonsense'"
     assert local.post("/api/v1/lines/mein/scan").status == 404
 
 
-def test_a_motor_that_is_kept(local, plant):
+def test_keep_command_and_its_events(local, plant):
     body = {"id": "1", "lease": "", "policy": "ramp", "watchdog_s": 3, "percent": 50}
     assert local.post("/api/v1/drives/pump/keep", **body).content["outcome"] == "done"
     command = plant.commands[0][1]
@@ -229,13 +229,13 @@ def test_a_motor_that_is_kept(local, plant):
     assert [each["done"] for each in found] == [False, False, True]
 
 
-def test_a_drive_that_the_plant_does_not_have(local, plant):
+def test_local_door_commands_a_drive_outside_the_plant(local, plant):
     local.post("/api/v1/lines/main/drives/vabus:9/status")
     command = plant.commands[0][1]
     assert (command.drive, command.line, command.verb) == ("vabus:9", "main", "status")
 
 
-def test_stop_all(local, plant):
+def test_stop_endpoint_stops_all_drives_of_lines(local, plant):
     found = local.post("/api/v1/stop", how="coast", lines=["main"])
     assert [(each["drive"], each["outcome"], each["how"]) for each in found.content] == [
         ("pump", "done", "coast"), ("fan", "done", "coast"),
@@ -244,13 +244,13 @@ def test_stop_all(local, plant):
     assert local.post("/api/v1/stop", how="quickly").status == 422
 
 
-def test_alarms(local):
+def test_alarms_endpoint_lists_and_acknowledges(local):
     assert local.get("/api/v1/alarms").content[0]["id"] == "pump-fault"
     assert local.post("/api/v1/alarms/pump-fault/acknowledge").content["id"] == "pump-fault"
     assert local.post("/api/v1/alarms/other/acknowledge").status == 422
 
 
-def test_history(local, plant):
+def test_history_endpoint_gives_points_and_events(local, plant):
     path = "/api/v1/history?drive=pump&name=output_frequency&from=10&to=20.5"
     assert local.get(path).content["points"] == [[10, Decimal("10.5"), "good"], [Decimal("20.5"), None, "bad"]]
     assert local.get("/api/v1/history/events?kind=fault&limit=5").content[0]["number"] == 7
@@ -260,12 +260,12 @@ def test_history(local, plant):
     assert "history = false" in local.get(path).content["error"]["text"]
 
 
-def test_the_latest_events(local, plant):
+def test_events_endpoint_gives_the_latest_up_to_its_limit(local, plant):
     plant.change(events=[plant.event(number) for number in range(1, 6)])
     assert [each["number"] for each in local.get("/api/v1/events?limit=2").content] == [4, 5]
 
 
-def test_a_lease(local, plant):
+def test_lease_is_acquired_renewed_and_released(local, plant):
     taken = local.post("/api/v1/drives/pump/lease", seconds=5).content
     assert taken["yours"] is True
     assert local.ask("PUT", "/api/v1/drives/pump/lease", {"key": taken["key"], "seconds": 9}).content["key"]

@@ -1,4 +1,4 @@
-"""The JSON of a value is made in pieces that are kept; it says the same as the value itself, field by field."""
+"""JSON of a value, assembled from cached pieces; it equals the JSON of the whole value, field by field."""
 
 from dataclasses import fields, replace
 from decimal import Decimal
@@ -24,7 +24,7 @@ values = st.builds(
 
 
 @given(values)
-def test_every_field_of_a_value_is_said_as_it_is_everywhere(value):
+def test_value_head_equals_the_json_of_the_whole_value(value):
     whole = {
         "drive": value.drive,
         "name": value.name,
@@ -37,13 +37,13 @@ def test_every_field_of_a_value_is_said_as_it_is_everywhere(value):
     assert value_head(value) + "}" == json_text(whole)
 
 
-def test_no_field_of_a_reading_is_left_out():
+def test_value_head_has_every_field_of_a_reading():
     reading = Reading(parameter="1", value=Decimal("5.0"), raw=50)
     said = value_head(CurrentValue(time_s=1.0, drive="pump", name="1", reading=reading, quality="good"))
     assert all(f'"{field.name}":' in said for field in fields(Reading))
 
 
-def test_frequency_of_a_machine_has_its_speed_too():
+def test_frequency_of_a_machine_also_has_its_machine_speed():
     reading = Reading(parameter="1", value=Decimal("10.00"), raw=50, unit="Hz", name="output_frequency")
     belt = MachineUnit(unit="m/min", per_hz="1.25")
     value = CurrentValue(time_s=1.0, drive="belt", name="1", reading=reading, quality="good", machine=belt)
@@ -54,7 +54,7 @@ def test_frequency_of_a_machine_has_its_speed_too():
     assert "machine" not in value_head(replace(value, reading=None))
 
 
-def test_its_age_is_told_with_it():
+def test_aged_value_has_its_age():
     reading = Reading(parameter="1", value=5, raw=5, time_s=10.0)
     value = CurrentValue(time_s=1.0, drive="pump", name="1", reading=reading, quality="good")
     assert aged(value_head(value), value, 12.5).endswith(',"age_s":2.5}')

@@ -1,4 +1,4 @@
-"""How a door is made from its table, what it refuses to be, and how it comes and goes."""
+"""The HTTP door: its table, refused settings, start and end."""
 
 import http.client
 import os
@@ -38,7 +38,7 @@ def certificate(tmp_path):
     return files
 
 
-def test_loopback_is_the_default():
+def test_http_door_listens_on_loopback_by_default():
     assert http_door(table()).name == "http 127.0.0.1:8080"
 
 
@@ -54,7 +54,7 @@ def test_loopback_is_the_default():
         ({"names": [1]}, 'write names = ["drives.example.com"]'),
     ],
 )
-def test_tables_that_cannot_be(content, text):
+def test_invalid_door_table_is_refused(content, text):
     with pytest.raises(FileFormatError) as caught:
         http_door(table(**content))
     assert text in str(caught.value)
@@ -66,7 +66,7 @@ def test_tables_that_cannot_be(content, text):
     ["0.0.0.0:0", "[::]:0", "192.168.1.2:0", "plant.example:0"],
     ids=["every-address", "every-address-of-6", "one", "a-name"],
 )
-def test_the_network_needs_tls_and_users(listen, certificate):
+def test_network_address_needs_tls_and_users(listen, certificate):
     with pytest.raises(FileFormatError, match=r"certificate = and key =, .*, or spell out insecure = true"):
         http_door(table(listen=listen))
     door = http_door(table(listen=listen, certificate=str(certificate[0]), key=str(certificate[1])))
@@ -74,14 +74,14 @@ def test_the_network_needs_tls_and_users(listen, certificate):
         pass
 
 
-def test_insecure_is_spelt_out():
+def test_insecure_door_still_refuses_anonymous_callers():
     door = http_door(table(listen="0.0.0.0:0", insecure=True))
     with served(door, FakePlant()):
-        # Even then, nobody is let in who does not say who they are, unless that is written, too.
+        # Anonymous callers stay locked out unless `anonymous` admits them.
         assert Client(door).get("/api/v1/plant").status == 401
 
 
-def test_whom_a_door_lets_look(plant):
+def test_anonymous_callers_view_only_if_the_door_says_so(plant):
     with served(door := http_door(table(listen="127.0.0.1:0", anonymous="nobody")), FakePlant()):
         assert Client(door).get("/api/v1/plant").status == 401
     with served(door := http_door(table(listen="127.0.0.1:0", anonymous="view")), plant):
@@ -90,7 +90,7 @@ def test_whom_a_door_lets_look(plant):
         }  # fmt: skip
 
 
-def test_tls(plant, certificate):
+def test_http_door_serves_over_tls(plant, certificate):
     door = http_door(table(listen="127.0.0.1:0", certificate=str(certificate[0]), key=str(certificate[1])))
     context = ssl.create_default_context(cafile=str(certificate[0]))
     with served(door, plant):
@@ -104,14 +104,14 @@ def test_tls(plant, certificate):
             assert str(stream.next("values").data[0]["reading"]["value"]) == "12.5"
 
 
-def test_a_certificate_that_is_none(plant, tmp_path):
+def test_invalid_certificate_is_refused(plant, tmp_path):
     (tmp_path / "c.pem").write_text("x")
     door = http_door(table(certificate=str(tmp_path / "c.pem"), key=str(tmp_path / "c.pem"), listen="127.0.0.1:0"))
     with pytest.raises(UsageError, match="cannot be used"), served(door, plant):
         pass
 
 
-def test_a_port_that_is_taken(plant):
+def test_port_in_use_is_reported(plant):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         listen = f"127.0.0.1:{taken.getsockname()[1]}"
         refusal = pytest.raises(PortError, match=f"cannot listen on {listen}: .*; write another listen =")
@@ -119,12 +119,12 @@ def test_a_port_that_is_taken(plant):
             pass
 
 
-def test_it_is_found_by_its_kind():
+def test_http_door_has_its_entry_point():
     project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert pkgutil.resolve_name(project["entry-points"]["drivecomm.doors"]["http"]) is http_door
 
 
-def test_fastapi_is_loaded_when_a_door_runs_only():
+def test_fastapi_is_imported_only_when_a_door_runs():
     program = (
         "import sys, drivecomm, drivecomm.cli, drivecomm.server.fleet.page\n"
         "from drivecomm.server.http import check_place, files_of, guarded, http_door, own_names, serve\n"
@@ -138,7 +138,7 @@ def test_fastapi_is_loaded_when_a_door_runs_only():
     subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
 
 
-def test_the_local_door_knows_its_callers(local, plant):
+def test_local_door_names_its_callers_by_their_account(local, plant):
     import pwd
 
     name = pwd.getpwuid(os.getuid()).pw_name
@@ -147,14 +147,14 @@ def test_the_local_door_knows_its_callers(local, plant):
     assert plant.commands[0][0].name == name
 
 
-def test_only_its_owner_can_reach_the_local_door(plant, tmp_path):
+def test_local_socket_is_accessible_to_its_owner_only(plant, tmp_path):
     path = tmp_path / "hall.sock"
     with served(LocalDoor(path), plant):
         assert path.stat().st_mode & 0o777 == 0o600
     assert not path.exists()
 
 
-def test_a_socket_that_a_killed_server_left(plant, tmp_path):
+def test_socket_left_by_a_killed_server_is_replaced(plant, tmp_path):
     path = tmp_path / "hall.sock"
     with socket.socket(socket.AF_UNIX) as left:
         left.bind(str(path))
@@ -162,7 +162,7 @@ def test_a_socket_that_a_killed_server_left(plant, tmp_path):
         assert Client(path).get("/healthz").status == 200
 
 
-def test_the_local_door_without_unix_sockets(plant, tmp_path, monkeypatch):
+def test_local_door_without_unix_sockets_needs_its_token(plant, tmp_path, monkeypatch):
     monkeypatch.setattr("drivecomm.server.http.door._HAS_UNIX_SOCKETS", False)
     door = LocalDoor(tmp_path / "hall.sock")
     with served(door, plant):
@@ -171,14 +171,14 @@ def test_the_local_door_without_unix_sockets(plant, tmp_path, monkeypatch):
         assert Client(door).get("/api/v1/plant").status == 401
 
 
-def test_signals_stay_with_the_process(plant):
+def test_http_door_leaves_signal_handlers_alone(plant):
     before = [signal.getsignal(each) for each in (signal.SIGTERM, signal.SIGINT)]
     with served(http_door(table(listen="127.0.0.1:0")), plant):
         assert [signal.getsignal(each) for each in (signal.SIGTERM, signal.SIGINT)] == before
 
 
 @pytest.mark.soak
-def test_a_request_under_way_is_answered_while_the_door_ends(plant, tmp_path):
+def test_open_request_is_answered_while_the_door_closes(plant, tmp_path):
     path = tmp_path / "hall.sock"
     found = []
     with served(LocalDoor(path), plant) as running:
@@ -194,12 +194,12 @@ def test_a_request_under_way_is_answered_while_the_door_ends(plant, tmp_path):
 def _wait_ended(client):
     try:
         client.post("/api/v1/drives/pump/wait", arguments={"goal": "stopped"})
-    except (OSError, DriveCommError, Exception):  # noqa: BLE001 - whatever a client makes of it
+    except (OSError, DriveCommError, Exception):  # noqa: BLE001 - any error of the client
         return "ended"
     return "answered"
 
 
-def test_nobody_waits_for_a_client_that_has_gone(local, plant):
+def test_wait_is_cancelled_when_its_client_disconnects(local, plant):
     with local.connect() as connected:
         connected.sendall(b"POST /api/v1/drives/pump/wait HTTP/1.1\r\nHost: x\r\nContent-Length: 2\r\n\r\n{}")
         assert plant.waiting.wait(5)
@@ -207,7 +207,7 @@ def test_nobody_waits_for_a_client_that_has_gone(local, plant):
     assert plant.cancelled.wait(5)
 
 
-def test_connections_are_kept(local):
+def test_connections_are_kept_alive(local):
     connection = http.client.HTTPConnection("localhost")
     connection.sock = connected = local.connect()
     for _ in range(3):
@@ -217,13 +217,13 @@ def test_connections_are_kept(local):
     connection.close()
 
 
-def test_who_says_nothing_is_not_waited_for(plant, tmp_path, monkeypatch):
+def test_silent_connection_is_closed(plant, tmp_path, monkeypatch):
     monkeypatch.setattr("drivecomm.server.http.serving._FIRST_REQUEST_S", 0.1)
     with served(LocalDoor(tmp_path / "hall.sock"), plant), Client(tmp_path / "hall.sock").connect() as connected:
         assert connected.recv(1) == b""
 
 
-def test_readiness(local, plant):
+def test_readyz_reports_a_line_that_is_not_open(local, plant):
     assert local.get("/readyz").content == b"ready\n"
     plant.line_states = [plant.line_states[0].__class__(name="main", port="/dev/ttyUSB0", up=False)]
     found = local.get("/readyz")
@@ -231,7 +231,7 @@ def test_readiness(local, plant):
     assert local.get("/healthz").status == 200
 
 
-def test_the_page_is_asked_for_anew_and_sent_once(local):
+def test_page_is_revalidated_and_sent_once(local):
     found = local.get("/")
     assert found.headers["Content-Type"].startswith("text/html")
     assert found.headers["Cache-Control"] == "no-cache"
@@ -244,7 +244,7 @@ def operations(described):
     return {(method.upper(), path) for path, each in described["paths"].items() for method in each}
 
 
-def test_the_description_of_a_door_to_a_network_has_what_it_serves_and_needs(door):
+def test_openapi_of_a_network_door_matches_its_operations(door):
     described = Client(door).get("/openapi.json").content
     assert described == parsed(json_text(description(local=False)))
     assert operations(described) == {each for each in operations(description(local=True)) if "/lines/" not in each[1]}
@@ -258,7 +258,7 @@ def test_the_description_of_a_door_to_a_network_has_what_it_serves_and_needs(doo
         assert schema["additionalProperties"] is False
         assert not {"arm", "options", "by", "start"} & set(schema["properties"])
     assert described["components"]["schemas"]["CarryOut"]["properties"]["arguments"]["additionalProperties"] is True
-    # A client made of the description would send a default, and say more than its user has.
+    # A generated client would send a default value, which needs more rights than its user may have.
     assert "default" not in str(described["components"]["schemas"]["Keep"])
 
 
@@ -272,7 +272,7 @@ def test_the_description_of_a_door_to_a_network_has_what_it_serves_and_needs(doo
         ("/healthz", "GET, HEAD, OPTIONS"),
     ],
 )
-def test_all_methods_of_a_path_are_named(local, path, allowed):
+def test_allow_header_names_all_methods_of_a_path(local, path, allowed):
     assert (local.ask("OPTIONS", path).status, local.ask("OPTIONS", path).headers["Allow"]) == (204, allowed)
     refused = local.ask("PATCH", path)
     assert (refused.status, refused.headers["Allow"]) == (405, allowed)
@@ -280,25 +280,25 @@ def test_all_methods_of_a_path_are_named(local, path, allowed):
 
 
 @pytest.mark.parametrize("every", ["0.05", "5e-2", "3600", "0.050000"])
-def test_limits_are_taken_as_they_are_written(local, every):
+def test_stream_interval_accepts_any_number_format(local, every):
     with local.stream(f"?every={every}") as stream:
         assert stream.next().name == "hello"
 
 
 @pytest.mark.parametrize("seconds", ["0.1", "30", "30.0", "1e-1"])
-def test_a_lease_for_the_shortest_and_the_longest_time(local, seconds):
+def test_lease_accepts_its_shortest_and_longest_time(local, seconds):
     assert local.ask("POST", "/api/v1/drives/fan/lease", raw=f'{{"seconds": {seconds}}}'.encode()).status == 200
 
 
 @pytest.mark.parametrize("seconds", ["0.09999999999999999", "30.00000000000001", "0", "1e400", f"0.{'0' * 5000}1"])
-def test_a_time_beyond_the_limits_is_told_as_it_was_written(local, seconds):
+def test_lease_time_beyond_the_limits_is_refused_with_its_text(local, seconds):
     refused = local.ask("POST", "/api/v1/drives/fan/lease", raw=f'{{"seconds": {seconds}}}'.encode())
     assert refused.status == 422
     assert "Decimal" not in refused.content["error"]["text"]
     assert len(refused.content["error"]["text"]) < 150
 
 
-def test_the_description_of_the_local_door(local):
+def test_openapi_of_the_local_door(local):
     described = local.get("/openapi.json").content
     assert described == parsed(json_text(description(local=True)))
     assert described["openapi"] == "3.1.0"
@@ -323,7 +323,7 @@ ANSWERS = [
 
 
 @pytest.mark.parametrize(("method", "path"), ANSWERS)
-def test_answers_are_as_described(local, plant, method, path):
+def test_responses_match_the_openapi_description(local, plant, method, path):
     plant.history = FakeHistory()
     local.post("/api/v1/drives/fan/lease", seconds=5)
     plant.change(value("fan", quality="bad"), events=[plant.event(1)])
@@ -338,7 +338,7 @@ def test_answers_are_as_described(local, plant, method, path):
     fits(found.content, schema, described["components"]["schemas"])
 
 
-def test_problems_are_as_described(local, plant):
+def test_problems_match_the_openapi_description(local, plant):
     schemas = description(local=True)["components"]["schemas"]
     fits(local.get("/api/v1/drives/pumq").content, schemas["Problem"], schemas)
     plant.session = "green-yak-3"
@@ -348,7 +348,7 @@ def test_problems_are_as_described(local, plant):
 
 
 def fits(content, schema, schemas):
-    """Check what is described; and that nothing else is there."""
+    """Check content against its schema, and that it has no other fields."""
     if "$ref" in schema:
         return fits(content, schemas[schema["$ref"].rpartition("/")[2]], schemas)
     if "anyOf" in schema:
@@ -376,13 +376,13 @@ def fits(content, schema, schemas):
     return None
 
 
-def test_slashes_and_spaces_in_names():
+def test_drive_name_may_have_slashes_and_spaces():
     plant = FakePlant(["hall 2/pump", "fan"])
     with served(door := http_door(table(listen="127.0.0.1:0")), plant):
         assert Client(door).get("/api/v1/drives/hall%202%2Fpump").content["name"] == "hall 2/pump"
 
 
-def test_a_door_that_is_ended_while_it_opens(plant):
+def test_door_closes_while_it_is_opening(plant):
     door = HttpDoor(table(listen="127.0.0.1:0"))
     began = time.monotonic()
     with served(door, plant) as running:
@@ -390,7 +390,7 @@ def test_a_door_that_is_ended_while_it_opens(plant):
     assert time.monotonic() - began < 5
 
 
-def test_users_come_in_by_their_tokens():
+def test_users_are_authenticated_by_their_tokens():
     with served(door := http_door(table(listen="127.0.0.1:0")), FakePlant(users=FakeUsers())):
         assert Client(door).get("/api/v1/plant").status == 401
         assert Client(door, "annaanna").get("/api/v1/plant").content["you"]["role"] == "view"

@@ -1,4 +1,4 @@
-"""A door with as many connections as it may hold: who makes room for a newcomer, and who never does."""
+"""A door at its connection limit: which connections are closed for a newcomer, and which are never closed."""
 
 import contextlib
 import http.client
@@ -29,7 +29,7 @@ def stack():
 
 @pytest.fixture
 def connect(small, stack):
-    """Return what connects, and asks for a path if one is given, with a token."""
+    """Return a function that connects, and requests a path with a token if given."""
 
     def connected(path="", token="", status=200):
         one = stack.enter_context(contextlib.closing(http.client.HTTPConnection("127.0.0.1", small.port, timeout=10)))
@@ -66,9 +66,9 @@ def stops(door):
     return Client(door, "ottootto").post("/api/v1/drives/pump/stop", id="1", arguments={}).content["outcome"] == "done"
 
 
-def test_the_oldest_stranger_that_asked_makes_room_for_a_stop(small, connect):
+def test_stop_closes_the_oldest_idle_anonymous_connection(small, connect):
     idle = [connect("/healthz") for _ in range(4)]
-    # It gets no younger by that.
+    # Another request does not make the connection younger.
     asks(idle[0], "/healthz")
     assert stops(small)
     assert is_cut_off(idle[0])
@@ -77,7 +77,7 @@ def test_the_oldest_stranger_that_asked_makes_room_for_a_stop(small, connect):
 
 
 @pytest.mark.parametrize("says", [b"", b"GET / HT"], ids=["nothing", "half a request"])
-def test_the_oldest_stranger_without_a_request_makes_room_for_a_stop(small, connect, says):
+def test_stop_closes_the_oldest_connection_without_a_request(small, connect, says):
     idle = [connect() for _ in range(4)]
     for each in idle:
         each.sock.sendall(says)
@@ -87,7 +87,7 @@ def test_the_oldest_stranger_without_a_request_makes_room_for_a_stop(small, conn
     assert idle[3].sock.recv(15) == b"HTTP/1.1 200 OK"
 
 
-def test_strangers_that_stream_make_room_for_a_stop(small, stack):
+def test_stop_closes_an_anonymous_stream(small, stack):
     streams = [stack.enter_context(Client(small).stream()) for _ in range(4)]
     for each in streams:
         each.next("hello")
@@ -96,7 +96,7 @@ def test_strangers_that_stream_make_room_for_a_stop(small, stack):
         list(iter(streams[0].next, None))
 
 
-def test_users_that_stream_are_cut_off_last(small, connect, stack, plant):
+def test_streams_of_users_are_closed_last(small, connect, stack, plant):
     idle = connect("/api/v1/plant", token="annaanna")
     streams = [stack.enter_context(Client(small, "annaanna").stream()) for _ in range(3)]
     assert stops(small)
@@ -104,7 +104,7 @@ def test_users_that_stream_are_cut_off_last(small, connect, stack, plant):
     streams.append(stack.enter_context(Client(small, "annaanna").stream()))
     for each in streams:
         each.next("values")
-    # One of them only, whoever else comes.
+    # Only one stream is closed, however many others connect.
     strangers = [connect() for _ in range(3)]
     assert stops(small)
     assert all(map(is_cut_off, strangers))
@@ -114,7 +114,7 @@ def test_users_that_stream_are_cut_off_last(small, connect, stack, plant):
     assert [each.next("values").data[0]["reading"]["value"] for each in streams[1:]] == [7] * 3
 
 
-def test_commands_that_are_under_way_are_never_cut_off(small, connect, plant):
+def test_connection_with_a_running_command_is_never_closed(small, connect, plant):
     waiting = [connect() for _ in range(4)]
     for number, each in enumerate(waiting):
         body = json.dumps({"id": f"w{number}", "arguments": {}})
@@ -127,7 +127,7 @@ def test_commands_that_are_under_way_are_never_cut_off(small, connect, plant):
     assert [each.sock.fileno() >= 0 for each in waiting[1:]] == [True] * 3
 
 
-def test_who_gives_a_wrong_token_stays_a_stranger(small, connect):
+def test_connection_with_a_wrong_token_counts_as_anonymous(small, connect):
     guessing = [connect("/api/v1/plant", token="wrong", status=401) for _ in range(4)]
     assert stops(small)
     assert is_cut_off(guessing[0])

@@ -1,4 +1,4 @@
-"""Clients that generators of others make of a server's description compile, and command a drive over a connection."""
+"""Clients made from the server's description by third-party generators compile, and command a drive."""
 
 import json
 import os
@@ -59,7 +59,7 @@ def check_motor(server, printed):
 
 @pytest.fixture
 def node_modules():
-    """The folder of Node packages, where it has the generator of TypeScript."""
+    """Return the folder of Node packages; skip the test unless it has the TypeScript generator."""
     found = Path(os.environ.get("DRIVECOMM_NODE_MODULES", ""))
     needed = ("openapi-typescript", "openapi-fetch", "typescript")
     if not shutil.which("node") or not all((found / each).is_dir() for each in needed):

@@ -1,4 +1,4 @@
-"""What Prometheus gets: names and units by its rules, nothing that is stale, and nothing that has to be asked for."""
+"""Metrics for Prometheus: names and units by its rules, no stale values, and no reads on the line."""
 
 import json
 import shutil
@@ -32,7 +32,7 @@ def scraped(client):
     return samples(answer.content)
 
 
-def test_units_of_prometheus(local, plant):
+def test_metrics_use_base_units(local, plant):
     plant.change(
         value("pump", "output_frequency", "49.98", "Hz"),
         value("pump", "torque_percent", "80", "%"),
@@ -52,14 +52,14 @@ def test_units_of_prometheus(local, plant):
 
 
 @pytest.mark.parametrize("quality", ["stale", "bad"])
-def test_what_is_stale_is_left_out(local, plant, quality):
+def test_metrics_omit_stale_and_bad_values(local, plant, quality):
     plant.change(value("pump", quality=quality))
     found = scraped(local)
     assert 'drivecomm_output_frequency_hertz{drive="pump",line="main"}' not in found
     assert 'drivecomm_output_frequency_hertz{drive="fan",line="main"}' in found
 
 
-def test_what_has_become_too_old_is_left_out(local, plant):
+def test_metrics_omit_expired_values(local, plant):
     old = reading(time_s=time.time() - 60)
     plant.change(
         CurrentValue(time_s=1.0, drive="pump", name="output_frequency", reading=old, quality="good", keeps_s=3.0)
@@ -67,12 +67,12 @@ def test_what_has_become_too_old_is_left_out(local, plant):
     assert 'drivecomm_output_frequency_hertz{drive="pump",line="main"}' not in scraped(local)
 
 
-def test_a_value_in_another_unit_is_left_out(local, plant):
+def test_metrics_omit_a_value_in_an_unexpected_unit(local, plant):
     plant.change(value("pump", "output_frequency", "1200", "rpm"))
     assert 'drivecomm_output_frequency_hertz{drive="pump",line="main"}' not in scraped(local)
 
 
-def test_quality_of_every_value_is_a_label(local, plant):
+def test_metrics_label_the_quality_of_every_value(local, plant):
     old = reading(time_s=time.time() - 60)
     plant.change(
         value("fan"),
@@ -87,7 +87,7 @@ def test_quality_of_every_value_is_a_label(local, plant):
     } <= found
 
 
-def test_remark_of_the_model_is_a_label_beside_a_good_value(local, plant):
+def test_metrics_label_the_model_note_of_a_good_value(local, plant):
     plant.change(value("fan", note="type and unit are derived"), value("pump"))
     found = scraped(local)
     notes = [name for name in found if name.startswith("drivecomm_sample_info")]
@@ -96,14 +96,14 @@ def test_remark_of_the_model_is_a_label_beside_a_good_value(local, plant):
     assert found['drivecomm_sample_quality{drive="fan",line="main",name="output_frequency",quality="good"}'] == 1
 
 
-def test_when_it_was_read(local, plant):
+def test_metrics_show_the_read_time_of_a_value(local, plant):
     then = round(time.time() - 1, 3)
     plant.change(value("pump", time_s=then))
     found = scraped(local)
     assert found['drivecomm_sample_timestamp_seconds{drive="pump",line="main",name="output_frequency"}'] == then
 
 
-def test_drives(local, plant):
+def test_metrics_show_reachability_and_state_of_drives(local, plant):
     plant.states["fan"] = replace(plant.states["fan"], reachability="silent", status=None)
     found = scraped(local)
     assert found['drivecomm_drive_up{drive="pump",line="main"}'] == 1
@@ -118,7 +118,7 @@ def test_drives(local, plant):
     assert 'address="1"' in info
 
 
-def test_drift_is_a_number_of_parameters_where_somebody_compared_them(local, plant):
+def test_metrics_count_changed_parameters_of_compared_drives_only(local, plant):
     change = SetChange(address="420", name="", unit="s", approved=5, now=7, since_s=60.0)
     drift = DriveDrift(state="replaced", changes=(change,), replaced="its serial number is another")
     plant.states["pump"] = replace(plant.states["pump"], drift=drift)
@@ -128,7 +128,7 @@ def test_drift_is_a_number_of_parameters_where_somebody_compared_them(local, pla
     assert 'drivecomm_drive_changed_parameters{drive="fan",line="main"}' not in found
 
 
-def test_lines_and_the_server(local):
+def test_metrics_show_lines_and_server(local):
     found = scraped(local)
     assert found['drivecomm_line_up{line="main",port="/dev/ttyUSB0"}'] == 1
     assert found['drivecomm_line_missed_polls_total{line="main"}'] == 2
@@ -137,7 +137,7 @@ def test_lines_and_the_server(local):
     assert found['drivecomm_door_streams{door="local"}'] == 0
 
 
-def test_door_reports_only_what_it_has(local):
+def test_metrics_of_a_door_omit_figures_it_does_not_have(local):
     found = scraped(local)
     assert found['drivecomm_door_up{door="http 127.0.0.1:8080"}'] == 1
     assert found['drivecomm_door_clients{door="http 127.0.0.1:8080"}'] == 3
@@ -146,18 +146,18 @@ def test_door_reports_only_what_it_has(local):
     assert not {'drivecomm_door_clients{door="mqtt broker:8883"}'} & set(found)
 
 
-def test_a_parameter_without_a_common_name(local, plant):
+def test_parameter_without_a_common_name_is_a_labelled_metric(local, plant):
     plant.change(value("pump", "480", "7", "x"))
     assert scraped(local)['drivecomm_parameter{drive="pump",line="main",parameter="480",unit="x"}'] == 7
 
 
-def test_open_metrics(local):
+def test_metrics_support_the_openmetrics_format(local):
     answer = local.get("/metrics", Accept="application/openmetrics-text; version=1.0.0")
     assert answer.headers["Content-Type"].startswith("application/openmetrics-text")
     assert answer.content.endswith(b"# EOF\n")
 
 
-def test_strict_parser_reads_every_sample_as_its_type_says(local, plant):
+def test_strict_parser_reads_metrics_with_their_types(local, plant):
     plant.change(*(value("pump", name, "1", quantity.unit) for name, quantity in quantities().items()))
     answer = local.get("/metrics", Accept="application/openmetrics-text; version=1.0.0")
     families = {family.name: family for family in text_string_to_metric_families(answer.content.decode())}
@@ -167,7 +167,7 @@ def test_strict_parser_reads_every_sample_as_its_type_says(local, plant):
     assert len(seen) == len(set(seen))
 
 
-def test_every_common_name_is_a_metric_of_its_own(local, plant):
+def test_every_common_name_has_its_own_metric(local, plant):
     plant.change(*(value("pump", name, "1", quantity.unit) for name, quantity in quantities().items()))
     found = scraped(local)
     metrics = [f"{each.metric}{'_total' if each.counts else ''}" for each in names().values()]
@@ -176,7 +176,7 @@ def test_every_common_name_is_a_metric_of_its_own(local, plant):
 
 
 @pytest.mark.skipif(not PROMTOOL, reason="promtool is not installed")
-def test_promtool_finds_nothing_to_say(local, plant):
+def test_promtool_accepts_the_metrics(local, plant):
     plant.change(*(value("pump", name, "1", quantity.unit) for name, quantity in quantities().items()))
     text = local.get("/metrics").content
     found = subprocess.run([PROMTOOL, "check", "metrics"], input=text, capture_output=True, check=False)
@@ -185,7 +185,7 @@ def test_promtool_finds_nothing_to_say(local, plant):
 
 @pytest.mark.soak
 @pytest.mark.skipif(not PROMETHEUS, reason="prometheus is not installed")
-def test_a_real_prometheus_scrapes_500_drives(tmp_path):
+def test_real_prometheus_scrapes_500_drives(tmp_path):
     polled = ("output_frequency", "output_current", "dc_link_voltage", "heat_sink_temperature")
     plant = FakePlant([f"drive-{number}" for number in range(500)], polled=polled)
     for key in plant.current:

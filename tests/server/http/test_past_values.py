@@ -1,4 +1,4 @@
-"""The history as it was read, by HTTP: as CSV and as JSON lines, in pieces, for a few readers at a time."""
+"""Raw history values by HTTP, as CSV and JSON lines: sent in pieces, to a limited number of readers."""
 
 import csv
 import io
@@ -15,7 +15,7 @@ PATH = "/api/v1/history?drive=pump&name=output_frequency&from=10&to=20.5"
 @pytest.mark.parametrize(
     ("query", "accept"), [("&format=csv", "*/*"), ("", "text/csv"), ("", "text/html, text/csv;q=0.9")]
 )
-def test_csv_of_history_has_every_value_with_all_its_digits(local, plant, query, accept):
+def test_history_csv_has_every_value_with_all_its_digits(local, plant, query, accept):
     found = local.get(PATH + query, Accept=accept)
     assert found.status == 200
     assert found.headers["Content-Type"] == "text/csv; charset=utf-8"
@@ -25,7 +25,7 @@ def test_csv_of_history_has_every_value_with_all_its_digits(local, plant, query,
     assert plant.history.asked == [("pump", "output_frequency", 10, 20.5)]
 
 
-def test_json_lines_of_history(local):
+def test_history_json_lines_have_every_value(local):
     found = local.get(f"{PATH}&format=ndjson")
     assert found.headers["Content-Type"] == "application/x-ndjson"
     values = [parsed(each) for each in found.content.splitlines()]
@@ -34,24 +34,24 @@ def test_json_lines_of_history(local):
     ]  # fmt: skip
 
 
-def test_history_is_thinned_unless_raw_values_are_asked_for(local):
+def test_history_is_thinned_unless_raw_values_are_requested(local):
     assert "points" in local.get(f"{PATH}&format=json", Accept="text/csv").content
     assert "points" in local.get(PATH, Accept="*/*").content
     assert local.get(f"{PATH}&format=xml").status == 422
 
 
-def test_raw_values_of_what_was_never_read_are_an_error(local):
+def test_raw_values_of_an_unknown_quantity_are_an_error(local):
     found = local.get("/api/v1/history?drive=pump&name=unread&format=csv")
     assert (found.status, found.content["error"]["kind"]) == (422, "UsageError")
 
 
-def test_raw_values_of_an_empty_span_are_a_head_alone(local, plant):
+def test_raw_values_of_an_empty_span_have_only_a_header(local, plant):
     plant.history.count = 0
     assert local.get(f"{PATH}&format=csv").content.decode().splitlines() == [",".join(past.COLUMNS)]
     assert local.get(f"{PATH}&format=ndjson").content == b""
 
 
-def test_head_of_raw_values_reads_no_more_than_the_first(local, plant):
+def test_head_request_for_raw_values_reads_no_further_piece(local, plant):
     plant.history.count = 1000
     assert local.ask("HEAD", f"{PATH}&format=csv").headers["Content-Type"] == "text/csv; charset=utf-8"
     assert plant.history.ended.wait(10)
@@ -72,23 +72,23 @@ def until(condition):
         time.sleep(0.01)
 
 
-def test_a_third_reader_is_told_to_wait_and_stops_go_on(local, plant):
+def test_third_concurrent_reader_gets_503_and_stops_still_work(local, plant):
     plant.history.count = 10**9
     with begun(local), begun(local):
         found = local.get(f"{PATH}&format=csv")
         assert (found.status, found.headers["Retry-After"]) == (503, "5")
         assert local.get(PATH).status == 200
         assert local.post("/api/v1/stop").status == 200
-    # Who has gone makes room.
+    # A reader that disconnects makes room for the next.
     plant.history.count = 1
     until(lambda: local.get(f"{PATH}&format=csv").status == 200)
 
 
-def test_who_does_not_take_raw_values_is_cut_off(local, plant, monkeypatch):
+def test_stalled_reader_of_raw_values_is_disconnected(local, plant, monkeypatch):
     monkeypatch.setattr(past, "NOT_READING_S", 0.2)
     monkeypatch.setattr(past, "_written", lambda *_: "x" * 100_000)
     plant.history.count = 10**9
     with begun(local):
         assert plant.history.ended.wait(10)
-    # No more is read than what waits in buffers.
+    # Only as much is read from the history as fits in the buffers.
     assert plant.history.taken < 200

@@ -1,4 +1,4 @@
-"""What keeps strangers out; docs/reference/security-checklist.md lists these tests point by point."""
+"""Protection against strangers; docs/reference/security-checklist.md lists these tests point by point."""
 
 import logging
 import re
@@ -23,7 +23,7 @@ HEADERS = {
 
 
 def in_words(text):
-    """An id that any shell and any test runner can take."""
+    """Return a test id of letters, digits and hyphens, which any shell accepts."""
     return "-".join(re.findall(r"[A-Za-z0-9]+", str(text)))[:40] or "empty"
 
 
@@ -46,7 +46,7 @@ def asked(client, method, path):
     ("method", "path"), [each for each in OPERATIONS if not each[1].endswith("login")], ids=in_words
 )
 @pytest.mark.parametrize("token", ["", "wrong", "annaotto"])
-def test_without_a_token_or_with_a_wrong_one_nothing_is_told_or_moved(door, plant, method, path, token):
+def test_missing_or_wrong_token_is_refused_on_every_path(door, plant, method, path, token):
     found = asked(Client(door, token), method, routed(method, path))
     assert found.status == 401
     assert found.content["error"]["kind"] == "NotAllowedError"
@@ -54,18 +54,18 @@ def test_without_a_token_or_with_a_wrong_one_nothing_is_told_or_moved(door, plan
     assert [plant.commands, plant.stops, plant.held] == [[], [], {}]
 
 
-def test_another_scheme_than_a_token_is_nobody(door):
+def test_basic_authorization_is_refused(door):
     assert Client(door, Authorization="Basic YW5uYTphbm5h").get("/api/v1/plant").status == 401
 
 
-def test_only_who_has_the_role_moves_a_motor(door, plant):
+def test_starting_needs_the_role_operate(door, plant):
     refused = Client(door, "annaanna").post(START, id="1").content
     assert (refused["outcome"], refused["error"]["kind"]) == ("refused", "NotAllowedError")
     assert not plant.acted
     assert Client(door, "ottootto").post(START, id="1").content["outcome"] == "done"
 
 
-def test_anonymous_callers_only_look():
+def test_anonymous_callers_may_only_view():
     plant = FakePlant()
     door = HttpDoor(Table({"kind": "http", "listen": "127.0.0.1:0"}, "hall.toml"))
     with served(door, plant):
@@ -83,7 +83,7 @@ def test_anonymous_callers_only_look():
 
 
 @pytest.mark.parametrize("field", ["arm", "options"])
-def test_what_only_the_local_door_may(door, local, plant, field):
+def test_network_door_refuses_operations_of_the_local_door(door, local, plant, field):
     given = {"arm": True, "options": {"model": "agile"}}[field]
     assert Client(door, "carlcarl").post(START, id="1", **{field: given}).status == 403
     assert Client(door, "carlcarl").post("/api/v1/lines/main/drives/vabus:9/stop", id="1").status == 403
@@ -97,7 +97,7 @@ def test_what_only_the_local_door_may(door, local, plant, field):
 @pytest.mark.parametrize(
     "origin", ["http://evil.example", "null", "http://localhost:1", "https://localhost.evil.example"], ids=in_words
 )
-def test_a_page_of_another_server_gets_nothing(door, local, plant, method, origin):
+def test_request_with_a_foreign_origin_is_refused(door, local, plant, method, origin):
     for client in (Client(door, "ottootto"), local):
         path = START if method == "POST" else "/api/v1/plant"
         found = client.ask(method, path, {"id": "1"} if method == "POST" else None, Origin=origin)
@@ -118,7 +118,7 @@ def test_a_page_of_another_server_gets_nothing(door, local, plant, method, origi
     ],
     ids=in_words,
 )
-def test_a_request_that_says_something_twice_is_refused(door, local, plant, twice):
+def test_request_with_a_repeated_header_is_refused(door, local, plant, twice):
     lines = [
         "Host: localhost",
         "Authorization: Bearer ottootto",
@@ -134,7 +134,7 @@ def test_a_request_that_says_something_twice_is_refused(door, local, plant, twic
     assert not plant.commands
 
 
-def test_our_own_page_may_ask(door):
+def test_request_from_the_page_of_the_server_is_accepted(door):
     host = f"127.0.0.1:{door.port}"
     client = Client(door, "ottootto")
     assert client.ask("POST", START, {"id": "1"}, Host=host, Origin=f"http://{host}").status == 200
@@ -159,7 +159,7 @@ def test_our_own_page_may_ask(door):
     ],
     ids=in_words,
 )
-def test_a_name_that_somebody_made_lead_here_is_not_served(door, plant, host):
+def test_request_for_a_foreign_host_name_is_refused(door, plant, host):
     found = Client(door, "ottootto").ask("POST", START, {"id": "1"}, Host=host)
     assert found.status in (400, 403)
     assert not plant.commands
@@ -168,24 +168,24 @@ def test_a_name_that_somebody_made_lead_here_is_not_served(door, plant, host):
 @pytest.mark.parametrize(
     "host", ["127.0.0.1", "localhost:8080", "[::1]:80", "192.168.3.4", socket.gethostname()], ids=in_words
 )
-def test_addresses_and_the_machines_own_names_are_served(door, host):
+def test_request_for_an_address_or_own_host_name_is_accepted(door, host):
     assert Client(door, "annaanna").get("/api/v1/plant", Host=host).status == 200
 
 
-def test_names_of_the_plant_file_are_served(plant):
+def test_request_for_a_host_name_of_the_plant_file_is_accepted(plant):
     door = HttpDoor(Table({"kind": "http", "listen": "127.0.0.1:0", "names": ["Drives.example"]}, "hall.toml"))
     with served(door, plant):
         assert Client(door, "annaanna").get("/api/v1/plant", Host="drives.example").status == 200
 
 
-def test_no_cors(door):
+def test_responses_have_no_cors_headers(door):
     found = Client(door, "annaanna").ask("OPTIONS", "/api/v1/plant", **{"Access-Control-Request-Method": "POST"})
     assert found.status == 204
     assert not [name for name in found.headers if name.lower().startswith("access-control")]
 
 
 @pytest.mark.parametrize("method", ["PUT", "DELETE", "PATCH", "TRACE", "POST"])
-def test_methods_that_are_not_meant(door, method):
+def test_unsupported_method_is_refused(door, method):
     found = Client(door, "carlcarl").ask(method, "/api/v1/plant")
     assert found.status == 405
     assert found.content["error"]["text"] == f"{method} is not for /api/v1/plant"
@@ -194,14 +194,14 @@ def test_methods_that_are_not_meant(door, method):
 @pytest.mark.parametrize(
     "path", ["/", "/api/v1/plant", "/nothing", "/healthz", "/metrics", "/openapi.json"], ids=in_words
 )
-def test_headers_of_every_answer(door, path):
+def test_every_response_has_security_headers(door, path):
     found = Client(door, "annaanna").get(path).headers
     assert {name: found[name] for name in HEADERS} == HEADERS
     assert found["Cache-Control"] in ("no-store", "no-cache")
     assert "Server" not in found
 
 
-def test_a_stale_lease_moves_nothing(door, plant):
+def test_released_lease_starts_no_motor(door, plant):
     otto = Client(door, "ottootto")
     lease = otto.post("/api/v1/drives/pump/lease", seconds=5).content
     assert otto.ask("DELETE", "/api/v1/drives/pump/lease", {"key": lease["key"]}).status == 200
@@ -210,7 +210,7 @@ def test_a_stale_lease_moves_nothing(door, plant):
     assert not plant.acted
 
 
-def test_a_lease_of_somebody_else(door, local):
+def test_lease_of_another_caller_is_neither_usable_nor_visible(door, local):
     first = local.post("/api/v1/drives/pump/lease", seconds=5).content
     otto = Client(door, "ottootto")
     found = otto.post("/api/v1/drives/pump/lease", seconds=5)
@@ -242,7 +242,7 @@ def test_a_lease_of_somebody_else(door, local):
     ],
     ids=in_words,
 )
-def test_what_is_not_understood_moves_nothing(door, plant, body, text):
+def test_invalid_body_is_refused_and_sends_no_command(door, plant, body, text):
     found = Client(door, "ottootto").ask("POST", START, raw=body)
     assert found.status == (400 if text == "not JSON" else 422)
     assert text in found.content["error"]["text"]
@@ -259,13 +259,13 @@ def test_what_is_not_understood_moves_nothing(door, plant, body, text):
     ],
     ids=in_words,
 )
-def test_queries_that_are_not_understood(door, query, text):
+def test_invalid_query_is_refused(door, query, text):
     found = Client(door, "annaanna").get(f"/api/v1/stream{query}")
     assert found.status == 422
     assert text in found.content["error"]["text"]
 
 
-def test_a_body_that_is_too_large(door, plant):
+def test_body_beyond_the_limit_is_refused(door, plant):
     client = Client(door, "ottootto")
     found = client.ask("POST", START, raw=b'{"id": "1"}'.ljust(guard.LARGEST_BODY + 1))
     assert found.status == 413
@@ -278,7 +278,7 @@ def test_a_body_that_is_too_large(door, plant):
     assert not plant.commands
 
 
-def test_a_body_that_never_comes(door, plant, monkeypatch):
+def test_missing_body_times_out(door, plant, monkeypatch):
     monkeypatch.setattr(guard, "BODY_TIMEOUT_S", 0.2)
     with Client(door).connect() as connected:
         connected.sendall(
@@ -289,13 +289,13 @@ def test_a_body_that_never_comes(door, plant, monkeypatch):
     assert not plant.commands
 
 
-def test_headers_without_an_end(door):
+def test_endless_headers_are_refused(door):
     with Client(door).connect() as connected:
         connected.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\nX-Long: " + b"x" * 100_000)
         assert b" 400 " in connected.recv(4096).splitlines()[0]
 
 
-def test_a_password_cannot_be_guessed_quickly(plant, door):
+def test_login_attempts_are_rate_limited(plant, door):
     client = Client(door)
     good = client.post("/api/v1/login", name="anna", password="anna's password")
     assert good.content["token"] == "annaanna"
@@ -303,7 +303,7 @@ def test_a_password_cannot_be_guessed_quickly(plant, door):
     assert [each.status for each in guesses] == [401] * 5 + [429] * 3
     assert 0 < int(guesses[-1].headers["Retry-After"]) <= 61
     assert plant.users.asked == 6
-    # A token goes on, so that nobody can be kept from a stop.
+    # A token still works during the limit, so that login attempts cannot block a stop.
     assert Client(door, "annaanna").post("/api/v1/stop").status == 200
 
 
@@ -320,7 +320,7 @@ def test_only_files_of_the_page_are_served(door, path):
     assert found.content["error"]["kind"] == "UsageError"
 
 
-def test_a_mistake_of_ours_tells_nothing_of_the_inside(door, caplog):
+def test_internal_error_reveals_no_details(door, caplog):
     with caplog.at_level(logging.ERROR):
         found = Client(door, "ottootto").post("/api/v1/drives/pump/break", id="1")
     assert found.status == 500
@@ -331,13 +331,13 @@ def test_a_mistake_of_ours_tells_nothing_of_the_inside(door, caplog):
     assert "secret inside" in caplog.text
 
 
-def test_paths_and_names_are_told_back_as_json(door):
+def test_errors_quote_paths_as_json(door):
     found = Client(door, "annaanna").get("/api/v1/drives/%3Cscript%3E")
     assert found.status == 404
     assert found.headers["Content-Type"] == "application/problem+json"
 
 
-def test_history_cannot_be_asked_without_limits(door, plant):
+def test_history_request_beyond_the_limits_is_refused(door, plant):
     anna = Client(door, "annaanna")
     assert anna.get("/api/v1/history?drive=pump&name=output_frequency&points=1000000").status == 422
     assert anna.get("/api/v1/history/events?limit=1000000").status == 422
@@ -345,7 +345,7 @@ def test_history_cannot_be_asked_without_limits(door, plant):
     assert not plant.history.asked
 
 
-def test_each_point_of_the_checklist_has_its_test():
+def test_each_point_of_the_checklist_has_a_test():
     page = (ROOT / "docs" / "reference" / "security-checklist.md").read_text(encoding="utf-8")
     named = set(re.findall(r"`(test_\w+)`", page))
     here = {name for name in globals() if name.startswith("test_")}
@@ -353,5 +353,5 @@ def test_each_point_of_the_checklist_has_its_test():
         each.read_text(encoding="utf-8") for each in (ROOT / "tests").rglob("test_*.py")
     ), re.MULTILINE))  # fmt: skip
     assert named <= elsewhere
-    assert here - named <= {"test_each_point_of_the_checklist_has_its_test"}
+    assert here - named <= {"test_each_point_of_the_checklist_has_a_test"}
     assert all(f"API{number}:2023" in page for number in range(1, 11))

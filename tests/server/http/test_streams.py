@@ -1,4 +1,4 @@
-"""Values and events as they come: to those who read, to those who do not, and to a thousand at once."""
+"""Streams of values and events: to clients that read, to clients that do not, and to a thousand clients."""
 
 import asyncio
 import socket
@@ -19,13 +19,13 @@ def drives_of(message):
     return {each["drive"] for each in message.data}
 
 
-def test_first_all_that_is_known(local):
+def test_stream_begins_with_all_known_values(local):
     with local.stream() as stream:
         assert stream.next().name == "hello"
         assert drives_of(stream.next()) == {"pump", "fan"}
 
 
-def test_a_number_that_json_has_not_costs_the_others_nothing(local, plant):
+def test_nan_in_a_value_does_not_affect_other_values(local, plant):
     with local.stream() as stream, local.stream("?every=0.1") as slow:
         stream.next("values"), slow.next("values")
         plant.change(replace(value("pump"), time_s=float("nan")), value("fan", amount="7"))
@@ -40,7 +40,7 @@ def test_a_number_that_json_has_not_costs_the_others_nothing(local, plant):
 
 
 @pytest.mark.parametrize("query", ["", "?every=0.1"])
-def test_a_batch_that_cannot_be_told_does_not_end_the_stream_for_good(local, plant, monkeypatch, query):
+def test_stream_works_again_after_an_internal_error(local, plant, monkeypatch, query):
     right, mistakes = streams.value_head, [RuntimeError("a mistake")]
 
     def head(told):
@@ -52,7 +52,7 @@ def test_a_batch_that_cannot_be_told_does_not_end_the_stream_for_good(local, pla
     with local.stream(query) as stream, local.stream("?drives=fan") as another:
         stream.next("values"), another.next("values")
         plant.change(value("pump", "odd"))
-        # Whoever was not told is to come again.
+        # The affected client is disconnected, so that it connects again.
         with pytest.raises((EOFError, OSError)):
             stream.next("values")
     with local.stream(query) as stream:
@@ -61,7 +61,7 @@ def test_a_batch_that_cannot_be_told_does_not_end_the_stream_for_good(local, pla
         assert stream.next("values").data[0]["reading"]["value"] == 8
 
 
-def test_only_some_drives(local, plant):
+def test_stream_is_limited_to_the_requested_drives(local, plant):
     with local.stream("?drives=fan") as stream:
         assert drives_of(stream.next("values")) == {"fan"}
         plant.change(value("pump"), events=[plant.event(1, drive="pump")])
@@ -72,14 +72,14 @@ def test_only_some_drives(local, plant):
             assert "pump" not in drives_of(each)
 
 
-def test_a_drive_that_is_not_there(local):
+def test_stream_of_an_unknown_drive_gives_404(local):
     found = local.get("/api/v1/stream?drives=pump,fax")
     assert found.status == 404
     assert "did you mean 'fan'?" in found.content["error"]["text"]
 
 
 @pytest.mark.soak
-def test_at_most_so_often_the_latest_only(local, plant):
+def test_stream_interval_sends_only_the_latest_values(local, plant):
     with local.stream("?every=0.3") as stream:
         stream.next("values")
         began = time.monotonic()
@@ -93,14 +93,14 @@ def test_at_most_so_often_the_latest_only(local, plant):
         assert all(len(each.data) == 1 for each in messages)
 
 
-def test_events_do_not_wait(local, plant):
+def test_events_are_streamed_without_waiting_for_the_interval(local, plant):
     with local.stream("?every=60") as stream:
         stream.next("values")
         plant.change(value("pump"), events=[plant.event(1)])
         assert stream.next().name == "events"
 
 
-def test_clients_of_one_kind_share_what_is_told(local, plant):
+def test_two_streams_with_equal_options_get_every_value(local, plant):
     with local.stream() as first, local.stream() as second:
         first.next("values"), second.next("values")
         for amount in ("1", "2", "3"):
@@ -109,7 +109,7 @@ def test_clients_of_one_kind_share_what_is_told(local, plant):
             assert str(second.next().data[0]["reading"]["value"]) == amount
 
 
-def test_who_comes_again_gets_what_they_missed(local, plant):
+def test_last_event_id_gives_the_missed_events(local, plant):
     plant.change(events=[plant.event(number) for number in range(1, 6)])
     with local.stream("", **{"Last-Event-ID": "3"}) as stream:
         assert [each["number"] for each in stream.next("events").data] == [4, 5]
@@ -119,7 +119,7 @@ def test_who_comes_again_gets_what_they_missed(local, plant):
         assert [each["number"] for each in stream.next("events").data] == [6]
 
 
-def test_numbers_of_an_earlier_run_hide_nothing(local, plant):
+def test_last_event_id_of_an_earlier_run_hides_no_event(local, plant):
     with local.stream("", **{"Last-Event-ID": "1000"}) as stream:
         stream.next("values")
         plant.change(events=[plant.event(1)])
@@ -127,7 +127,7 @@ def test_numbers_of_an_earlier_run_hide_nothing(local, plant):
 
 
 @pytest.mark.soak
-def test_who_does_not_read_gets_the_latest_and_the_number_of_lost_events(plant, door):
+def test_slow_reader_gets_latest_values_and_the_number_of_lost_events(plant, door):
     with socket.create_connection(("127.0.0.1", door.port)) as slow, Client(door, "annaanna").stream() as quick:
         slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         slow.settimeout(20)
@@ -139,7 +139,7 @@ def test_who_does_not_read_gets_the_latest_and_the_number_of_lost_events(plant, 
         for number in range(1, 3001):
             plant.change(value("pump", amount=str(number)), events=[plant.event(number, text)])
             if not number % 25:
-                # Whoever reads has everything.
+                # The fast reader receives every event.
                 while quick.next("events").data[-1]["number"] != number:
                     pass
         numbers, lost, amounts = [], 0, []
@@ -160,7 +160,7 @@ def test_who_does_not_read_gets_the_latest_and_the_number_of_lost_events(plant, 
 
 
 @pytest.mark.soak
-def test_who_never_reads_is_cut_off(plant, door, monkeypatch):
+def test_client_that_never_reads_is_disconnected(plant, door, monkeypatch):
     monkeypatch.setattr(streams, "NOT_READING_S", 0.3)
     with socket.create_connection(("127.0.0.1", door.port)) as slow:
         slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
@@ -173,10 +173,10 @@ def test_who_never_reads_is_cut_off(plant, door, monkeypatch):
             number += 1
             plant.change(events=[plant.event(number, "x" * 2000)])
             time.sleep(0.001)
-        assert not plant.listeners, "it is still there"
+        assert not plant.listeners, "the client is still connected"
 
 
-def test_nothing_is_taken_from_the_plant_without_a_client(local, plant):
+def test_plant_subscription_ends_with_the_last_stream(local, plant):
     with local.stream() as stream:
         stream.next("values")
         assert len(plant.listeners) == 1
@@ -186,7 +186,7 @@ def test_nothing_is_taken_from_the_plant_without_a_client(local, plant):
     assert not plant.listeners
 
 
-def test_a_sign_of_life(plant, tmp_path, monkeypatch):
+def test_stream_sends_pings(plant, tmp_path, monkeypatch):
     monkeypatch.setattr(streams, "PING_S", 0.05)
     with served(LocalDoor(tmp_path / "x.sock"), plant), Client(tmp_path / "x.sock").stream() as stream:
         stream.next("values")
@@ -194,7 +194,7 @@ def test_a_sign_of_life(plant, tmp_path, monkeypatch):
             pass
 
 
-def test_a_drive_that_the_plant_has_no_longer_is_forgotten(plant, tmp_path, monkeypatch):
+def test_stream_omits_a_removed_drive(plant, tmp_path, monkeypatch):
     monkeypatch.setattr(streams, "PING_S", 0.05)
     with served(LocalDoor(tmp_path / "x.sock"), plant), Client(tmp_path / "x.sock").stream() as first:
         first.next("values")
@@ -208,13 +208,13 @@ def test_a_drive_that_the_plant_has_no_longer_is_forgotten(plant, tmp_path, monk
             assert drives_of(second.next("values")) == {"pump"}
 
 
-def test_http_1_0_has_no_stream(local):
+def test_stream_is_refused_for_http_1_0(local):
     with local.connect() as connected:
         connected.sendall(b"GET /api/v1/stream HTTP/1.0\r\nHost: localhost\r\n\r\n")
         assert b" 505 " in connected.recv(1000).splitlines()[0]
 
 
-def test_a_door_ends_within_a_second_with_open_streams(plant, tmp_path):
+def test_door_with_open_streams_closes_quickly(plant, tmp_path):
     path = tmp_path / "x.sock"
     with served(LocalDoor(path), plant) as running, Client(path).stream() as stream:
         stream.next("values")
@@ -229,8 +229,8 @@ def test_a_door_ends_within_a_second_with_open_streams(plant, tmp_path):
 
 @pytest.mark.soak
 @pytest.mark.parametrize("crowd", [100, pytest.param(1000, marks=pytest.mark.soak)])
-def test_a_crowd_holds_the_door_up_no_longer_than_a_few_milliseconds(crowd):
-    """A tenth of the crowd never reads; others ask on, and the loop belongs to nobody for long."""
+def test_many_streams_block_the_event_loop_for_milliseconds_only(crowd):
+    """A tenth of the clients never reads; requests still work, and no step blocks the event loop for long."""
     polled = ("output_frequency", "output_current", "dc_link_voltage", "torque")
     plant = FakePlant([f"drive-{number}" for number in range(100)], polled=polled)
     door = HttpDoor(Table({"kind": "http", "listen": "127.0.0.1:0"}, "hall.toml"))
@@ -241,7 +241,7 @@ def test_a_crowd_holds_the_door_up_no_longer_than_a_few_milliseconds(crowd):
         held = []
 
         async def watch():
-            # In processor time: what others do on this machine is no matter here.
+            # Thread time does not depend on the load of other processes.
             while True:
                 before = time.thread_time()
                 await asyncio.sleep(0.001)

@@ -1,4 +1,4 @@
-"""A core over virtual drives with a Modbus TCP door, in threads of their own, and a PLC that writes to it in cycles."""
+"""A core over virtual drives with a Modbus TCP door, in separate threads, and a PLC that writes to it cyclically."""
 
 import asyncio
 import threading
@@ -28,7 +28,7 @@ VERBS = '"start", "reference", "reset"'
 
 
 class Gateway:
-    """What the thread of a core has made. notes: its audit. plant: as doors see it."""
+    """Objects of the core's thread. notes: its audit. plant: the plant as doors see it."""
 
     def __init__(self):
         self.notes = NoteBook()
@@ -53,17 +53,17 @@ class Gateway:
         return runs(self.control, drive)
 
     def verbs(self):
-        """What went to the drives, but for stops."""
+        """Return the verbs of the commands sent to the drives, without stops."""
         return [verb for _, _, verb in self.notes.asked_for]
 
     def asked(self, work):
-        """Have something done in the core's event loop."""
+        """Run a coroutine in the core's event loop, and return its result."""
         return asyncio.run_coroutine_threadsafe(work, self.loop).result(10)
 
 
 @contextmanager
 def gateway(folder, *, verbs=VERBS, **content):
-    """Yield a gateway whose drives answer."""
+    """Yield a gateway, as soon as its drives answer."""
     found, ready, over = Gateway(), threading.Event(), threading.Event()
 
     async def serve():
@@ -90,7 +90,10 @@ def gateway(folder, *, verbs=VERBS, **content):
 
 
 class Plc:
-    """Writes the whole block in each cycle, as PLCs do. Its fields are what stands in the PLC's memory."""
+    """A PLC that writes the whole register block in each cycle.
+
+    Its attributes are the fields of the block in the PLC's memory.
+    """
 
     def __init__(self, master):
         self.master = master
@@ -98,24 +101,24 @@ class Plc:
         self.reference = 0.0
 
     def write(self):
-        """Write the image as it is."""
+        """Write the block unchanged."""
         words = (self.stop, self.heartbeat, self.sequence, self.command, self.kind, 0, *float_words(self.reference))
         self.master.write(STOP, *words)
 
     def cycle(self):
-        """Write the image with the next heartbeat."""
+        """Write the block with the next heartbeat."""
         self.heartbeat = self.heartbeat % 65535 + 1
         self.write()
 
     def state(self):
-        """The state word of the drive, 0 while it is not current."""
+        """Return the state word of the drive; 0 while it is not current."""
         try:
             return self.master.read(1, 1)[0]
         except Refused:
             return 0
 
     def frequency(self):
-        """The output frequency, NaN while it is not current."""
+        """Return the output frequency in Hz; NaN while it is not current."""
         try:
             return self.master.float(8)
         except Refused:
@@ -125,7 +128,7 @@ class Plc:
         return Results(*self.master.read(1008, 8))
 
     def cycles_until(self, condition, seconds=10.0):
-        """Go on until something holds, and return it."""
+        """Repeat cycles until a condition is true, and return its value."""
         end = time.monotonic() + seconds
         while not (found := condition()):
             assert time.monotonic() < end, self.results()
@@ -143,7 +146,7 @@ class Plc:
         self.cycles_until(lambda: self.results().lease == MINE)
 
     def give(self, command, **fields):
-        """Take the lease, give a command, and return what came of it."""
+        """Acquire the lease, give a command, and return its results."""
         self.take_lease()
         for name, value in fields.items():
             setattr(self, name, value)
@@ -151,7 +154,7 @@ class Plc:
         return self.answered()
 
     def answered(self):
-        """Wait for what comes of the command that was given."""
+        """Wait for the results of the command just given, and return them."""
 
         def told():
             results = self.results()

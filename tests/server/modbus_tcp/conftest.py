@@ -1,4 +1,4 @@
-"""Modbus TCP doors that serve a played plant, and one over virtual drives for PLCs that command."""
+"""Modbus TCP doors of a fake plant, and one over virtual drives for PLCs that send commands."""
 
 import time
 
@@ -18,7 +18,7 @@ def plant():
 
 @pytest.fixture
 def serve(plant):
-    """Return what serves the plant by a door with these keys; what that yields is a master of it."""
+    """Yield a function that opens a door with these keys and returns a function that connects a master to it."""
     ends = []
 
     def begin(**content):
@@ -47,7 +47,7 @@ def hall(tmp_path_factory):
 
 @pytest.fixture
 def served(hall):
-    """The gateway with its motor at rest and nobody in command."""
+    """Yield the gateway, with its motor at rest and no lease held."""
     yield hall
     with hall.master() as master:
         master.write_one(STOP, 1)

@@ -1,4 +1,4 @@
-"""A played plant for Modbus TCP doors, and the table of one."""
+"""A fake plant for Modbus TCP doors, and the table of one door."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ def table(**content):
 
 
 class Plant(FakePlant):
-    """Polls two quantities of its drives, and takes down what doors refuse."""
+    """Fake plant that polls two quantities of its drives, and records the commands refused by doors."""
 
     def __init__(self, **further):
         super().__init__(**further)

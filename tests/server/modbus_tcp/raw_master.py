@@ -1,12 +1,12 @@
-"""A Modbus TCP master of a few lines, which knows nothing of the door's code, and sends whatever it is told."""
+"""A small Modbus TCP master that uses none of the door's code and sends any bytes."""
 
 import socket
 import struct
 import time
 
 
-class Refused(Exception):  # noqa: N818 - it is an answer
-    """An answer with an exception code."""
+class Refused(Exception):  # noqa: N818 - a reply, not a failure
+    """A reply with an exception code."""
 
     def __init__(self, code):
         super().__init__(f"exception {code}")
@@ -34,7 +34,7 @@ class Master:
         return struct.pack(">HHHB", self._transaction, 0, len(content) + 1, unit) + content
 
     def exchange(self, content, unit=None):
-        """Send a telegram from its function code on; return the answer so."""
+        """Send a request, given from its function code on; return the reply in the same form."""
         frame = self.frame(content, unit)
         self.socket.sendall(frame)
         head, answer = self.receive()
@@ -84,7 +84,7 @@ class Master:
         return list(struct.unpack(f">{count}H", answer[1:]))
 
     def is_cut_off(self, seconds=5.0):
-        """Whether the door ends the connection within that time."""
+        """Return whether the door closes the connection within this number of seconds."""
         self.socket.settimeout(seconds)
         try:
             while self.socket.recv(65536):
@@ -101,9 +101,9 @@ def float_words(number):
 
 
 def until(condition, seconds=10.0):
-    """Wait until something holds, and return it."""
+    """Wait until a condition is true, and return its value."""
     end = time.monotonic() + seconds
     while not (found := condition()):
-        assert time.monotonic() < end, "it does not happen"
+        assert time.monotonic() < end, "the condition did not become true"
         time.sleep(0.01)
     return found

@@ -1,4 +1,4 @@
-"""Whatever a master sends is answered, by an exception that says why, and moves no motor."""
+"""Any telegram of a master gets a normal reply or an exception reply, and moves no motor."""
 
 import asyncio
 import struct
@@ -15,7 +15,7 @@ TELEGRAMS = 4000
 
 
 def telegrams(random):
-    """Yield telegrams: nonsense, what is nearly right, and what is right but for its numbers."""
+    """Yield random telegrams: garbage, nearly valid ones, and valid ones with random numbers."""
     while True:
         function = random.choice([1, 3, 4, 4, 6, 16, 16, 16, 23, 43, random.randrange(256)])
         address = random.choice([0, 8, 1000, 1001, 1002, 1006, random.randrange(1010), random.randrange(65536)])
@@ -55,5 +55,5 @@ def test_any_telegram_is_answered(seed, commands_from):
 
     plant = asyncio.run(answer_all())
     verbs = {command.verb for _, command in plant.commands}
-    # The loop was never free to give a lease meanwhile, and without one nothing but a stop goes out.
+    # The event loop has no time to grant a lease meanwhile, and without a lease only stops are sent.
     assert verbs <= ({"stop"} if commands_from else set())

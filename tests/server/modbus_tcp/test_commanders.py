@@ -8,11 +8,11 @@ from commanded_plant import DONE, MINE, NO_LEASE, NOT_ALLOWED, REFUSED, RESET, S
 from served_core import OPERATOR
 
 OTTO = replace(OPERATOR, door="modbus-tcp 127.0.0.1:1")
-"""Somebody at another door of this kind, to which the drive allows the same."""
+"""A caller at another Modbus TCP door, with the same rights on the drive."""
 
 
 class TestCommanders:
-    def test_a_second_connection_of_the_same_address(self, served, plc):
+    def test_second_connection_from_the_same_address_gets_no_lease(self, served, plc):
         plc.take_lease()
         with served.master() as other:
             second = Plc(other)
@@ -28,14 +28,14 @@ class TestCommanders:
             assert second.results().reason == NO_LEASE
         assert not served.runs()
 
-    def test_second_connection_that_counts_right_after_each_beat_of_the_first_gets_no_lease(self, served, plc):
+    def test_second_connection_with_an_alternating_heartbeat_gets_no_lease(self, served, plc):
         plc.take_lease()
         with served.master() as other:
             second = Plc(other)
             second.write()
             for _ in range(20):
                 plc.cycle()
-                # The first is neither gone nor quiet, so this one is ignored.
+                # The heartbeat of the first connection counts up, so the second connection is ignored.
                 second.cycle()
                 time.sleep(0.02)
             second.command, second.sequence = START, 1
@@ -46,7 +46,7 @@ class TestCommanders:
         assert not served.runs()
 
     @pytest.mark.soak
-    def test_a_connection_that_comes_again_in_time_has_the_lease_still(self, served, plc):
+    def test_reconnect_in_time_keeps_the_lease(self, served, plc):
         plc.give(START, kind=1, reference=50.0)
         plc.master.close()
         with served.master() as again:
@@ -57,8 +57,11 @@ class TestCommanders:
             assert plc.results().lease == MINE
 
     @pytest.mark.soak
-    def test_a_connection_that_nobody_has_closed_is_followed_by_the_next(self, served, plc):
-        """As after a cut cable; what is too late for half of the lease's time."""
+    def test_new_connection_takes_over_from_a_silent_open_one(self, served, plc):
+        """A cut cable leaves the old connection open.
+
+        It loses the drive after half of the lease time without a heartbeat.
+        """
         plc.give(START, kind=1, reference=50.0)
         with served.master() as again:
             plc.master = again
@@ -67,7 +70,7 @@ class TestCommanders:
             assert served.runs()
             assert plc.results().lease == MINE
 
-    def test_a_fault_is_reset(self, served):
+    def test_plc_resets_a_fault_and_may_not_start_an_unlisted_drive(self, served):
         with served.master(unit=2) as master:
             plc = Plc(master)
             served.control.order("trip", drive="fan", code=14)

@@ -1,4 +1,4 @@
-"""Drives started by registers: what a PLC means starts a motor once, and nothing else does."""
+"""Starts by registers: a new command of a PLC starts a motor once, and no other register content does."""
 
 import time
 
@@ -24,7 +24,7 @@ from raw_master import until
 
 class TestStart:
     @pytest.mark.soak
-    def test_the_handshake(self, served, plc):
+    def test_start_by_the_full_handshake_runs_the_motor(self, served, plc):
         results = plc.give(START, kind=1, reference=50.0)
         assert (results.outcome, results.reason) == (DONE, 0)
         assert served.runs()
@@ -35,50 +35,50 @@ class TestStart:
         assert not state & 0b100000
 
     @pytest.mark.soak
-    def test_it_goes_on_while_the_heartbeat_counts_and_no_longer(self, served, plc):
+    def test_motor_runs_only_while_the_heartbeat_counts(self, served, plc):
         plc.give(START, kind=1, reference=50.0)
         plc.cycles_for(1.5)
         assert served.runs()
-        # The PLC halts: its connection stays, and its image is what it was.
+        # The PLC halts: its connection stays open, and its block keeps its content.
         for _ in range(10):
             plc.write()
             time.sleep(0.02)
         until(lambda: not served.runs())
         assert any(event.kind == "link loss" for event in served.plant.events())
         plc.cycles_for(1.5)
-        assert not served.runs(), "a heartbeat that counts again starts nothing"
+        assert not served.runs(), "a resumed heartbeat must not start the motor"
 
     @pytest.mark.soak
-    def test_a_connection_that_is_lost_ends_the_lease_by_its_time(self, served, plc):
+    def test_lost_connection_lets_the_lease_expire(self, served, plc):
         plc.give(START, kind=1, reference=50.0)
         plc.master.close()
         assert served.runs()
         until(lambda: not served.runs())
 
     @pytest.mark.soak
-    def test_a_heartbeat_of_zero_gives_the_lease_back_at_once(self, served, plc):
+    def test_heartbeat_zero_releases_the_lease_immediately(self, served, plc):
         plc.give(START, kind=1, reference=50.0)
         plc.heartbeat = 0
         plc.write()
         until(lambda: not served.plant.leases(), 0.5)
         time.sleep(0.2)
-        assert not served.plant.leases(), "what had counted before takes it again"
+        assert not served.plant.leases(), "the earlier heartbeat must not acquire the lease again"
         until(lambda: not served.runs())
 
-    def test_backwards_needs_to_be_allowed_too(self, served, plc):
+    def test_reverse_start_needs_its_own_permission(self, served, plc):
         results = plc.give(BACKWARDS, kind=1, reference=50.0)
         assert (results.outcome, results.reason) == (REFUSED, NOT_ALLOWED)
         assert not served.runs()
 
     @pytest.mark.soak
-    def test_one_that_runs_already_is_refused(self, served, plc):
+    def test_start_of_a_running_motor_is_refused(self, served, plc):
         plc.give(START, kind=1, reference=50.0)
         results = plc.give(START)
         assert results.outcome == REFUSED
         assert served.runs()
 
-    def test_registers_written_one_by_one(self, served, plc):
-        """As masters that know function 06 only do; the reference is a number of two, and is set otherwise."""
+    def test_start_works_with_single_register_writes(self, served, plc):
+        """Some masters know only function 06; they set the reference, a number of two registers, in another way."""
         master = plc.master
         for heartbeat in range(1, 100):
             master.write_one(HEARTBEAT, heartbeat)
@@ -93,7 +93,7 @@ class TestStart:
         assert plc.results().answered == 8
         assert served.runs()
 
-    def test_written_and_read_in_one_telegram(self, plc):
+    def test_start_works_with_write_and_read_in_one_telegram(self, plc):
         plc.take_lease()
         plc.heartbeat += 1
         plc.sequence, plc.command, plc.kind, plc.reference = 1, START, 1, 50.0
@@ -101,13 +101,13 @@ class TestStart:
         answer = plc.master.write_and_read(STOP, words, STOP, 16)
         assert answer[:8] == list(words)
         assert answer[8] == 1
-        # The heartbeat counts on, or the lease ends before a busy machine has started the motor.
+        # The heartbeat has to count on, or the lease expires before a busy machine has started the motor.
         assert plc.answered().outcome == DONE
 
 
 class TestWhatStartsNothing:
     @pytest.mark.soak
-    def test_an_image_that_is_seen_first(self, served, plc):
+    def test_first_block_of_a_connection_starts_no_motor(self, served, plc):
         plc.heartbeat, plc.sequence, plc.command, plc.kind, plc.reference = 500, 17, START, 1, 50.0
         plc.write()
         plc.cycles_for(0.5)
@@ -117,7 +117,7 @@ class TestWhatStartsNothing:
         assert not served.runs()
 
     @pytest.mark.soak
-    def test_a_reconnect_with_the_old_image(self, served, plc):
+    def test_reconnect_with_the_old_block_starts_no_motor(self, served, plc):
         plc.give(START, kind=1, reference=50.0)
         with served.master() as other:
             other.write_one(STOP, 1)
@@ -131,7 +131,7 @@ class TestWhatStartsNothing:
             assert not served.runs()
 
     @pytest.mark.soak
-    def test_a_door_that_is_opened_again(self, served, plc):
+    def test_restarted_door_does_not_start_a_motor_from_the_old_block(self, served, plc):
         plc.give(START, kind=1, reference=50.0)
         served.opened.close()
         until(lambda: not served.runs())
@@ -144,7 +144,7 @@ class TestWhatStartsNothing:
             assert served.verbs().count("keep") == 1
             assert not served.runs()
 
-    def test_a_sequence_that_changes_together_with_the_first_heartbeat(self, served, plc):
+    def test_sequence_changed_with_the_first_heartbeat_starts_no_motor(self, served, plc):
         plc.heartbeat, plc.command = 5, START
         plc.write()
         plc.heartbeat, plc.sequence = 6, 1
@@ -155,22 +155,22 @@ class TestWhatStartsNothing:
         assert not served.runs()
         assert served.notes.ended_with == [("pump", "start", "refused: start: no lease")]
 
-    def test_a_sequence_without_a_heartbeat(self, served, plc):
+    def test_sequence_without_a_heartbeat_starts_no_motor(self, served, plc):
         plc.command = START
         for plc.sequence in (1, 2, 3):
             plc.write()
         assert (plc.results().answered, plc.results().outcome, plc.results().reason) == (3, REFUSED, NO_LEASE)
         assert not served.runs()
 
-    def test_a_heartbeat_that_jumps_back(self, plc):
-        """Two programs that write in turn, or old images that are played again, never count up for long."""
+    def test_heartbeat_that_jumps_back_gets_no_lease(self, plc):
+        """Two programs writing in turn, or a replay of old blocks, never count up for long."""
         for heartbeat in (900, 500, 100, 65000, 33000, 1000):
             plc.heartbeat = heartbeat
             plc.write()
         time.sleep(0.1)
         assert plc.results().lease == NOBODY
 
-    def test_a_number_that_was_answered_to_an_earlier_program_is_no_answer(self, served, plc):
+    def test_result_of_an_earlier_connection_is_not_shown_to_a_later_one(self, served, plc):
         results = plc.give(AGAIN, kind=1, reference=40.0)
         assert (results.answered, results.outcome, results.reference_outcome) == (1, DONE, DONE)
         with served.master() as again:
@@ -180,7 +180,7 @@ class TestWhatStartsNothing:
             results = later.results()
             assert (results.answered, results.outcome, results.reference_outcome) == (0, 0, 0)
 
-    def test_no_command(self, plc):
+    def test_sequence_without_a_command_is_refused(self, plc):
         plc.take_lease()
         plc.sequence += 1
         results = plc.answered()

@@ -1,4 +1,4 @@
-"""Peers that stall, flood, send garbage or never read: each costs itself its connection, and nobody else anything."""
+"""Peers that stall, flood, send garbage or never read: each loses its own connection and affects no other."""
 
 import socket
 import struct
@@ -24,7 +24,7 @@ def connect(serve):
 
 
 def answers(master):
-    """Whether the door answers; that the value is not there yet is an answer, too."""
+    """Return whether the door replies; an exception reply for a missing value counts as well."""
     try:
         master.read(0, 1)
     except Refused:
@@ -33,7 +33,7 @@ def answers(master):
 
 
 @pytest.mark.parametrize("pieces", [1, 2, 7, 12])
-def test_telegrams_come_in_pieces(connect, pieces):
+def test_telegram_in_pieces_is_answered(connect, pieces):
     with connect() as master:
         frame = master.frame(b"\x04\x00\x00\x00\x01")
         step = -(-len(frame) // pieces)
@@ -43,7 +43,7 @@ def test_telegrams_come_in_pieces(connect, pieces):
         assert master.receive()[1] == b"\x04\x02\x00\x01"
 
 
-def test_many_telegrams_in_one_segment_are_answered_each_and_in_order(connect):
+def test_many_telegrams_in_one_segment_are_answered_in_order(connect):
     with connect() as master:
         frames = [master.frame(b"\x04\x00\x00\x00\x01") for _ in range(300)]
         master.socket.sendall(b"".join(frames))
@@ -67,7 +67,7 @@ def test_many_telegrams_in_one_segment_are_answered_each_and_in_order(connect):
     ],
     ids=["http", "other-protocol", "no-content", "no-unit", "too-long", "far-too-long", "tls", "ones"],
 )
-def test_what_is_no_modbus_tcp_ends_the_connection(connect, garbage):
+def test_garbage_closes_the_connection(connect, garbage):
     with connect() as master, connect() as other:
         with suppress(ConnectionError):
             master.socket.sendall(garbage)
@@ -75,7 +75,7 @@ def test_what_is_no_modbus_tcp_ends_the_connection(connect, garbage):
         assert answers(other)
 
 
-def test_who_closes_its_side_gets_its_answer_first(connect):
+def test_half_closed_connection_gets_its_reply(connect):
     with connect() as master:
         master.socket.sendall(master.frame(b"\x04\x00\x00\x00\x01"))
         master.socket.shutdown(socket.SHUT_WR)
@@ -84,7 +84,7 @@ def test_who_closes_its_side_gets_its_answer_first(connect):
 
 
 @pytest.mark.soak
-def test_who_sends_nothing_at_first_is_cut_off(connect, monkeypatch):
+def test_connection_without_a_first_request_is_closed(connect, monkeypatch):
     monkeypatch.setattr(connections, "FIRST_REQUEST_S", 0.2)
     with connect() as master, connect() as other:
         assert answers(other)
@@ -94,7 +94,7 @@ def test_who_sends_nothing_at_first_is_cut_off(connect, monkeypatch):
 
 
 @pytest.mark.soak
-def test_who_sends_nothing_any_more_is_cut_off(connect, monkeypatch):
+def test_idle_connection_is_closed(connect, monkeypatch):
     monkeypatch.setattr(connections, "IDLE_S", 0.2)
     with connect() as master:
         assert answers(master)
@@ -102,7 +102,7 @@ def test_who_sends_nothing_any_more_is_cut_off(connect, monkeypatch):
 
 
 @pytest.mark.soak
-def test_who_never_reads_is_cut_off(plant, connect, monkeypatch):
+def test_client_that_never_reads_is_disconnected(plant, connect, monkeypatch):
     monkeypatch.setattr(connections, "NOT_READING_S", 0.3)
     plant.change(value("pump", "output_frequency", "10"))
     with connect() as master, connect() as other:
@@ -122,7 +122,7 @@ def test_who_never_reads_is_cut_off(plant, connect, monkeypatch):
         assert answers(other)
 
 
-def test_a_full_door_refuses_newcomers_while_all_clients_ask(connect):
+def test_full_door_refuses_a_newcomer_while_all_clients_are_active(connect):
     masters = [connect() for _ in range(OF_ADDRESS)]
     try:
         assert all(answers(each) for each in masters)
@@ -144,7 +144,7 @@ def test_a_full_door_refuses_newcomers_while_all_clients_ask(connect):
             each.close()
 
 
-def test_a_newcomer_gets_the_place_of_the_oldest_client_that_never_asked(connect):
+def test_newcomer_replaces_the_oldest_client_without_a_request(connect):
     with ExitStack() as stack:
         silent = [stack.enter_context(connect()) for _ in range(2)]
         assert all(answers(stack.enter_context(connect())) for _ in range(OF_ADDRESS - 2))
@@ -154,7 +154,7 @@ def test_a_newcomer_gets_the_place_of_the_oldest_client_that_never_asked(connect
 
 
 @pytest.mark.skipif(sys.platform == "darwin", reason="a Mac has no addresses beside 127.0.0.1")
-def test_a_commander_gets_the_place_of_a_stranger_that_asks(plant):
+def test_commander_replaces_an_active_stranger(plant):
     door = modbus_tcp_door(table(commands_from=["127.0.0.1"]))
     door.connections = Bounds(8, 4)
     with served(door, plant), ExitStack() as stack:
@@ -178,7 +178,7 @@ def _is_let_in(port):
             return False
 
 
-def test_connections_that_come_and_go(connect):
+def test_many_aborted_connections_do_not_affect_another(connect):
     with connect() as other:
         for _ in range(200):
             gone = connect()
@@ -187,8 +187,8 @@ def test_connections_that_come_and_go(connect):
         assert answers(other)
 
 
-def test_whoever_floods_waits_for_the_others(plant, connect):
-    """A flood gets a turn as everybody does: the answers of another master are not behind all of its own."""
+def test_flood_of_one_master_does_not_delay_another(plant, connect):
+    """The flooding master gets one turn at a time, so the other master's replies do not queue behind the flood."""
     plant.change(value("pump", "output_frequency", "10"))
     with connect() as flood, connect() as master:
         until(lambda: _is_there(master))
@@ -204,7 +204,7 @@ def test_whoever_floods_waits_for_the_others(plant, connect):
             began = time.monotonic()
             master.read(8, 2)
             took.append(time.monotonic() - began)
-        # All of the flood would take seconds.
+        # Serving the whole flood first would take seconds.
         assert sorted(took)[len(took) // 2] < 0.2
 
 
@@ -215,7 +215,7 @@ def _is_there(master):
         return False
 
 
-def test_the_door_ends_with_connections_open(plant):
+def test_door_closes_with_open_connections(plant):
     door = modbus_tcp_door(table())
     with served(door, plant) as serving, Master(door.port) as master, Master(door.port) as half:
         half.socket.sendall(b"\x00\x01")
@@ -226,7 +226,7 @@ def test_the_door_ends_with_connections_open(plant):
         assert half.is_cut_off()
 
 
-def test_a_telegram_as_long_as_they_may_be(connect):
+def test_telegram_of_maximum_length_is_accepted(connect):
     with connect() as master:
         with pytest.raises(Refused) as caught:
             master.exchange(b"\x10" + bytes(252))

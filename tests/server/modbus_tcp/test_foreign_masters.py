@@ -1,4 +1,4 @@
-"""Masters of others against a server process: mbpoll, and the client of pymodbus."""
+"""Third-party masters against a server process: mbpoll, and the client of pymodbus."""
 
 import json
 import math
@@ -42,7 +42,7 @@ def served(tmp_path_factory):
     folder, port = tmp_path_factory.mktemp("plant"), free_port()
     with serving(folder, head=QUICK + DOOR.format(port=port), start=False) as one:
         text = one.plant.read_text().replace('link_loss = { policy = "ramp", watchdog_s = 1 }', NETWORK)
-        # Its values count for longer than a busy machine takes to ask for them again.
+        # The period is longer than the poll delay of a busy machine, so that values do not expire.
         one.plant.write_text(text.replace("period_s = 0.1", "period_s = 0.5").replace(QUICK, ""))
         one.start()
         one.until(lambda: one.drive("fan")["reachability"] == "answers")
@@ -52,10 +52,10 @@ def served(tmp_path_factory):
 
 @pytest.fixture
 def mbpoll(served):
-    """Return what asks by mbpoll once, and returns its words or its complaint."""
+    """Return a function that runs mbpoll once and returns the words that it read, or its error message."""
     program = shutil.which("mbpoll")
     if program is None:
-        pytest.skip("mbpoll is not installed; it is a master that has nothing of ours")
+        pytest.skip("mbpoll, a third-party master, is not installed")
 
     def ask(*options, write=()):
         command = [program, "-p", str(served.port), *options, *([] if write else ["-1"]), "127.0.0.1", *map(str, write)]
@@ -75,7 +75,7 @@ def client(served):
 
 @contextmanager
 def kept(served):
-    """Let the fan run at half of its reference range, by somebody else."""
+    """Keep the fan running at half of its reference range during the block, commanded by another caller."""
     key = served.keep("fan")
     try:
         yield
@@ -97,7 +97,7 @@ def test_mbpoll_reads_floats(served, mbpoll):
             served.until(lambda at=at: at(10) in (64, 192))
 
 
-def test_mbpoll_is_told_why_not(served, mbpoll):
+def test_mbpoll_shows_the_exception_of_a_refused_read(served, mbpoll):
     assert "Target device failed to respond" in mbpoll("-a", "247", "-0", "-r", "24", "-t", "3:float", "-B") or (
         "Gateway path unavailable" in mbpoll("-a", "247", "-0", "-r", "24", "-t", "3:float", "-B")
     )
@@ -143,15 +143,15 @@ def test_pymodbus_reads_all_in_one_telegram(served, client):
         assert math.isnan(missing)
 
 
-def test_pymodbus_is_told_why_not(client):
+def test_pymodbus_shows_the_exception_of_a_refused_request(client):
     assert client.read_input_registers(0, count=1, device_id=77).exception_code == 10
     assert client.read_input_registers(300, count=1, device_id=3).exception_code == 2
     assert client.read_coils(0, count=1, device_id=3).exception_code == 1
     assert client.write_registers(1004, [9, 0, 0, 0], device_id=3).exception_code == 3
 
 
-def test_pymodbus_starts_a_motor_and_is_killed(served, client):
-    """The whole handshake; then nobody counts any more, and the server's link-loss policy acts."""
+def test_link_loss_policy_acts_after_pymodbus_disconnects(served, client):
+    """pymodbus starts the motor by the full handshake and disconnects; then the link-loss policy acts."""
     heartbeat, sequence = 0, 7
 
     def cycle(condition, seconds=15):
@@ -178,8 +178,8 @@ def test_pymodbus_starts_a_motor_and_is_killed(served, client):
     assert mine[0]["who"] == "127.0.0.1"
 
 
-def test_a_server_that_is_started_again_starts_nothing(served):
-    """The PLC goes on writing the image with which it had started a motor."""
+def test_restarted_server_does_not_start_a_motor(served):
+    """The PLC still writes the block with which it started a motor."""
     started = struct.pack(">HHHHHHHH", 0, 0, 9, 1, 1, 0, *float_words(50.0))
 
     def cycles(seconds):
@@ -196,6 +196,6 @@ def test_a_server_that_is_started_again_starts_nothing(served):
 
     served.start()
     told = cycles(2.5)
-    assert told[3] == 1, "it has the lease"
-    assert told[:2] == [0, 0], "and nothing was carried out"
+    assert told[3] == 1, "the master must hold the lease"
+    assert told[:2] == [0, 0], "no command must be carried out"
     assert not served.runs("fan")

@@ -1,4 +1,4 @@
-"""How the door is made from its table, what it refuses to be, and the map of its registers."""
+"""The Modbus TCP door: its table, refused settings, and its register map."""
 
 import csv
 import io
@@ -45,7 +45,7 @@ def written(tmp_path, door):
     return path
 
 
-def test_loopback_is_the_default():
+def test_modbus_tcp_door_listens_on_loopback_by_default():
     door = modbus_tcp_door(Table({"units": {"pump": 1}}, "hall.toml"))
     assert door.name == "modbus-tcp 127.0.0.1:5020"
     assert door.settings.commands_from == ()
@@ -77,26 +77,26 @@ def test_loopback_is_the_default():
         ({"lease_s": 0}, "invalid lease_s = 0"),
     ],
 )
-def test_tables_that_cannot_be(content, text):
+def test_invalid_modbus_tcp_table_is_refused(content, text):
     with pytest.raises(FileFormatError) as caught:
         ModbusTcpDoor(table(**content))
     assert text in str(caught.value)
     assert str(caught.value).startswith("hall.toml: door 1")
 
 
-def test_units_are_never_by_order():
+def test_units_must_be_given_explicitly():
     with pytest.raises(FileFormatError, match="the key 'units' is missing; write units = a number from 1 to 247"):
         ModbusTcpDoor(Table({}, "hall.toml"))
 
 
 @pytest.mark.parametrize("listen", ["0.0.0.0:502", "[::]:502", "192.168.1.2:502"])
-def test_the_network_is_insecure_and_spelt_out(listen):
+def test_network_address_needs_insecure_true(listen):
     with pytest.raises(FileFormatError, match=r"no encryption and no users; .*, or spell out insecure = true"):
         ModbusTcpDoor(table(listen=listen))
     assert ModbusTcpDoor(table(listen=listen, insecure=True)).name == f"modbus-tcp {listen}"
 
 
-def test_a_port_that_is_taken():
+def test_port_in_use_is_reported():
     with socket.create_server(("127.0.0.1", 0)) as taken:
         listen = f"127.0.0.1:{taken.getsockname()[1]}"
         refusal = pytest.raises(PortError, match=f"cannot listen on {listen}: .*; write another listen =")
@@ -111,21 +111,21 @@ def test_a_port_that_is_taken():
         ('units = { pump = 1 }\nregisters = { pump = { "481" = 200 } }', "line 5: .*481 of pump is not polled; write"),
     ],
 )
-def test_names_that_the_plant_has_not_keep_the_server_from_starting(tmp_path, door, text):
+def test_unknown_drive_or_quantity_prevents_the_start(tmp_path, door, text):
     path = written(tmp_path, door)
     [(_, said)] = read_settings(path).doors
     with pytest.raises(FileFormatError, match=text):
         Serving(path, doors=[ModbusTcpDoor(said)])
 
 
-def test_it_is_found_by_its_kind():
+def test_modbus_tcp_door_has_its_entry_point():
     project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert pkgutil.resolve_name(project["entry-points"]["drivecomm.doors"]["modbus-tcp"]) is modbus_tcp_door
     assert project["optional-dependencies"]["modbus-tcp"] == ["pymodbus>=3.16,<4"]
 
 
 @pytest.mark.soak
-def test_pymodbus_is_loaded_for_doors_that_are_made_to_be_served_only(tmp_path):
+def test_pymodbus_is_imported_only_to_serve_a_door(tmp_path):
     path = written(tmp_path, "units = { pump = 1 }")
     program = (
         "import sys\n"
@@ -141,7 +141,7 @@ def test_pymodbus_is_loaded_for_doors_that_are_made_to_be_served_only(tmp_path):
 
 
 class TestMap:
-    def test_markdown(self, tmp_path, capsys):
+    def test_map_as_markdown_lists_units_and_registers(self, tmp_path, capsys):
         path = written(tmp_path, 'units = { pump = 7, fan = 2 }\nregisters = { pump = { "480" = 204 } }')
         assert main(["serve", str(path), "--registers"]) == 0
         text = capsys.readouterr().out
@@ -151,7 +151,7 @@ class TestMap:
         assert "| 204 | 30205 | 40205 | float32 | 480 |" in text
         assert "heartbeat" not in text
 
-    def test_commands_are_in_it_where_somebody_may_command(self, tmp_path, capsys):
+    def test_map_lists_command_registers_if_commands_are_allowed(self, tmp_path, capsys):
         path = written(tmp_path, 'units = { pump = 7 }\ncommands_from = ["192.168.10.5"]')
         assert main(["serve", str(path), "--registers"]) == 0
         text = capsys.readouterr().out
@@ -159,7 +159,7 @@ class TestMap:
         assert "| 1000 |  | 41001 | uint16 | stop |" in text
         assert "| 1008 | 31009 | 41009 | uint16 | answered_sequence |" in text
 
-    def test_csv_has_every_register_of_every_unit_once(self, tmp_path, capsys):
+    def test_map_as_csv_has_every_register_of_every_unit_once(self, tmp_path, capsys):
         path = written(tmp_path, 'units = { pump = 7, fan = 2 }\nregisters = { pump = { "480" = 204 } }')
         assert main(["serve", str(path), "--registers", "--csv", str(tmp_path / "map.csv")]) == 0
         assert "map.csv" in capsys.readouterr().out
@@ -169,7 +169,7 @@ class TestMap:
         assert {row["drive"] for row in rows if row["address"] == "204"} == {"pump"}
         assert {row["name"] for row in rows if row["address"] == "8"} == {"output_frequency"}
 
-    def test_map_tells_how_sure_a_model_is_unless_the_plant_file_confirms_it(self, tmp_path, capsys):
+    def test_map_shows_the_model_note_unless_the_plant_file_confirms_it(self, tmp_path, capsys):
         path = written(tmp_path, "units = { pump = 7 }")
         assert main(["serve", str(path), "--registers"]) == 0
         assert "| pump | output_frequency | type and unit are derived |" in capsys.readouterr().out
@@ -180,19 +180,19 @@ class TestMap:
         assert main(["serve", str(path), "--registers"]) == 0
         assert "type and unit are derived" not in capsys.readouterr().out
 
-    def test_a_plant_without_such_a_door(self, tmp_path, capsys):
+    def test_map_needs_a_modbus_tcp_door(self, tmp_path, capsys):
         path = tmp_path / "plant.toml"
         path.write_text('format = 1\n[[line]]\nname = "hall"\n')
         assert main(["serve", str(path), "--registers"]) == 2
         assert 'write a [[door]] with kind = "modbus-tcp"' in capsys.readouterr().err
 
-    def test_csv_alone_means_nothing(self, tmp_path, capsys):
+    def test_csv_option_needs_the_registers_option(self, tmp_path, capsys):
         path = written(tmp_path, "units = { pump = 7 }")
         assert main(["serve", str(path), "--csv", str(tmp_path / "map.csv")]) == 2
         assert "give --registers, too" in capsys.readouterr().err
 
-    def test_addresses_never_move(self):
-        """Programs of PLCs know them: what is here may be added to, and nothing else."""
+    def test_register_addresses_never_change(self):
+        """PLC programs rely on these addresses: rows may be added, never changed."""
         from drivecomm.server.modbus_tcp.layout import FIXED_QUANTITIES, command_rows, state_rows
 
         assert [(row.address, row.name) for row in state_rows()] == [

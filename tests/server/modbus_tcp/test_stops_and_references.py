@@ -1,4 +1,4 @@
-"""Drives stopped by registers, whoever commands them; and references, for whoever has the lease."""
+"""Stops by registers, which need no lease, and references, which need it."""
 
 import time
 
@@ -10,7 +10,7 @@ from served_core import ENGINEER, asked
 
 class TestStop:
     @pytest.mark.soak
-    def test_an_image_with_a_stop_stops_whenever_it_is_seen_first(self, served, plc):
+    def test_stop_in_the_first_block_of_a_connection_stops_the_motor(self, served, plc):
         plc.give(START, kind=1, reference=50.0)
         with served.master() as other:
             image = Plc(other)
@@ -19,13 +19,13 @@ class TestStop:
             until(lambda: not served.runs())
 
     @pytest.mark.parametrize(("code", "how"), [(2, "coast"), (3, "quick"), (77, "ramp")])
-    def test_the_kinds(self, served, plc, code, how):
+    def test_stop_code_selects_the_kind_of_stop(self, served, plc, code, how):
         plc.master.write_one(STOP, code)
         until(lambda: plc.results().stop_outcome == DONE)
         assert served.notes.stops[0] == ("pump", how)
 
     @pytest.mark.soak
-    def test_what_a_drive_cannot_is_a_ramp(self, served, plc):
+    def test_unsupported_kind_of_stop_becomes_a_ramp(self, served, plc):
         plc.give(START, kind=1, reference=50.0)
         plc.stop = 4
         plc.cycles_until(lambda: not served.runs())
@@ -35,11 +35,11 @@ class TestStop:
     @pytest.mark.parametrize(
         "words", [(1, 0, 0, 99, 0, 0, 0, 0), (1, 0, 0, 0, 1, 0, 0x7FC0, 0), (1,) * 9], ids=["command", "nan", "long"]
     )
-    def test_it_goes_out_although_the_rest_is_nonsense(self, served, plc, words):
+    def test_stop_is_sent_although_the_rest_of_the_block_is_invalid(self, served, plc, words):
         plc.give(START, kind=1, reference=50.0)
         with pytest.raises(Refused):
             plc.master.write(STOP, *words)
-        # And not only when the heartbeat is missed.
+        # The stop is sent immediately, not only after the heartbeat is missed.
         until(lambda: served.notes.stops == [("pump", "ramp")], 0.8)
         until(lambda: not served.runs())
 
@@ -56,7 +56,7 @@ class TestStop:
         assert served.plant.drive("pump").standing_stop.confirmed
 
     @pytest.mark.soak
-    def test_standing_stop_refuses_every_door_and_stops_a_motor_that_is_seen_running(self, served, plc):
+    def test_standing_stop_blocks_every_door_and_stops_a_running_motor(self, served, plc):
         plc.stop = 1
         plc.write()
         until(lambda: plc.results().stop_outcome == DONE)
@@ -75,20 +75,20 @@ class TestStop:
         assert f"demanded by 127.0.0.1 ({served.door.name})" in str(answer.error)
         refused_s = time.time()
         until(lambda: served.plant.value("pump", "status").source_s > refused_s)
-        # As somebody does at the drive's keypad, or another master.
+        # Simulates a start at the drive's keypad, or by another master.
         served.asked(served.core.lines["hall"].drive("pump").start())
         assert plc.cycles_until(lambda: plc.results().stop_outcome == OPEN or None)
         plc.cycles_until(lambda: not served.runs())
         plc.cycles_until(lambda: plc.results().stop_outcome == DONE)
         events = [event.text for event in served.plant.events() if event.kind == "warning"]
         assert any(text.startswith("runs although a stop is demanded") for text in events)
-        # In one telegram; the other connection was answered the first numbers.
+        # Both change in one telegram. The sequence begins at 10, since lower numbers were used by the other connection.
         plc.stop, plc.sequence = 0, 10
         assert plc.give(START).outcome == DONE
         assert served.runs()
 
     @pytest.mark.parametrize("end", ["zero", "connection", "door"])
-    def test_demand_ends_with_the_image_that_holds_it(self, served, end):
+    def test_stop_demand_ends_with_its_block_connection_or_door(self, served, end):
         def demanded():
             return served.plant.drive("pump").standing_stop
 
@@ -109,7 +109,7 @@ class TestStop:
         if end == "door":
             served.open_door()
 
-    def test_nothing_starts_while_it_stands(self, served, plc):
+    def test_start_is_refused_while_a_stop_is_on(self, served, plc):
         plc.take_lease()
         plc.stop = 1
         for command in (START, AGAIN):
@@ -118,7 +118,7 @@ class TestStop:
         assert not served.runs()
 
     @pytest.mark.soak
-    def test_one_image_is_one_stop_and_a_flood_of_them_leaves_the_line_to_others(self, served, plc):
+    def test_repeated_block_sends_one_stop_and_a_flood_is_limited(self, served, plc):
         plc.stop = 1
         plc.cycles_for(0.3)
         assert len(served.notes.stops) == 1
@@ -130,7 +130,7 @@ class TestStop:
         assert len(served.notes.stops) <= 13
         assert changes > 50
 
-    def test_another_kind_waits_for_nothing(self, served, plc):
+    def test_different_kind_of_stop_is_sent_immediately(self, served, plc):
         plc.master.write_one(STOP, 1)
         plc.master.write_one(STOP, 2)
         until(lambda: ("pump", "coast") in served.notes.stops, 0.5)
@@ -138,7 +138,7 @@ class TestStop:
 
 class TestReference:
     @pytest.mark.soak
-    def test_it_is_sent_when_it_changes(self, served, plc):
+    def test_reference_is_sent_when_it_changes(self, served, plc):
         plc.take_lease()
         plc.kind, plc.reference = 1, 40.0
         plc.cycles_until(lambda: plc.results().reference_outcome == DONE)
@@ -149,7 +149,7 @@ class TestReference:
         assert not served.runs()
 
     @pytest.mark.soak
-    def test_the_last_of_many_is_the_one_that_counts(self, served, plc):
+    def test_last_of_many_references_takes_effect(self, served, plc):
         plc.give(START, kind=2, reference=10.0)
         for tenth in range(100, 300):
             plc.reference = tenth / 10
@@ -157,7 +157,7 @@ class TestReference:
         plc.cycles_until(lambda: abs(plc.frequency() - plc.reference) < 0.1, 30)
         assert served.verbs().count("set_reference") < 60
 
-    def test_it_is_not_sent_without_the_lease(self, served, plc):
+    def test_reference_is_not_sent_without_the_lease(self, served, plc):
         plc.kind, plc.reference = 1, 40.0
         for _ in range(10):
             plc.write()
@@ -167,7 +167,7 @@ class TestReference:
     @pytest.mark.parametrize(
         "words", [(1, 0, 0x7FC0, 0), (1, 0, 0x7F80, 0), (7, 0, 0x4248, 0)], ids=["nan", "infinite", "kind"]
     )
-    def test_what_cannot_be_meant_is_exception_3(self, served, plc, words):
+    def test_invalid_reference_gives_exception_3(self, served, plc, words):
         plc.take_lease()
         with pytest.raises(Refused) as caught:
             plc.master.write(1004, *words)
@@ -176,14 +176,14 @@ class TestReference:
         assert not served.verbs()
 
     @pytest.mark.parametrize(("address", "words"), [(REFERENCE, 1), (REFERENCE + 1, 1), (1005, 2)])
-    def test_half_a_number_is_exception_2(self, plc, address, words):
+    def test_half_written_reference_gives_exception_2(self, plc, address, words):
         with pytest.raises(Refused) as caught:
             plc.master.write(address, *range(words))
         assert caught.value.code == 2
 
     @pytest.mark.soak
-    def test_it_is_rounded(self, served, plc):
-        """A PLC computes with more digits than a drive takes, and drives refuse what they would have to round."""
+    def test_reference_is_rounded_to_the_resolution_of_the_drive(self, served, plc):
+        """A PLC calculates with more digits than a drive takes, and drives refuse values that need rounding."""
         plc.take_lease()
         plc.kind, plc.reference = 2, 100 / 3
         plc.cycles_until(lambda: plc.results().reference_outcome == DONE)
@@ -191,12 +191,12 @@ class TestReference:
         plc.cycles_for(0.4)
         assert served.verbs() == ["set_reference"]
 
-    def test_it_can_be_sent_again(self, served, plc):
+    def test_command_again_repeats_the_reference(self, served, plc):
         assert plc.give(AGAIN, kind=1, reference=40.0).outcome == DONE
         before = len(served.verbs())
         assert plc.give(AGAIN).outcome == DONE
         assert served.verbs()[before:] == ["set_reference"]
 
-    def test_again_without_one_is_no_command(self, plc):
+    def test_command_again_without_a_reference_is_refused(self, plc):
         results = plc.give(AGAIN)
         assert (results.outcome, results.reason) == (REFUSED, NO_COMMAND)

@@ -1,4 +1,4 @@
-"""Who may command by this door: nobody unless the plant file lists their address, and whatever is refused is noted."""
+"""Addresses that may command by this door: only those of the plant file; refusals are recorded."""
 
 import pytest
 from commanded_plant import STOP
@@ -16,21 +16,21 @@ WRITES = [
 
 
 @pytest.mark.parametrize("content", WRITES, ids=["06", "16", "23"])
-def test_nothing_is_written_unless_the_file_says_from_where(master, plant, content):
+def test_writes_are_refused_without_commands_from(master, plant, content):
     with pytest.raises(Refused) as caught:
         master.exchange(content)
     assert caught.value.code == 1
     assert not plant.commands
 
 
-def test_a_door_without_commanders_has_no_command_registers(master):
+def test_command_registers_are_missing_without_commands_from(master):
     with pytest.raises(Refused) as caught:
         master.read(STOP, 16)
     assert caught.value.code == 2
 
 
 @pytest.mark.parametrize("content", WRITES, ids=["06", "16", "23"])
-def test_an_address_that_is_not_listed_commands_nothing_not_even_a_stop(plant, serve, content):
+def test_unlisted_address_may_not_command_or_stop(plant, serve, content):
     with serve(commands_from=["192.0.2.0/24"])() as master:
         for _ in range(100):
             with pytest.raises(Refused) as caught:
@@ -41,7 +41,7 @@ def test_an_address_that_is_not_listed_commands_nothing_not_even_a_stop(plant, s
         assert (caller.name, caller.role) == ("127.0.0.1", Role.VIEW)
         assert (command.drive, command.arguments) == ("pump", {"register": STOP, "words": "0001"})
         assert why == "commands_from of the door does not list this address"
-        # A flood of them does not push what matters out of the audit.
+        # A flood of refusals must not displace important records from the audit.
         assert len(plant.refusals) < 10
     assert not plant.commands
 
@@ -58,5 +58,5 @@ def test_an_address_that_is_not_listed_commands_nothing_not_even_a_stop(plant, s
         (["0.0.0.0/0"], "::1", False),
     ],
 )
-def test_whose_commands_are_taken(listed, address, may):
+def test_commands_from_matches_addresses_and_networks(listed, address, may):
     assert ModbusTcpDoor(table(commands_from=listed)).settings.may_command(address) is may

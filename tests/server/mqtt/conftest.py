@@ -1,4 +1,4 @@
-"""Doors keep how far they came in a folder of the test's own."""
+"""The doors' state folder, separate for each test."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""An MQTT door of a real core over virtual drives, on a real broker, and somebody who listens and publishes there."""
+"""An MQTT door of a real core over virtual drives, on a real broker, and a client on that broker."""
 
 import asyncio
 import json
@@ -28,7 +28,7 @@ TOKENS = {
 
 
 class Users:
-    """anna views, otto and olga operate."""
+    """Users anna (view), otto and olga (both operate)."""
 
     def caller(self, token, door):
         if token not in TOKENS:
@@ -37,7 +37,7 @@ class Users:
 
 
 class Client:
-    """Somebody on the broker: hears everything below the prefix, and commands."""
+    """Client of the broker that receives everything below the prefix, and sends commands."""
 
     def __init__(self, prefix, settings):
         self.prefix, self.settings, self.heard, self.ids = prefix, settings, [], count(1)
@@ -62,13 +62,13 @@ class Client:
         await self.connection.publish(Message(topic=f"{self.prefix}/{topic}", payload=payload, retain=retain))
 
     def command(self, verb, /, **more):
-        """Return a command as it has to be; what is said replaces it, None leaves it out."""
+        """Return a valid command. more: fields that replace the valid ones; None omits a field."""
         content = {"id": f"c{next(self.ids)}", "verb": verb, "issued_s": time.time(), "valid_s": 5,
                    "session": self.session, **more}  # fmt: skip
         return {key: value for key, value in content.items() if value is not None}
 
     async def ask(self, drive, content, *, retain=False, topic="command"):
-        """Publish a command and return its answer, the one with its id."""
+        """Publish a command, and return the response with the same id."""
         one = content.get("id", "") if isinstance(content, dict) else ""
 
         def answers():
@@ -80,7 +80,7 @@ class Client:
         return answers()[before]
 
     async def publish_for_answer(self, topic, content, answer_to):
-        """Publish a command whose answer shall go to a topic of one's own, as MQTT 5 has it."""
+        """Publish a command whose response goes to a topic of the client's choice, as in MQTT 5."""
         properties = Properties(PacketTypes.PUBLISH)
         properties.ResponseTopic = answer_to
         properties.CorrelationData = b"mine"
@@ -88,7 +88,7 @@ class Client:
         await self.connection._client.publish(topic, json.dumps(content), qos=1, properties=properties)
 
     async def cut(self):
-        """Have the broker end the gateway's connection, and wait until it has another one."""
+        """Cut the gateway's connection to the broker, and wait until it is connected again."""
         before = self.session
         async with connected(self.settings, self.prefix.replace("/", "-"), print):
             pass
@@ -104,7 +104,7 @@ class Client:
 
 @asynccontextmanager
 async def listening(broker, prefix="drivecomm/hall"):
-    """Yield a client that hears everything there."""
+    """Yield a client that receives everything below the prefix."""
     table = Table({"broker": broker.url}, "x.toml")
     client = Client(prefix, broker_settings(table, table.take(BROKER_KEYS)))
     async with connected(client.settings, "client", client.hear) as connection:

@@ -1,6 +1,6 @@
-"""Home Assistant itself as a process of its own, set up and asked over its HTTP API as its page does it.
+"""Home Assistant in a separate process, set up and queried over its HTTP API as its web page does.
 
-DRIVECOMM_HOME_ASSISTANT names a Python that has it: `.ci/home-assistant FOLDER` makes one.
+DRIVECOMM_HOME_ASSISTANT names a Python that has it installed: `.ci/home-assistant FOLDER` makes one.
 """
 
 import contextlib
@@ -19,7 +19,8 @@ import pytest
 PYTHON = os.environ.get("DRIVECOMM_HOME_ASSISTANT", "")
 
 needs_home_assistant = pytest.mark.skipif(
-    not PYTHON, reason="Home Assistant is not here: DRIVECOMM_HOME_ASSISTANT=... (.ci/home-assistant FOLDER gets it)"
+    not PYTHON,
+    reason="Home Assistant is not installed: DRIVECOMM_HOME_ASSISTANT=... (made by .ci/home-assistant FOLDER)",
 )
 
 SETTINGS = """\
@@ -33,7 +34,7 @@ _COMPLAINT = re.compile(r"^\S+ \S+ (WARNING|ERROR|CRITICAL) ", re.MULTILINE)
 
 
 class HomeAssistant:
-    """Home Assistant on a port of loopback, with everything that it keeps in a folder."""
+    """Home Assistant on a loopback port, with all its files in one folder."""
 
     def __init__(self, folder):
         with socket.create_server(("127.0.0.1", 0)) as free:
@@ -43,7 +44,7 @@ class HomeAssistant:
         (folder / "configuration.yaml").write_text(SETTINGS.format(port=self.port))
         self.process = None
         self.token = ""
-        # What it needs to begin with is not there for all of its parts, and it says so; that is not about drives.
+        # Position in the log. The log begins with complaints about missing optional parts, which do not concern drives.
         self._read = 0
 
     def start(self):
@@ -73,7 +74,7 @@ class HomeAssistant:
             return False
 
     def ask(self, path, content=None, *, form=None):
-        """Return what it answers to a question, or with content or a form to an order."""
+        """Return the reply to a GET request, or to a POST request if `content` or `form` is given."""
         headers = {"Authorization": f"Bearer {self.token}"} if self.token else {}
         data = None if form is None else urlencode(form).encode()
         if content is not None:
@@ -86,7 +87,7 @@ class HomeAssistant:
             raise AssertionError(f"{path}: {error.code} {error.read().decode()}") from None
 
     def begin(self, broker):
-        """Become its owner, and give it the broker."""
+        """Create the owner account, and configure the broker."""
         client = f"http://127.0.0.1:{self.port}/"
         owner = {"name": "otto", "username": "otto", "password": "otto's own", "language": "en"}
         code = self.ask("/api/onboarding/users", {**owner, "client_id": client})["auth_code"]
@@ -103,16 +104,16 @@ class HomeAssistant:
         assert done["type"] == "create_entry", done
 
     def states(self):
-        """Return what it shows of drives, by the name of the entity."""
+        """Return the states of drive entities by their names."""
         found = {each["entity_id"]: each for each in self.ask("/api/states")}
         return {name: each for name, each in found.items() if ".drivecomm_" in name}
 
     def state(self, entity):
-        """Return what it shows of one entity, None where it has none such."""
+        """Return the state of one entity, None if it does not exist."""
         return self.states().get(entity, {}).get("state")
 
     def template(self, text):
-        """Return what a template says there."""
+        """Return the text that Home Assistant renders from a template."""
         headers = {"Authorization": f"Bearer {self.token}", "Content-Type": "application/json"}
         data = json.dumps({"template": text}).encode()
         request = urllib.request.Request(f"http://127.0.0.1:{self.port}/api/template", data, headers)
@@ -129,7 +130,7 @@ class HomeAssistant:
         self.ask(f"/api/services/{service.replace('.', '/')}", {"entity_id": entity, **fields})
 
     def no_complaints(self, *, seen=False):
-        """Check that it has complained of nothing since this was asked last. seen: whatever it is."""
+        """Check that the log has no new complaints since the last check. seen: ignore the new complaints."""
         news = self._news()
         self._read += len(news.encode())
         if not seen:
@@ -148,7 +149,7 @@ class HomeAssistant:
 
 @contextlib.contextmanager
 def home_assistant(folder):
-    """Run Home Assistant; yield it."""
+    """Run Home Assistant during the block; yield it."""
     folder.mkdir()
     one = HomeAssistant(folder)
     try:

@@ -1,4 +1,4 @@
-"""The alarms that stand are retained on the broker, and acknowledged by the id that an event carries."""
+"""Standing alarms retained on the broker, and acknowledged by the id that an event carries."""
 
 import os
 
@@ -36,7 +36,7 @@ options = {{ model = "agile" }}
 
 
 @awaited
-async def test_client_that_comes_later_finds_the_alarms_on_the_broker_and_acknowledges_one(tmp_path, monkeypatch):
+async def test_later_client_finds_alarms_on_the_broker_and_acknowledges_one(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     with mosquitto(tmp_path / "broker") as broker:
         file = tmp_path / "plant.toml"

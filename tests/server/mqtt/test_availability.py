@@ -1,4 +1,4 @@
-"""Whether drives answer, as the broker keeps it: told anew on each connection, because brokers forget."""
+"""Availability of drives, retained on the broker and published again on each connection, since brokers forget."""
 
 import json
 from dataclasses import replace
@@ -16,7 +16,7 @@ ONLINE = {f"drivecomm/hall/{drive}/availability": b'{"state":"online"}' for driv
 
 
 @awaited
-async def test_availability_is_told_again_to_a_broker_that_has_forgotten_it(tmp_path):
+async def test_availability_is_published_again_to_a_restarted_broker(tmp_path):
     with mosquitto(tmp_path / "broker") as broker:
         async with core_of(tmp_path) as (core, _), open_door(core, broker) as door:
             await until(lambda: all(each.reachability == "answers" for each in core.drives()))

@@ -1,4 +1,4 @@
-"""What follows after a time without a broker: every row once, in order, from where the last run was."""
+"""Publishing of missed values after a time without a broker: every row once, in order, from the last position."""
 
 import asyncio
 from decimal import Decimal
@@ -27,7 +27,7 @@ def value(number):
 
 
 class Broker:
-    """Takes so many messages, then it is gone."""
+    """A broker that accepts a number of messages, then disconnects."""
 
     def __init__(self, takes=10_000):
         self.messages, self._takes = [], takes
@@ -59,7 +59,7 @@ class Plant:
         await one.begin()
         running = asyncio.create_task(one.run(broker))
         async with asyncio.timeout(10):
-            while not (until(one) or running.done()):  # noqa: ASYNC110 - it is about several things
+            while not (until(one) or running.done()):  # noqa: ASYNC110 - no single event to wait for
                 await asyncio.sleep(0.01)
         await ended(running)
         await one.end()
@@ -74,7 +74,7 @@ def plant(tmp_path, monkeypatch):
     made.store.close()
 
 
-def test_the_first_time_begins_with_what_comes(plant):
+def test_first_run_publishes_only_new_rows(plant):
     plant.add(0, 50)
     broker = Broker()
 
@@ -94,7 +94,7 @@ def test_the_first_time_begins_with_what_comes(plant):
     assert broker.numbers == list(range(50, 60))
 
 
-def test_it_goes_on_where_the_last_run_was_and_passes_over_what_went_out_live(plant):
+def test_catching_up_resumes_at_the_last_position_and_skips_live_values(plant):
     plant.add(0, 100)
     write_position(plant.file, Position(30, round((NOON + 29) * 1000)))
     for number in (40, 41, 99):
@@ -108,10 +108,10 @@ def test_it_goes_on_where_the_last_run_was_and_passes_over_what_went_out_live(pl
     assert read_position(plant.file) == Position(100, round((NOON + 99) * 1000))
 
 
-def test_of_what_was_missed_only_changes_follow(plant):
+def test_catching_up_publishes_only_changes_if_the_door_does(plant):
     plant.add(0, 100)
     write_position(plant.file, Position(30, round((NOON + 29) * 1000)))
-    # What went out live is what the next one is compared with.
+    # The next values are compared with those that were published live.
     for number in (40, 41):
         plant.live.add(sample_of(value(number)))
     broker, rules = Broker(takes=1), ChangeRules(deadbands={"f": 9.5})
@@ -123,7 +123,7 @@ def test_of_what_was_missed_only_changes_follow(plant):
     assert not {*broker.numbers, *again.numbers} & {31, 39, 40, 41, 42, 49, 51}
 
 
-def test_a_broker_that_goes_in_the_middle_costs_nothing(plant):
+def test_catching_up_loses_no_value_if_the_broker_disconnects(plant):
     plant.add(0, 200)
     write_position(plant.file, Position(1, round(NOON * 1000)))
     brokers = [Broker(takes) for takes in (3, 0, 7, 10_000)]
@@ -132,12 +132,12 @@ def test_a_broker_that_goes_in_the_middle_costs_nothing(plant):
     numbers = [number for broker in brokers for number in broker.numbers]
     assert set(numbers) == set(range(1, 200))
     assert all(broker.numbers == sorted(broker.numbers) for broker in brokers)
-    # What was on its way when the broker went comes again, and nothing else.
+    # Only messages in flight at a disconnect are published twice.
     assert len(numbers) - len(set(numbers)) <= 3 * 4 * 10
 
 
-def test_a_history_that_began_anew_is_not_published_twice_and_not_left_out(plant):
-    """After a power cut its end may be missing, or it was damaged and another one begun: rows count from elsewhere."""
+def test_new_history_file_is_published_once_from_the_last_time(plant):
+    """Row numbers may start again after a power cut, or after a damaged file was replaced."""
     plant.add(0, 60)
     write_position(plant.file, Position(500, round((NOON + 20) * 1000)))
     broker = Broker()
@@ -146,7 +146,7 @@ def test_a_history_that_began_anew_is_not_published_twice_and_not_left_out(plant
     assert read_position(plant.file) == Position(60, round((NOON + 59) * 1000))
 
 
-def test_a_history_that_cannot_be_read_is_told_once(plant):
+def test_unreadable_history_is_reported_once(plant):
     plant.add(0, 60)
     write_position(plant.file, Position(1, round(NOON * 1000)))
     plant.store.close()

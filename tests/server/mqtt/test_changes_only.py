@@ -1,4 +1,4 @@
-"""Doors that publish changes only: nothing that matters is left out, and what stays as it is is told now and then."""
+"""Doors that publish only changes: no significant change is lost, and constant values are repeated at intervals."""
 
 from decimal import Decimal
 
@@ -18,7 +18,7 @@ def sample(value, *, time_s=0.0, quality="good", text="", note="", name="output_
 
 
 def published(rules, samples):
-    """Return the values that are published when each of them arrives at once."""
+    """Return the values that are published if each of them is delivered immediately."""
     changes, found = Changes(rules), []
     for each in samples:
         if changes.is_one(each):
@@ -27,23 +27,23 @@ def published(rules, samples):
     return found
 
 
-def test_value_that_stays_is_published_once():
+def test_constant_value_is_published_once():
     course = [sample(Decimal(each)) for each in ("1.0", "1.0", "1.1", "1.1", "1.0")]
     assert published(ChangeRules(), course) == [Decimal("1.0"), Decimal("1.1"), Decimal("1.0")]
 
 
-def test_value_that_creeps_is_published():
+def test_slowly_drifting_value_is_published():
     course = [sample(Decimal(each)) for each in ("1.00", "1.05", "1.10", "1.15", "1.20", "1.22")]
     found = published(ChangeRules(deadbands={"output_current": 0.1}), course)
     assert found == [Decimal("1.00"), Decimal("1.15")]
 
 
-def test_deadband_is_of_its_quantity_alone():
+def test_deadband_applies_to_its_quantity_only():
     rules = ChangeRules(deadbands={"output_frequency": 5})
     assert published(rules, [sample(1), sample(2)]) == [1, 2]
 
 
-def test_deadband_of_a_tag_goes_before_that_of_the_door():
+def test_deadband_of_a_tag_overrides_that_of_the_door():
     rules = ChangeRules(deadbands={"output_current": 5})
     changes = Changes(rules, lambda drive, name: {("pump", "output_current"): 0.5}.get((drive, name)))
     changes.published(sample(Decimal("1.0")))
@@ -53,14 +53,14 @@ def test_deadband_of_a_tag_goes_before_that_of_the_door():
     assert not changes.is_one(other._replace(value=Decimal("6.6")))
 
 
-def test_what_is_said_of_a_value_is_published_whatever_the_deadband():
+def test_changed_quality_text_or_note_is_published_despite_the_deadband():
     rules = ChangeRules(deadbands={"output_current": 100})
     first = sample(1)
     for other in (sample(1, quality="stale"), sample(None, quality="bad"), sample(1, text="on"), sample(1, note="old")):
         assert published(rules, [first, other, first]) == [1, other.value, 1]
 
 
-def test_value_that_stays_is_published_now_and_then_and_when_the_clock_is_set_back():
+def test_constant_value_is_repeated_at_intervals_and_after_a_clock_set_back():
     rules = ChangeRules(at_least_every_s=60)
     course = [sample(1, time_s=time_s) for time_s in (0, 30, 59, 60, 90, 119.9, 120, 20)]
     changes, times = Changes(rules), []
@@ -71,14 +71,14 @@ def test_value_that_stays_is_published_now_and_then_and_when_the_clock_is_set_ba
     assert times == [0, 60, 120, 20]
 
 
-def test_value_that_has_not_arrived_is_not_what_others_are_compared_with():
+def test_undelivered_value_is_no_base_for_comparison():
     changes = Changes(ChangeRules())
     assert changes.is_one(sample(1))
     assert changes.is_one(sample(1))
 
 
 @given(st.lists(st.decimals(-100, 100, places=1), min_size=1), st.decimals(0, 20, places=1))
-def test_who_listens_is_never_further_off_than_the_deadband(values, deadband):
+def test_last_published_value_is_within_the_deadband(values, deadband):
     changes, known = Changes(ChangeRules(deadbands={"output_current": float(deadband)})), None
     for value in values:
         if changes.is_one(sample(value)):
@@ -105,14 +105,14 @@ async def test_door_publishes_changes_only(tmp_path):
             told, before = len(client.payloads("pump/output_frequency")), polls()
             await until(lambda: polls() > before + 100)
             again = [each for each in client.payloads("pump/output_frequency")[told:] if each["quality"] == "good"]
-            # A busy machine lets values grow old, and each that is fresh again then is told.
+            # On a busy machine values may go stale; each of those is published again when it is fresh.
             assert len(again) < 10
             control.order("power", drive="pump", state="off")
             await until(lambda: client.latest("pump/output_frequency")["quality"] == "bad")
 
 
 @awaited
-async def test_door_takes_deadbands_of_tags_from_the_plant_as_it_is_now(tmp_path):
+async def test_deadband_of_a_tag_follows_a_changed_plant_file(tmp_path):
     tagged = "tags = { output_frequency = { deadband = 1000 } }\nnetwork = { http"
     async with core_of(tmp_path, PLANT.replace("network = { http", tagged)) as (core, _control):
         plant = PlantForDoors(core, "hall")
@@ -120,6 +120,6 @@ async def test_door_takes_deadbands_of_tags_from_the_plant_as_it_is_now(tmp_path
         assert tag_deadband(plant, "fan", "output_frequency") is None
         assert tag_deadband(plant, "gone", "output_frequency") is None
         (tmp_path / "plant.toml").write_text(PLANT)
-        # It is the same drive, so that a motor that is kept running goes on running.
+        # A changed tag leaves the drive the same, so that a kept motor keeps running.
         assert await core.changed(read_plant(tmp_path / "plant.toml")) == []
         assert tag_deadband(plant, "pump", "output_frequency") is None

@@ -1,4 +1,4 @@
-"""All values of a drive in one message: seldom enough to be cheap, and at once where something happens."""
+"""Values of a drive gathered into one message: at intervals to save messages, immediately after a change of state."""
 
 from drivecomm.line import STATUS
 from drivecomm.server.mqtt.catching_up import LOOKED_EVERY_S
@@ -10,7 +10,7 @@ def sample(drive, name, value, time_ms=0):
     return Sample(drive, name, value, "", "", "good", "", time_ms)
 
 
-def test_the_first_goes_at_once_and_what_follows_waits_for_the_turn():
+def test_first_value_is_due_immediately_and_later_ones_at_the_interval():
     gathering = Gathering()
     first, second = (sample("pump", "output_frequency", number) for number in range(2))
     third = sample("pump", "torque", 2)
@@ -23,12 +23,12 @@ def test_the_first_goes_at_once_and_what_follows_waits_for_the_turn():
     assert gathering.due(20.0) == []
 
 
-def test_the_history_waits_longer_than_a_value_for_its_turn():
-    # What it came to before the turn would be published twice.
+def test_history_interval_is_longer_than_the_gathering_interval():
+    # A value found in the history before its live message is sent would be published twice.
     assert LOOKED_EVERY_S > EVERY_S
 
 
-def test_each_drive_has_its_own_turn():
+def test_each_drive_has_its_own_interval():
     gathering = Gathering()
     gathering.add([sample("pump", "torque", 1)])
     gathering.due(10.0)
@@ -37,7 +37,7 @@ def test_each_drive_has_its_own_turn():
     assert gathering.due(10.1) == [[later]]
 
 
-def test_a_state_that_changes_waits_for_nothing_and_takes_the_others_along():
+def test_changed_state_is_due_immediately_with_the_gathered_values():
     gathering = Gathering()
     gathering.add([sample("pump", STATUS, "ready")])
     gathering.due(10.0)
@@ -52,7 +52,7 @@ def test_a_state_that_changes_waits_for_nothing_and_takes_the_others_along():
     assert gathering.due(10.1) == [[again, value], [running]]
 
 
-def test_a_change_of_state_alone_waits_for_nothing():
+def test_changed_state_alone_is_due_immediately():
     gathering = Gathering()
     gathering.add([sample("pump", STATUS, "ready")])
     gathering.due(10.0)
@@ -61,7 +61,7 @@ def test_a_change_of_state_alone_waits_for_nothing():
     assert gathering.due(10.1) == [[running]]
 
 
-def test_no_value_is_replaced_by_the_next_one():
+def test_no_gathered_value_is_replaced_by_the_next():
     gathering = Gathering()
     gathering.add([sample("pump", "torque", 0)])
     gathering.due(10.0)

@@ -1,4 +1,4 @@
-"""Commands and events of a server that was killed are published by the next one; a plant file by its hash."""
+"""Commands and events of a killed server are published by the next one; the plant file is identified by its hash."""
 
 import os
 import signal
@@ -24,7 +24,7 @@ def is_in_the_history(folder):
 
 
 @awaited
-async def test_what_happened_while_the_broker_was_away_outlives_the_server(tmp_path):
+async def test_events_without_a_broker_are_published_after_a_server_restart(tmp_path):
     with (
         mosquitto(tmp_path / "broker") as broker,
         serving(

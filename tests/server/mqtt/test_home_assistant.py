@@ -1,4 +1,4 @@
-"""What Home Assistant is told of drives, on a real broker: what it needs, and nothing that could act later."""
+"""Discovery messages for Home Assistant on a real broker: complete, and without commands that could act later."""
 
 import asyncio
 import json
@@ -29,7 +29,7 @@ ALLOWED = PLANT.replace(
 
 
 def told(client, drive):
-    """Return what was told of a drive, the latest first."""
+    """Return the discovery messages of a drive, newest first."""
     found = [parsed(each.payload) for each in client.heard if each.topic == PLACE.format(drive) and each.payload]
     return found[::-1]
 
@@ -42,7 +42,7 @@ async def known(client, core):
 
 @pytest.mark.soak
 @awaited
-async def test_a_drive_is_a_device_with_sensors(tmp_path):
+async def test_drive_is_a_device_with_sensors(tmp_path):
     with mosquitto(tmp_path / "broker") as broker:
         async with (
             core_of(tmp_path, ALLOWED) as (core, _),
@@ -67,7 +67,7 @@ async def test_a_drive_is_a_device_with_sensors(tmp_path):
             assert sensor["expire_after"] >= 10
             assert sensor["state_topic"] in {each.topic for each in client.heard}
             assert fan["components"]["problem"]["device_class"] == "problem"
-            # Without a role nothing can be pressed there.
+            # Without a role there are no buttons.
             shown = {key: each for key, each in fan["components"].items() if len(each) > 1}
             assert {each["platform"] for each in shown.values()} == {"sensor", "binary_sensor"}
             ids = [
@@ -81,7 +81,7 @@ async def test_a_drive_is_a_device_with_sensors(tmp_path):
 
 @pytest.mark.soak
 @awaited
-async def test_it_is_told_again_when_it_begins_and_with_each_connection(tmp_path):
+async def test_discovery_is_repeated_when_home_assistant_starts_and_on_each_connection(tmp_path):
     with mosquitto(tmp_path / "broker") as broker:
         async with (
             core_of(tmp_path, ALLOWED) as (core, _),
@@ -101,7 +101,7 @@ async def test_it_is_told_again_when_it_begins_and_with_each_connection(tmp_path
 
 
 def pressed(template, session):
-    """Fill in a template as Home Assistant does."""
+    """Fill in a template as Home Assistant does, and check that it contains the session."""
     now = f"{time.time():.6f}"
     text = template.replace("{{ now().timestamp() }}", now).replace("{{ range(100000) | random }}", "12345")
     assert session in text
@@ -110,7 +110,7 @@ def pressed(template, session):
 
 @pytest.mark.soak
 @awaited
-async def test_what_may_be_done_can_be_pressed_and_counts_for_this_connection_only(tmp_path):
+async def test_buttons_exist_for_allowed_verbs_and_are_valid_for_one_connection(tmp_path):
     with mosquitto(tmp_path / "broker") as broker:
         async with (
             core_of(tmp_path, ALLOWED) as (core, control),
@@ -144,11 +144,11 @@ async def test_what_may_be_done_can_be_pressed_and_counts_for_this_connection_on
             )
             await until(lambda: runs(control, "fan"))
             stop = parts["command_stop"]
-            # A drive that seems to be silent can be stopped there, too.
+            # A drive that seems silent can still be stopped.
             assert [each["topic"] for each in stop["availability"]] == ["drivecomm/hall/bridge/state"]
             await client.connection.publish(Message(topic=stop["command_topic"], payload=stop["payload_press"]))
             await until(lambda: not runs(control, "fan"))
-            # Nobody renews a lease there: what would need one has no button.
+            # Home Assistant does not renew a lease, so verbs that need a lease have no button.
             assert told(client, "pump")[0]["components"]["command_start"] == {"platform": "button"}
 
 
@@ -172,13 +172,13 @@ def a_value(name="output_frequency", content=Decimal("12.5"), **more):
         ("serial_number", "0012", "", (None, None, None)),
     ],
 )
-def test_of_which_kind_a_quantity_is_there(name, content, unit, shown):
+def test_quantity_has_its_device_class_unit_and_state_class(name, content, unit, shown):
     found = kind_of(a_value(name, content, unit=unit), "")
     assert tuple(found.get(key) for key in ("device_class", "unit_of_measurement", "state_class")) == shown
 
 
-def test_a_common_name_is_of_its_kind_before_it_is_read_and_an_address_is_told_when_it_is():
-    """A sensor whose unit comes and goes loses its statistics there."""
+def test_sensor_kind_is_known_before_a_read_for_common_names_only():
+    """Home Assistant drops the statistics of a sensor whose unit comes and goes."""
     unread = CurrentValue(time_s=1.0, drive="fan", name="motor_current", reading=None, quality="bad")
     assert kind_of(unread, "") is None
     unread = replace(unread, name="output_current")
@@ -189,8 +189,8 @@ def test_a_common_name_is_of_its_kind_before_it_is_read_and_an_address_is_told_w
     assert kind_of(a_value("output_frequency", unit="Hz"), "")["name"] == "Output frequency"
 
 
-def test_a_state_that_is_not_known_is_no_sign_of_health():
-    """The template says OFF only of a state that is fresh."""
+def test_problem_sensor_is_unknown_without_a_fresh_state():
+    """The template gives OFF only for a fresh state."""
     state, problem = state_kinds("")
     assert state["options"] == ["not_ready", "ready", "running", "stopping", "fault"]
     template = problem["value_template"]
@@ -200,19 +200,19 @@ def test_a_state_that_is_not_known_is_no_sign_of_health():
 @pytest.mark.parametrize(
     "payload", [b"", b"x", b"[]", b'{"drives":[{"name":"a"}]}', b'{"drives":[3]}', b'{"drives":7}']
 )
-def test_what_an_earlier_run_told_is_nothing_where_it_cannot_be_understood(payload):
+def test_malformed_discovery_of_an_earlier_run_is_ignored(payload):
     assert drives_told(payload, "drivecomm/hall") == {}
 
 
 @pytest.mark.parametrize("topic", ["drivecomm/hallway/a", "other/a", "drivecomm/hall/+", "drivecomm/hall/a/#"])
-def test_drive_that_is_told_elsewhere_is_left_alone(topic):
+def test_drive_below_another_prefix_is_ignored(topic):
     payload = json.dumps({"drives": [{"name": "a", "topic": topic, "quantities": ["status"]}]}).encode()
     assert drives_told(payload, "drivecomm/hall") == {}
 
 
 @pytest.mark.soak
 @awaited
-async def test_what_the_last_run_told_and_is_not_there_any_more_is_removed(tmp_path):
+async def test_removed_drives_and_quantities_of_the_last_run_are_cleared(tmp_path):
     with mosquitto(tmp_path / "broker") as broker:
         async with listening(broker) as client:
             async with (
@@ -245,7 +245,7 @@ def kept(client, topic):
 
 @pytest.mark.soak
 @awaited
-async def test_what_is_not_polled_any_more_does_not_stay_in_the_message_of_a_drive(tmp_path):
+async def test_quantity_removed_from_polling_leaves_the_message_of_its_drive(tmp_path):
     with mosquitto(tmp_path / "broker") as broker:
         both = ALLOWED.replace('["output_frequency"]', MORE)
         async with (
@@ -257,7 +257,7 @@ async def test_what_is_not_polled_any_more_does_not_stay_in_the_message_of_a_dri
             file = tmp_path / "plant.toml"
             file.write_text(ALLOWED)
             await core.changed(read_plant(file))
-            # Between the two it may be that nothing but the status is known.
+            # For a moment after the change only the status may be known.
             await until(
                 lambda: "16-34" not in client.latest("fan/values") and "output_frequency" in client.latest("fan/values")
             )

@@ -1,4 +1,4 @@
-"""What Home Assistant itself makes of what the door tells it: its entities, their states, and what is pressed there."""
+"""Real Home Assistant with the door's messages: its entities, their states, and its buttons."""
 
 import json
 import signal
@@ -90,9 +90,9 @@ START, STOP = "button.drivecomm_hall_fan_command_start", "button.drivecomm_hall_
 
 @contextmanager
 def served_there(folder, more=""):
-    """Serve two drives on a broker that Home Assistant listens to; yield the server, and Home Assistant.
+    """Serve two drives on the broker of Home Assistant.
 
-    more: of the door.
+    Yields the server, Home Assistant, and the head of the plant file. more: additional keys of the door.
     """
     with mosquitto(folder / "broker") as broker:
         file = folder / "plant.toml"
@@ -124,7 +124,7 @@ def answers(home):
     return attributes.get("event_type"), attributes.get("verb"), attributes.get("error")
 
 
-def test_home_assistant_shows_drives_as_they_are_from_the_first_day_to_the_last(tmp_path):
+def test_home_assistant_follows_drives_over_their_whole_life(tmp_path):
     with served_there(tmp_path) as (served, home, head):
         shows_what_there_is(home)
         commands(served, home)
@@ -132,7 +132,7 @@ def test_home_assistant_shows_drives_as_they_are_from_the_first_day_to_the_last(
         keeps_up_with_the_plant_file(served, home, head)
 
 
-def test_home_assistant_takes_the_values_of_a_drive_from_one_message(tmp_path):
+def test_home_assistant_reads_the_values_of_a_drive_from_one_message(tmp_path):
     with served_there(tmp_path, 'messages = "drives"') as (served, home, head):
         shows_what_there_is(home)
         commands(served, home)
@@ -152,14 +152,14 @@ for each in json.load(sys.stdin):
 """
 
 
-def test_every_unit_of_ours_is_taken_with_its_class():
+def test_home_assistant_accepts_every_unit_with_its_class():
     units = {each.unit for each in quantities().values()} | {*_CLASSES, *_UNITS, "reference unit", "V or mA", "Ohm"}
     sensors = []
     for unit in sorted(units - {""}):
         reading = Reading(parameter="1", value=1, raw=1, unit=unit)
         value = CurrentValue(time_s=1.0, drive="fan", name="1", reading=reading, quality="good")
         sensors.append({"state_topic": "x", **kind_of(value, "")})
-        # Templates are taken in its event loop only.
+        # Home Assistant accepts templates only in its event loop.
         del sensors[-1]["value_template"]
     done = subprocess.run(
         [PYTHON, "-c", TAKES], input=json.dumps(sensors), capture_output=True, text=True, timeout=120, check=False
@@ -200,7 +200,7 @@ def commands(served, home):
     home.call("button.press", STOP)
     served.until(lambda: not served.runs("fan"))
     home.until(lambda: home.state(STATE) == "ready")
-    # A command that is refused is told, and a reference that was not taken is not shown.
+    # A refused command is shown with its error, and a refused reference is not shown as set.
     served.control.order("trip", drive="fan", code=4)
     home.until(lambda: (home.state(STATE), home.state(FAULT)) == ("fault", "on"))
     home.call("button.press", START)
@@ -215,7 +215,7 @@ def commands(served, home):
 def shows_who_is_there(served, home):
     served.control.order("power", drive="fan", state="off")
     home.until(lambda: home.state(FREQUENCY) == "unavailable")
-    # It may hear a stop all the same.
+    # The stop button stays, since a silent drive may still receive a stop.
     there = {name for name, state in of(home, "fan").items() if state != "unavailable"}
     assert there == {STOP, ANSWER}
     home.call("button.press", STOP)
@@ -223,7 +223,7 @@ def shows_who_is_there(served, home):
     assert is_there(home, "pump")
     served.control.order("power", drive="fan", state="on")
     home.until(lambda: is_there(home, "fan"), 60)
-    # Stopped in its tracks: it says nothing, and what it had told grows old before the broker misses it.
+    # A suspended server publishes nothing, and its values expire before the broker notices the loss.
     served.process.send_signal(signal.SIGSTOP)
     began = time.monotonic()
     home.until(lambda: home.state(FREQUENCY) == "unavailable", 40)
@@ -235,7 +235,7 @@ def shows_who_is_there(served, home):
     served.start()
     home.until(lambda: is_there(home, "fan") and is_there(home, "pump"), 60)
     home.no_complaints()
-    # What is pressed counts for the connection that there is now; before that is told there, it is refused.
+    # A button is valid for the present connection; it is refused until the new session has arrived.
     home.until(lambda: sets(home, 30))
     before = set(home.states())
     home.end()
@@ -253,14 +253,14 @@ def sets(home, percent):
 
 def keeps_up_with_the_plant_file(served, home, head):
     served.end(signal.SIGKILL)
-    # The pump has gone, as has a quantity, and nobody may start any more.
+    # The plant file loses the pump, a quantity, and the permission to start.
     served.plant.write_text(head + FAN.replace('"start", ', "").replace('"energy", ', ""))
     served.start()
     home.until(lambda: is_there(home, "fan"))
     home.until(lambda: not of(home, "pump"))
     gone = {START, "sensor.drivecomm_hall_fan_energy"}
     home.until(lambda: home.states().keys() == FAN_SHOWS.keys() - gone)
-    # It is read again without an end: nobody may do anything but stop.
+    # A reload during operation leaves only the permission to stop.
     served.plant.write_text(head + FAN[: FAN.index("network")] + PUMP)
     served.process.send_signal(signal.SIGHUP)
     home.until(lambda: home.states().keys() >= PUMP_SHOWS and REFERENCE not in home.states())

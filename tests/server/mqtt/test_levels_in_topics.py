@@ -1,4 +1,4 @@
-"""Sites, areas and lines as levels of topics: values, commands, Home Assistant, the fleet and clearing follow."""
+"""Sites, areas and lines as topic levels: values, commands, Home Assistant, the fleet, and cleared topics."""
 
 import asyncio
 import json
@@ -25,7 +25,7 @@ HELD = PLANT.replace('policy = "coast", watchdog_s = 2 }', 'policy = "hold" }\nn
 
 @asynccontextmanager
 async def served(tmp_path, **more):
-    """Yield a broker, a client, the core and its drives of a plant whose door has levels."""
+    """Yield a broker, a client, the core and the control of its drives, for a plant whose door has topic levels."""
     with mosquitto(tmp_path / "broker") as broker:
         async with (
             core_of(tmp_path, HELD, audit=NoteBook(), **more.pop("core", {})) as (core, control),
@@ -37,12 +37,12 @@ async def served(tmp_path, **more):
 
 
 def kept(client, topic):
-    """Return what the broker has of a topic."""
+    """Return a list of the last payload received on a topic; an empty list if no payload was received."""
     return [each.payload for each in client.heard if each.topic == f"{PREFIX}/{topic}"][-1:]
 
 
 @awaited
-async def test_values_are_below_the_line_of_their_drive(tmp_path):
+async def test_values_are_published_below_the_line_of_their_drive(tmp_path):
     async with served(tmp_path) as (_, client, core, _control):
         await until(lambda: (client.latest("yard/fan/output_frequency") or {}).get("quality") == "good")
         await until(lambda: client.latest("hall/pump/availability") == {"state": "online"})
@@ -55,7 +55,7 @@ async def test_values_are_below_the_line_of_their_drive(tmp_path):
 
 
 @awaited
-async def test_commands_are_taken_on_the_line_of_the_drive_alone(tmp_path):
+async def test_commands_are_accepted_only_on_the_line_of_the_drive(tmp_path):
     async with served(tmp_path) as (_, client, core, control):
         refused = await client.ask("hall/fan", client.command("start"))
         assert (refused["outcome"], runs(control, "fan")) == ("refused", False)
@@ -76,16 +76,16 @@ async def test_stop_on_any_line_stops_the_drive(tmp_path, topic):
 
 
 @awaited
-async def test_answer_to_a_stop_of_everything_is_not_taken_for_a_stop(tmp_path):
+async def test_response_to_a_stop_of_all_drives_is_not_read_as_a_stop(tmp_path):
     async with served(tmp_path) as (_, client, _core, _control):
         assert (await client.request("stop"))["outcome"] == "done"
-        # Whatever comes on the same connection afterwards comes behind it.
+        # A later message on the same connection is handled after the response of the stop.
         assert (await client.ask("yard/fan", client.command("status")))["outcome"] == "done"
         assert not client.payloads("bridge/response/response")
 
 
 @awaited
-async def test_drive_that_moves_to_another_line_leaves_nothing_behind(tmp_path):
+async def test_topics_of_a_drive_are_cleared_when_it_moves_to_another_line(tmp_path):
     async with served(tmp_path) as (_, client, core, _control):
         for each in ("status", "output_frequency", "availability"):
             await until(lambda each=each: client.latest(f"hall/pump/{each}"))
@@ -98,7 +98,7 @@ async def test_drive_that_moves_to_another_line_leaves_nothing_behind(tmp_path):
 
 
 @awaited
-async def test_home_assistant_is_told_the_same_topics(tmp_path):
+async def test_discovery_uses_topics_with_levels(tmp_path):
     async with served(tmp_path) as (_, client, _core, _control):
         place = "homeassistant/device/"
 
@@ -117,7 +117,7 @@ async def test_home_assistant_is_told_the_same_topics(tmp_path):
 
 
 @awaited
-async def test_what_was_missed_follows_below_the_levels(tmp_path, monkeypatch):
+async def test_missed_values_are_published_below_the_levels(tmp_path, monkeypatch):
     monkeypatch.setattr(catching_up, "LOOKED_EVERY_S", 0.1)
     file = tmp_path / "history.sqlite"
     journal = Journal(file)

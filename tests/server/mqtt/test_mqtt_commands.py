@@ -1,6 +1,6 @@
-"""Commands over a real broker: what is old, repeated, retained or not theirs moves nothing, and a stop always goes.
+"""Commands over a real broker: old, repeated, retained or unauthorised ones move no motor, and a stop is always sent.
 
-Each refusal is looked for in three places: the answer, the audit, and the virtual motor.
+Each refusal is checked in three places: the response, the audit, and the virtual motor.
 """
 
 import asyncio
@@ -26,7 +26,7 @@ HELD = PLANT.replace('network = { http = ["start", "reference", "reset"], write 
 
 @asynccontextmanager
 async def commanded(tmp_path, *, version="5", **door):
-    """Yield a client of a door, the core, what controls its drives, and its audit."""
+    """Yield a client of a door, the core, the control of its drives, and its audit."""
     door = {"role": "operate", **door}
     notes = NoteBook()
     with mosquitto(tmp_path / "broker") as broker:
@@ -46,7 +46,7 @@ def refused(notes, drive, verb):
 
 
 @awaited
-async def test_a_command_is_carried_out_and_answered(tmp_path):
+async def test_command_is_carried_out_and_answered(tmp_path):
     async with commanded(tmp_path) as (client, _core, control, notes):
         answer = await client.ask("fan", client.command("start"))
         assert (answer["outcome"], answer["id"], answer["error"]) == ("done", "c1", None)
@@ -60,7 +60,7 @@ async def test_a_command_is_carried_out_and_answered(tmp_path):
 
 @pytest.mark.parametrize("arguments", [{"policy": "hold"}, {"watchdog_s": 600}])
 @awaited
-async def test_start_looser_than_the_plant_file_moves_nothing(tmp_path, arguments):
+async def test_start_with_looser_policy_than_the_plant_file_is_refused(tmp_path, arguments):
     async with commanded(tmp_path) as (client, _core, control, notes):
         answer = await client.ask("pump", client.command("start", arguments=arguments))
         assert answer["outcome"] == "refused"
@@ -70,7 +70,7 @@ async def test_start_looser_than_the_plant_file_moves_nothing(tmp_path, argument
 
 
 @awaited
-async def test_stop_that_stands_is_published_and_a_message_is_no_level(tmp_path):
+async def test_standing_stop_is_published_and_one_by_message_does_not_stand(tmp_path):
     async with commanded(tmp_path) as (client, core, _control, _notes):
         assert (await client.ask("fan", client.command("stop")))["outcome"] == "done"
         assert core.drive("fan").standing_stop is None
@@ -83,10 +83,10 @@ async def test_stop_that_stands_is_published_and_a_message_is_no_level(tmp_path)
 
 @pytest.mark.soak
 @awaited
-async def test_a_retained_start_moves_nothing(tmp_path):
+async def test_retained_start_is_refused_on_reconnect(tmp_path):
     async with commanded(tmp_path, version="3.1.1") as (client, core, control, notes):
         answer = await client.ask("fan", client.command("start"), retain=True)
-        # There nobody can tell it from a live one when it is published; it comes again with each connection.
+        # In MQTT 3.1.1 a live message does not show its retain flag; the broker sends it again on each connection.
         assert answer["outcome"] == "done"
         assert (await client.ask("fan", "", topic="stop"))["outcome"] == "done"
         await until(lambda: not runs(control, "fan"))
@@ -99,10 +99,10 @@ async def test_a_retained_start_moves_nothing(tmp_path):
 
 @pytest.mark.soak
 @awaited
-async def test_a_start_that_was_given_before_a_reconnect_moves_nothing(tmp_path):
+async def test_start_with_the_session_before_a_reconnect_is_refused(tmp_path):
     async with commanded(tmp_path) as (client, _core, control, notes):
         old = client.command("start")
-        # Another connection of the same gateway has another session.
+        # Each connection of the gateway has a new session.
         await client.cut()
         answer = await client.ask("fan", {**old, "issued_s": time.time()})
         assert answer["outcome"] == "refused"
@@ -114,7 +114,7 @@ async def test_a_start_that_was_given_before_a_reconnect_moves_nothing(tmp_path)
 
 @pytest.mark.soak
 @awaited
-async def test_a_stop_as_a_command_needs_no_session_and_waits_for_no_commands(tmp_path, monkeypatch):
+async def test_stop_command_needs_no_session_and_ignores_the_command_limit(tmp_path, monkeypatch):
     async with commanded(tmp_path) as (client, _core, control, notes):
         assert (await client.ask("fan", client.command("start")))["outcome"] == "done"
         monkeypatch.setattr(commanding, "MOST_AT_ONCE", 0)
@@ -123,14 +123,14 @@ async def test_a_stop_as_a_command_needs_no_session_and_waits_for_no_commands(tm
         assert refused(notes, "fan", "set_reference")
         assert (await client.ask("fan", {"id": "halt", "verb": "stop"}))["outcome"] == "done"
         await until(lambda: not runs(control, "fan"))
-        # As often as it is asked for, and in whichever session.
+        # A stop may be repeated, and its session may be old.
         assert (await client.ask("fan", {"id": "halt", "verb": "stop", "session": "old"}))["outcome"] == "done"
         assert refused(notes, "fan", "stop") == []
 
 
 @pytest.mark.soak
 @awaited
-async def test_without_a_role_and_users_the_door_only_publishes(tmp_path):
+async def test_door_without_role_and_users_only_publishes(tmp_path):
     async with commanded(tmp_path, role=None) as (client, _core, control, _notes):
         assert client.latest("bridge/state")["commands"] is False
         await client.publish("fan/command", client.command("start"))
@@ -144,7 +144,7 @@ async def test_without_a_role_and_users_the_door_only_publishes(tmp_path):
     "payload", ["", "ramp", '{"how":"coast"}', '{"id":""}', "1", "ON", '"coast"', '{"reason":"belt torn"}', '{"how":']
 )
 @awaited
-async def test_a_stop_needs_neither_session_nor_time(tmp_path, payload):
+async def test_stop_needs_neither_session_nor_time(tmp_path, payload):
     async with commanded(tmp_path, role="view") as (client, _core, control, notes):
         answer = await client.ask("fan", payload, topic="stop")
         assert answer["outcome"] == "done"
@@ -155,7 +155,7 @@ async def test_a_stop_needs_neither_session_nor_time(tmp_path, payload):
 @pytest.mark.soak
 @pytest.mark.parametrize("version", ["5", "3.1.1"])
 @awaited
-async def test_a_retained_stop_stops_where_it_is_known_to_be_of_now(tmp_path, version):
+async def test_retained_stop_is_sent_when_published_but_not_on_reconnect(tmp_path, version):
     async with commanded(tmp_path, version=version) as (client, core, _control, notes):
         await client.publish("fan/stop", "ramp", retain=True)
         await until(lambda: client.payloads("fan/response"))
@@ -171,7 +171,7 @@ async def test_a_retained_stop_stops_where_it_is_known_to_be_of_now(tmp_path, ve
 @pytest.mark.soak
 @pytest.mark.parametrize("payload", ["", "quick", "STOP", '{"lines":5}'])
 @awaited
-async def test_everything_is_stopped_at_once(tmp_path, payload):
+async def test_stop_request_stops_all_drives(tmp_path, payload):
     async with commanded(tmp_path) as (client, _core, control, _notes):
         assert (await client.ask("fan", client.command("start")))["outcome"] == "done"
         await until(lambda: runs(control, "fan"))
@@ -184,7 +184,7 @@ async def test_everything_is_stopped_at_once(tmp_path, payload):
 
 @pytest.mark.soak
 @awaited
-async def test_a_motor_that_was_started_under_a_lease_is_stopped_when_the_broker_is_gone(tmp_path):
+async def test_motor_under_a_lease_stops_when_the_broker_is_gone(tmp_path):
     async with commanded(tmp_path) as (client, core, control, _notes):
         lease = await client.request("lease/take", drive="pump", seconds=2)
         key = lease["result"]["key"]
@@ -193,7 +193,7 @@ async def test_a_motor_that_was_started_under_a_lease_is_stopped_when_the_broker
             pytest.fail(str(answer))
         await until(lambda: runs(control, "pump"))
         client.broker.end()
-        # Nobody can renew the lease.
+        # Without the broker the lease cannot be renewed.
         await until(lambda: not runs(control, "pump"), 10)
         assert core.kept.policy("pump") == ""
 
@@ -204,7 +204,7 @@ GARBAGE = [b"\xff\xfe", b"{", b"[]", b"7", b'{"verb":["start"]}', b'{"verb":"sta
 
 @pytest.mark.soak
 @awaited
-async def test_garbage_is_refused_and_moves_nothing(tmp_path):
+async def test_garbage_is_refused_and_moves_no_motor(tmp_path):
     async with commanded(tmp_path) as (client, _core, control, notes):
         for garbage in GARBAGE:
             answer = await client.ask("fan", garbage)
@@ -222,7 +222,7 @@ async def test_garbage_is_refused_and_moves_nothing(tmp_path):
 
 @pytest.mark.soak
 @awaited
-async def test_a_flood_is_not_listened_to_and_a_stop_goes_beside_it(tmp_path, monkeypatch):
+async def test_flood_of_commands_is_ignored_and_a_stop_still_works(tmp_path, monkeypatch):
     monkeypatch.setattr(commanding, "PAUSE_S", 1.0)
     async with commanded(tmp_path) as (client, core, control, notes):
         assert (await client.ask("fan", client.command("start")))["outcome"] == "done"
@@ -237,12 +237,12 @@ async def test_a_flood_is_not_listened_to_and_a_stop_goes_beside_it(tmp_path, mo
         await until(lambda: not runs(control, "fan"), 3)
         await answer
         await until(lambda: any("too many messages" in each for each in door_events(core)))
-        # The audit and the events say it once; what was too much is counted.
+        # The audit and the events report the flood once, with the number of dropped messages.
         assert len(notes.ended_with) - before < 1000
         assert len(door_events(core)) == 1
         await until(lambda: any("messages to drivecomm/hall/+/command were thrown away" in text
                                 for _, _, text in notes.ended_with), 15)  # fmt: skip
-        # What is left of the flood on a slow machine may begin another pause.
+        # On a slow machine the rest of the flood may begin another pause.
         for _ in range(5):
             with suppress(TimeoutError):
                 async with asyncio.timeout(3):
@@ -253,7 +253,7 @@ async def test_a_flood_is_not_listened_to_and_a_stop_goes_beside_it(tmp_path, mo
 
 
 @awaited
-async def test_an_answer_goes_nowhere_where_it_could_be_taken_for_a_command(tmp_path):
+async def test_response_topic_that_is_a_command_topic_is_ignored(tmp_path):
     async with commanded(tmp_path) as (client, _core, _control, _notes):
         await client.publish_for_answer("fan/command", client.command("status"), "drivecomm/hall/pump/command")
         await until(lambda: client.payloads("fan/response"))

@@ -1,4 +1,4 @@
-"""Topics, the text of values, what counts as delivered, and how fast messages may come."""
+"""Topics, the text of values, delivered values, and the rate limit of messages."""
 
 from dataclasses import replace
 from decimal import Decimal
@@ -28,7 +28,7 @@ def value(number="12.50", *, drive="pump", name="output_frequency", quality="goo
                         time_s=NOON + at + 5)  # fmt: skip
 
 
-def test_a_topic_for_each_quantity():
+def test_each_quantity_has_a_topic():
     topics = Topics("drivecomm/hall 2")
     assert topics.value("pump", "output_frequency") == "drivecomm/hall 2/pump/output_frequency"
     assert topics.value("pump", "16-13") == "drivecomm/hall 2/pump/16-13"
@@ -38,14 +38,14 @@ def test_a_topic_for_each_quantity():
 @pytest.mark.parametrize(
     "name", ["a/b", "a+b", "#", "%2F", "Lüfter", "a%", "bridge", "x\x00y", "Bridge", "%62ridge", "Mill north", " "]
 )
-def test_any_name_is_one_level_and_is_found_again(name):
+def test_any_name_is_encoded_as_one_topic_level(name):
     text = level(name)
     assert not set(text) & set("/+# \x00")
     assert text != "bridge"
     assert name_of(text) == name
 
 
-def test_names_never_meet_each_other_or_what_means_something():
+def test_topics_of_names_are_distinct_from_each_other_and_reserved_topics():
     names = ["a/b", "a%2Fb", "a%252Fb", "values", "%76alues", "command", "stop", "availability", "response", "lease"]
     topics = Topics("p")
     found = {topics.value("d", name) for name in names}
@@ -55,7 +55,7 @@ def test_names_never_meet_each_other_or_what_means_something():
     assert topics.drive("bridge") != topics.bridge
 
 
-def test_frequency_of_a_machine_has_its_speed_too():
+def test_frequency_of_a_machine_also_has_its_machine_speed():
     machine = MachineUnit(unit="m/min", per_hz="1.25")
     frequency = replace(value(), machine=machine)
     frequency = replace(frequency, reading=replace(frequency.reading, name="output_frequency"))
@@ -66,7 +66,7 @@ def test_frequency_of_a_machine_has_its_speed_too():
     assert "machine" not in value_text(sample_of(other))
 
 
-def test_a_value_has_its_digits_its_unit_its_quality_and_its_time():
+def test_value_text_has_digits_unit_quality_and_time():
     assert value_text(sample_of(value())) == '{"value":12.50,"unit":"Hz","quality":"good","time_s":1795000000.000}'
     whole = parsed(value_text(sample_of(value("50"))))
     assert whole["value"] == 50
@@ -74,7 +74,7 @@ def test_a_value_has_its_digits_its_unit_its_quality_and_its_time():
     assert (noted["note"], noted["quality"], noted["time_s"]) == ('says "so"', "uncertain", Decimal("1795000000.062"))
 
 
-def test_a_value_that_is_not_there_says_why():
+def test_missing_or_stale_value_has_its_cause_as_a_note():
     bad = parsed(value_text(sample_of(value(quality="bad", cause="no reply"))))
     assert (bad["value"], bad["note"], bad["time_s"]) == (None, "no reply", NOON + 5)
     stale = parsed(value_text(sample_of(value(quality="stale", cause="no reply"))))
@@ -86,13 +86,13 @@ def test_a_value_that_is_not_there_says_why():
     )
 
 
-def test_a_value_may_say_whose_it_is_and_that_it_was_there_before():
+def test_value_text_may_have_drive_and_repeated_mark():
     text = named_text(sample_of(value(drive='the "big" one')))
     assert parsed(text)["drive"] == 'the "big" one'
     assert parsed(repeated(text))["repeated"] is True
 
 
-def test_what_went_out_live_is_passed_over_once():
+def test_live_value_is_skipped_once_in_the_history():
     live = LiveValues()
     one, two, three = (sample_of(value(at=number)) for number in range(3))
     other = sample_of(value(drive="fan", at=1))
@@ -102,14 +102,14 @@ def test_what_went_out_live_is_passed_over_once():
     assert live.take(other)
 
 
-def test_what_the_history_has_lost_does_not_hide_what_follows():
+def test_values_lost_by_the_history_do_not_hide_later_ones():
     live = LiveValues()
     for number in range(5):
         live.add(sample_of(value(at=number)))
     assert [live.take(sample_of(value(at=number))) for number in (3, 4)] == [True, True]
 
 
-def test_a_position_outlives_its_run(tmp_path):
+def test_position_file_survives_a_restart(tmp_path):
     file = tmp_path / "new" / "position.json"
     assert read_position(file) is None
     assert write_position(file, Position(7, 1234)) == ""
@@ -119,7 +119,7 @@ def test_a_position_outlives_its_run(tmp_path):
     assert "cannot be written" in write_position(tmp_path / "new" / "position.json" / "below", Position(7, 1))
 
 
-def test_an_operator_is_never_too_fast_and_a_flood_is():
+def test_rate_limit_admits_an_operator_and_stops_a_flood():
     rate = Flood()
     assert all(rate.admits(number / 10) for number in range(1000))
     flood = [rate.admits(100.0 + number / 10_000) for number in range(10_000)]
@@ -129,7 +129,7 @@ def test_an_operator_is_never_too_fast_and_a_flood_is():
     assert rate.admits(110.0)
 
 
-def test_settings():
+def test_mqtt_settings_are_read_from_the_table():
     said = {"broker": "mqtt://127.0.0.1:1", "prefix": "a/b", "role": "operate", "messages": "drives"}
     settings = mqtt_settings(Table(said, "plant.toml"))
     assert (settings.prefix, settings.role, settings.messages) == ("a/b", Role.OPERATE, "drives")
@@ -159,7 +159,7 @@ def test_settings():
         ({"tokens": "x"}, "unknown key 'tokens'"),
     ],
 )
-def test_settings_that_cannot_be(said, sentence):
+def test_invalid_mqtt_setting_is_refused(said, sentence):
     with pytest.raises(FileFormatError) as refused:
         mqtt_settings(Table(said, "plant.toml"))
     assert sentence in str(refused.value)

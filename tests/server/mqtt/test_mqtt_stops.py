@@ -1,4 +1,4 @@
-"""Stops in a flood of messages: every drive that was to be stopped is stopped, and nothing else is let through."""
+"""Stops in a flood of messages: every requested stop is sent, and no other message is let through."""
 
 import asyncio
 import json
@@ -19,7 +19,7 @@ TOPICS = Topics("drivecomm/hall")
 
 
 class Plant:
-    """So many drives, named d0 and so on; takes down what it is to do."""
+    """Plant of a number of drives, named d0, d1 and so on, which records its commands."""
 
     def __init__(self, drives):
         self.plant = SimpleNamespace(drives=[f"d{number}" for number in range(drives)])
@@ -53,7 +53,7 @@ class Plant:
 
 
 class Connection:
-    """Takes down what is subscribed to."""
+    """Connection that records its subscriptions."""
 
     def __init__(self):
         self.listens = set()
@@ -69,7 +69,7 @@ class Connection:
 
 
 class Users:
-    """otto alone."""
+    """User otto, and no other."""
 
     def caller(self, token, door):
         if token != "otto's":
@@ -78,7 +78,7 @@ class Users:
 
 
 async def begun(drives, *, users=None):
-    """Return what hears commands for a plant of so many drives, the plant, and its connection."""
+    """Return the command handler of a plant with this number of drives, the plant, and its connection."""
     plant, connection = Plant(drives), Connection()
     callers = BrokerCallers(users=users, door="mqtt", role=None if users else Role.OPERATE)
     heard = Commanding(plant, TOPICS, callers, keeps_old=False)
@@ -91,13 +91,13 @@ def stop(drive, payload=b""):
 
 
 async def quiet(heard):
-    """Wait until every stop that has come went out."""
-    while heard._stops.wait or heard._stopping:  # noqa: ASYNC110 - they are tasks of its own
+    """Wait until every received stop is sent."""
+    while heard._stops.wait or heard._stopping:  # noqa: ASYNC110 - waits for internal tasks
         await asyncio.sleep(0)
 
 
 @awaited
-async def test_each_of_many_drives_is_stopped_at_once():
+async def test_stops_of_many_drives_are_sent_immediately():
     heard, plant, connection = await begun(300)
     for drive in plant.plant.drives:
         heard.received(stop(drive))
@@ -108,7 +108,7 @@ async def test_each_of_many_drives_is_stopped_at_once():
 
 
 @awaited
-async def test_of_a_flood_the_latest_stop_of_each_drive_goes_out():
+async def test_latest_stop_of_each_drive_is_sent_in_a_flood():
     heard, plant, connection = await begun(3)
     guard = asyncio.create_task(heard.guard(connection))
     for _ in range(500):
@@ -120,7 +120,7 @@ async def test_of_a_flood_the_latest_stop_of_each_drive_goes_out():
     assert len(plant.stops) < 150
     assert f"{TOPICS.prefix}/+/stop" in connection.listens
     assert plant.told == []
-    # As quick as before, afterwards.
+    # After the flood stops are as fast as before.
     before = len(plant.stops)
     await asyncio.sleep(0.05)
     heard.received(stop("d2"))
@@ -130,7 +130,7 @@ async def test_of_a_flood_the_latest_stop_of_each_drive_goes_out():
 
 
 @awaited
-async def test_who_floods_without_a_token_takes_no_stop_of_another_away():
+async def test_flood_without_a_token_does_not_block_stops_of_users():
     heard, plant, _ = await begun(3, users=Users())
     wanted = json.dumps({"token": "otto's"}).encode()
     for _ in range(300):
@@ -147,7 +147,7 @@ async def test_who_floods_without_a_token_takes_no_stop_of_another_away():
 
 
 @awaited
-async def test_everything_is_stopped_while_requests_are_not_listened_to(monkeypatch):
+async def test_stop_of_all_drives_works_while_requests_are_paused(monkeypatch):
     monkeypatch.setattr(commanding, "PAUSE_S", 0.1)
     heard, plant, connection = await begun(2)
     guard = asyncio.create_task(heard.guard(connection))
@@ -168,7 +168,7 @@ async def test_everything_is_stopped_while_requests_are_not_listened_to(monkeypa
 
 
 @awaited
-async def test_the_leases_of_many_drives_are_no_flood():
+async def test_lease_renewals_of_many_drives_are_not_limited():
     heard, plant, _ = await begun(200)
     for _ in range(2):
         for drive in plant.plant.drives:
@@ -179,7 +179,7 @@ async def test_the_leases_of_many_drives_are_no_flood():
 
 
 @awaited
-async def test_a_stop_that_comes_as_the_connection_is_lost_goes_out():
+async def test_stop_received_before_a_lost_connection_is_sent():
     heard, plant, _ = await begun(1)
     heard.received(stop("d0"))
     heard.end()
@@ -188,7 +188,7 @@ async def test_a_stop_that_comes_as_the_connection_is_lost_goes_out():
 
 
 @awaited
-async def test_what_waits_for_a_drive_ends_with_the_connection():
+async def test_waiting_command_is_cancelled_with_the_connection():
     heard, plant, _ = await begun(1)
     content = {"id": "1", "verb": "wait", "session": heard.session, "arguments": {"goal": "ready"}}
     heard.received(Received(topic=TOPICS.command("d0"), payload=json.dumps(content).encode()))
@@ -202,7 +202,7 @@ async def test_what_waits_for_a_drive_ends_with_the_connection():
 
 @pytest.mark.parametrize("room", [1, 2])
 @awaited
-async def test_what_waits_has_a_limit(monkeypatch, room):
+async def test_number_of_waiting_stops_is_limited(monkeypatch, room):
     monkeypatch.setattr(stops, "MOST", room)
     handed_on = []
     waiting = stops.Stops(handed_on.append)

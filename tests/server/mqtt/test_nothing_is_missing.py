@@ -1,4 +1,4 @@
-"""Every value of the history has reached the broker, whatever became of it and of the server: once live, or flagged."""
+"""Every value of the history reaches the broker despite failures: once live, or marked as historical."""
 
 import json
 import os
@@ -32,7 +32,7 @@ HISTORY = QUICK + 'history = {{ file = "{file}" }}\n'
 
 
 class Cable:
-    """Between a server and its broker: when it is cut, the broker is gone for the one, and not for the listener."""
+    """Proxy between a server and its broker. When it is cut, only the server loses the broker, not the listener."""
 
     def __init__(self, port):
         self._port, self._pairs, self._whole = port, [], True
@@ -80,7 +80,7 @@ class Cable:
             self._whole = True
 
     def close(self):
-        # Whoever waits for it is not woken by closing it.
+        # Closing a socket does not wake a thread that waits in accept; shutting it down does.
         with suppress(OSError):
             self._listening.shutdown(socket.SHUT_RDWR)
         self._listening.close()
@@ -90,7 +90,7 @@ class Cable:
 
 
 class Listener:
-    """Mosquitto's own client, which writes down what comes."""
+    """Mosquitto's own client, whose output goes to a file."""
 
     def __init__(self, broker, file):
         self._file = file
@@ -109,7 +109,7 @@ class Listener:
         return [(topic, parsed(payload)) for topic, _, payload in (line.partition("\t") for line in lines) if payload]
 
     def live(self):
-        """Return drive, name and time of each live value, in the order in which they came, without repetitions."""
+        """Return drive, name and time of each live value in order of arrival, without repetitions."""
         found = []
         for topic, content in self.messages():
             _, drive, *rest = topic.split("/")
@@ -122,7 +122,7 @@ class Listener:
         return found
 
     def historical(self):
-        """Return the same of each historical value, in their order."""
+        """Return drive, name and time of each historical value in order of arrival."""
         return [
             (each["drive"], each["name"], round(each["time_s"] * 1000))
             for topic, content in self.messages()
@@ -147,7 +147,7 @@ def in_order(keys):
 
 @contextmanager
 def published(tmp_path, messages="quantities"):
-    """Yield a server, the cable to its broker, and a listener there."""
+    """Yield a server, the cable to its broker, and a listener on the broker."""
     with mosquitto(tmp_path / "broker", "max_queued_messages 0") as broker:
         cable = Cable(broker.port)
         listener = Listener(broker, tmp_path / "heard.txt")
@@ -163,7 +163,7 @@ def published(tmp_path, messages="quantities"):
 
 
 def compare(tmp_path, served, listener):
-    """Look at everything that was read until a moment ago."""
+    """Check that every value read until now was received; return the rows, and the live and historical values."""
     state = next(Path(served.environment["STATE_DIRECTORY"]).glob("*/mqtt-*.json"))
     until_row = rows_of(tmp_path / "history.sqlite")[-1][0]
     served.until(lambda: json.loads(state.read_text())["row"] >= until_row, 20)
@@ -171,7 +171,7 @@ def compare(tmp_path, served, listener):
     rows = [key for row, key in rows_of(tmp_path / "history.sqlite") if row <= until_row]
     missing = set(rows) - set(live) - set(historical)
     assert not missing, (len(missing), len(rows), sorted(missing)[:5])
-    # Whatever comes twice is flagged as historical.
+    # A value that is sent twice is marked as historical the second time.
     assert max(Counter(live).values()) == 1
     assert in_order(live)
     return rows, live, historical
@@ -179,7 +179,7 @@ def compare(tmp_path, served, listener):
 
 @pytest.mark.soak
 @pytest.mark.parametrize("messages", ["quantities", "drives"])
-def test_what_came_while_the_broker_was_away_follows_in_order(tmp_path, messages):
+def test_values_missed_without_a_broker_follow_in_order(tmp_path, messages):
     with published(tmp_path, messages) as (served, cable, listener):
         with cable.cut():
             time.sleep(2)
@@ -187,21 +187,21 @@ def test_what_came_while_the_broker_was_away_follows_in_order(tmp_path, messages
         served.until(lambda: len(listener.live()) > cut + 20 and listener.historical(), 15)
         _, live, historical = compare(tmp_path, served, listener)
         assert in_order(historical)
-        # Only what was on its way when the cable was cut can be there twice.
+        # Only values in flight when the cable was cut may arrive twice.
         assert len(historical) >= 20
         twice = set(live) & set(historical)
         assert len(twice) <= 40, (len(twice), len(historical), len(live))
 
 
 @pytest.mark.soak
-def test_nothing_is_missing_although_the_server_is_killed_while_it_runs_and_again_while_the_broker_is_away(tmp_path):
+def test_no_value_is_missing_after_kills_with_and_without_a_broker(tmp_path):
     with published(tmp_path) as (served, cable, listener):
         for _ in range(2):
             time.sleep(3)
             served.start()
         with cable.cut():
             time.sleep(2)
-            # Killed, and begun again without a broker.
+            # The server is killed and restarted without a broker.
             served.start()
             time.sleep(3)
             served.process.send_signal(signal.SIGKILL)
@@ -210,7 +210,7 @@ def test_nothing_is_missing_although_the_server_is_killed_while_it_runs_and_agai
         before = len(listener.live())
         served.until(lambda: len(listener.live()) > before + 20, 20)
         rows, live, historical = compare(tmp_path, served, listener)
-        # Within a run they come in the order of the history; what a run that was killed had begun begins again.
+        # Each run publishes in the order of the history; a killed run's unfinished batch is repeated by the next run.
         back = sum(later[2] < earlier[2] - 1000 for earlier, later in pairwise(historical))
         assert back <= 4, back
         assert len(rows) > 200
@@ -218,8 +218,8 @@ def test_nothing_is_missing_although_the_server_is_killed_while_it_runs_and_agai
 
 
 @pytest.mark.soak
-def test_a_broker_that_is_killed_costs_nothing_and_forgets_nothing_for_long(tmp_path):
-    """The broker itself is gone, with all that it kept; whoever subscribes later finds the latest values again."""
+def test_killed_broker_loses_no_value_and_gets_the_latest_ones_again(tmp_path):
+    """The broker loses its retained messages; a later subscriber finds the latest values again."""
     with mosquitto(tmp_path / "broker") as broker:
         head = HISTORY.format(file=tmp_path / "history.sqlite")
         with serving(tmp_path, head=head, tail=DOOR.format(port=broker.port, messages="quantities")) as served:

@@ -1,4 +1,4 @@
-"""Two client stacks that follow the alarms of a door, acknowledge, confirm and comment: asyncua's and node-opcua's."""
+"""Two client stacks that follow, acknowledge, confirm and comment alarms of a door: asyncua and node-opcua."""
 
 import asyncio
 import json
@@ -24,7 +24,10 @@ _FIELDS = {
 
 @dataclass
 class Followed:
-    """What a client was told of alarms, oldest first, and of other events. act: do something about a condition."""
+    """Notifications of alarms that a client received, oldest first, and of other events.
+
+    act: a function that acknowledges, confirms or comments a condition.
+    """
 
     act: object
     browse: object
@@ -35,7 +38,7 @@ class Followed:
         return next((each for each in reversed(self.told) if each["alarm"] == condition), None)
 
     async def shows(self, condition, **wanted):
-        """Wait until the client was told that a condition is so; return all that it was told then."""
+        """Wait until the client was notified of this state of a condition; return the fields of that notification."""
 
         def found():
             latest = self.latest(condition)
@@ -46,7 +49,7 @@ class Followed:
 
 
 def event_filter(*where):
-    """Return a filter that selects what `Followed` tells. where: elements of its where clause."""
+    """Return a filter that selects the fields that `Followed` keeps. where: elements of its where clause."""
     condition = ua.SimpleAttributeOperand(
         TypeDefinitionId=ua.NodeId(ua.ObjectIds.ConditionType), BrowsePath=[], AttributeId=ua.AttributeIds.NodeId
     )
@@ -62,7 +65,7 @@ def operand(path):
 
 
 def told(values):
-    """Return what the fields that `event_filter` selects say of a condition, None where they are of another event."""
+    """Return the fields that `event_filter` selects, by name; None for an event that is not of a condition."""
     condition, *fields = values
     plain = {name: each.Value for name, each in zip(_FIELDS, fields, strict=True)}
     if condition.Value is None:
@@ -87,7 +90,7 @@ async def refresh(client, *numbers):
 
 
 async def act_of(client, what, condition, event, comment=""):
-    """Do something about a condition by asyncua; return the name of the status."""
+    """Acknowledge, confirm or comment a condition with asyncua; return the name of the status."""
     request = ua.CallMethodRequest(
         ObjectId=ua.NodeId.from_string(condition), MethodId=ua.NodeId(_METHODS[what]),
         InputArguments=[ua.Variant(bytes.fromhex(event)), ua.Variant(ua.LocalizedText(comment))],
@@ -97,7 +100,7 @@ async def act_of(client, what, condition, event, comment=""):
 
 
 class _Publishing:
-    """What asyncua's client calls with each message of a subscription of ours."""
+    """Callback of asyncua's client for each message of a subscription."""
 
     def __init__(self, followed):
         self._followed = followed

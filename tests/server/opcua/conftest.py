@@ -1,4 +1,4 @@
-"""One plant with an OPC UA door for all tests of a module: making its address space takes more than a second."""
+"""One plant with an OPC UA door, shared by the tests of a module, since its address space takes a second to build."""
 
 import asyncio
 import os
@@ -14,20 +14,20 @@ from drivecomm.server import credentials
 
 @pytest.fixture(autouse=True, scope="module")
 def _passwords_that_cost_little():
-    """Each login would take a tenth of a second of the processor; what guesses cost is asked elsewhere."""
+    """Make password hashes cheap, since each login would take 0.1 s; other tests cover their cost."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(credentials, "_COST", (2, 1, 1))
         yield
 
 
 class Shared:
-    """A door, and the loop in which its plant runs."""
+    """A door, and the event loop of its plant."""
 
     def __init__(self, runner, one):
         self._runner, self._one = runner, one
 
     def run(self, test):
-        """Run a coroutine function of a test with the door; nobody has a lock before it, and no motor turns."""
+        """Run a coroutine function of a test with the door; before it, locks are released and motors stopped."""
         self._runner.run(self._run(test))
 
     async def _run(self, test):
@@ -53,7 +53,7 @@ def door(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def hall(tmp_path_factory):
-    """A plant with values that tests set, 480 and 518 of the fan; yields what runs a test with its door."""
+    """Yield a function that runs a test with the door of a plant whose values 480 and 518 of the fan the test sets."""
     polled = PLANT.replace('"output_current", "maximum_frequency"], period_s = 0.05', '"480", "518"], period_s = 0.2')
     with asyncio.Runner() as runner:
         context = opened(tmp_path_factory.mktemp("plant"), polled, history=True)
@@ -66,7 +66,7 @@ def hall(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def node_opcua():
-    """The folder with node-opcua: in DRIVECOMM_NODE_MODULES, in NODE_PATH, or where npm installs for all."""
+    """Return the folder with node-opcua: DRIVECOMM_NODE_MODULES, NODE_PATH, or npm's global folder."""
     if shutil.which("node"):
         said = [os.environ.get("DRIVECOMM_NODE_MODULES", ""), *os.environ.get("NODE_PATH", "").split(os.pathsep)]
         if shutil.which("npm"):

@@ -1,5 +1,5 @@
-// Reads aggregates over the history of a value of an OPC UA door, and prints them as one line of JSON.
-// Arguments: the URL, a user and the password, the node, from when and to when, the interval in ms, names of aggregates.
+// Read aggregates over the history of a value of an OPC UA door, and print them as one line of JSON.
+// Arguments: URL, user, password, node, begin and end, interval in ms, names of aggregates.
 const { AggregateFunction, AttributeIds } = require("node-opcua");
 const { say, withSession } = require("./node_session.js");
 

@@ -1,7 +1,7 @@
-// Follows the alarms of an OPC UA door by node-opcua's alarm client, and does what lines on standard input say.
-// Arguments: the URL, a user and the password. A line: {"do": "acknowledge" | "confirm" | "comment", "condition",
-// "event" (hexadecimal, the latest if missing), "comment"}, or {"do": "browse", "node"}. Prints each change of an alarm,
-// each event that is no condition's, and what came of each line.
+// Follow the alarms of an OPC UA door with node-opcua's alarm client, and carry out commands from standard input.
+// Arguments: URL, user, password. A command is one line: {"do": "acknowledge" | "confirm" | "comment", "condition",
+// "event" (hexadecimal, the latest if missing), "comment"}, or {"do": "browse", "node"}. The program prints each change
+// of an alarm, each other event, and the result of each command.
 const readline = require("readline");
 const { AttributeIds, TimestampsToReturn, constructEventFilter, installAlarmMonitoring } = require("node-opcua");
 const { say, subscribed, withSession } = require("./node_session.js");

@@ -1,4 +1,4 @@
-// Asks an OPC UA door what test_opcua_node_client.py wants to know, and prints it as one line of JSON.
+// Read from an OPC UA door the data that test_opcua_node_client.py checks, and print them as one line of JSON.
 const { AttributeIds, DataType, TimestampsToReturn, constructEventFilter } = require("node-opcua");
 const { say, subscribed, withSession } = require("./node_session.js");
 

@@ -1,5 +1,5 @@
-// Subscribes to a value of an OPC UA door twice, without a filter and with one, and prints each change as a line of JSON.
-// Arguments: the URL, the node, and the filter as JSON; "refused" in place of changes names the status of a refusal.
+// Subscribe to a value of an OPC UA door without and with a filter, and print each change as a line of JSON.
+// Arguments: URL, node, and the filter as JSON. Prints the status as "refused" instead of changes if it is refused.
 const { AttributeIds, TimestampsToReturn, DataChangeFilter, DataChangeTrigger, DeadbandType } = require("node-opcua");
 const { say, subscribed, withSession } = require("./node_session.js");
 

@@ -1,4 +1,4 @@
-"""Programs on node-opcua, run beside a test."""
+"""Programs that use node-opcua, run beside a test."""
 
 import asyncio
 import json
@@ -11,9 +11,9 @@ from served_opcua import PASSWORDS
 
 @asynccontextmanager
 async def node_program(folder, name, url, user, *words, told):
-    """Run one of the programs here, as a client with this user, and end it with the block; yield its process.
+    """Run one of the Node programs of this folder as a client until the block ends; yield its process.
 
-    told: is given each of the JSON objects that it prints, one a line.
+    told: called with each JSON object that the program prints, one a line.
     """
     process = await asyncio.create_subprocess_exec(
         "node", str(Path(__file__).with_name(name)), url, user, PASSWORDS[user], *words,
@@ -23,9 +23,9 @@ async def node_program(folder, name, url, user, *words, told):
 
     async def read():
         while line := await process.stdout.readline():
-            # Its library prints advice beside.
+            # The library also prints advice, which is not JSON.
             if line.startswith(b"{"):
-                # asyncua leaves the namespace of the standard out.
+                # asyncua omits the namespace of the standard.
                 told(json.loads(line.replace(b'"ns=0;', b'"')))
 
     reading, errors = asyncio.create_task(read()), asyncio.create_task(process.stderr.read())

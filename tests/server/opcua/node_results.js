@@ -1,6 +1,6 @@
-// Asks an OPC UA door for several nodes at once, one of them unknown, and prints the statuses of each service as a line
-// of JSON; then the values of further nodes.
-// Arguments: the URL, a user and the password, a variable with a history, one that there is not, and further nodes.
+// Request several nodes of an OPC UA door together, one of them unknown. Print the statuses of each service as a line
+// of JSON, then the values of further nodes.
+// Arguments: URL, user, password, a variable with a history, an unknown node, and further nodes.
 const {
     AttributeIds, CreateMonitoredItemsRequest, DataType, HistoryReadRequest, ReadRawModifiedDetails, TimestampsToReturn,
 } = require("node-opcua");

@@ -1,11 +1,11 @@
-// A session of node-opcua with an OPC UA door, for the programs beside this one.
+// A session of node-opcua with an OPC UA door, for the other programs in this folder.
 const {
     OPCUAClient, MessageSecurityMode, SecurityPolicy, UserTokenType,
 } = require("node-opcua");
 
 const say = (told) => console.log(JSON.stringify(told));
 
-// Run work(session), and end the process: with status 1 and a text when it fails. No user: anonymous.
+// Run work(session), then end the process, with status 1 and an error text on failure. Without a user: anonymous.
 function withSession(url, user, password, work, refused = (error) => { throw error; }) {
     const run = async () => {
         const client = OPCUAClient.create({

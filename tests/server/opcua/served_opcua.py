@@ -1,4 +1,4 @@
-"""A core over virtual drives with an OPC UA door before it, and clients of that door."""
+"""A core over virtual drives with an OPC UA door, and clients of that door."""
 
 import asyncio
 from contextlib import asynccontextmanager
@@ -57,12 +57,12 @@ TOKEN = "a token of otto's own, long enough"
 
 @cache
 def hashes_of_passwords():
-    """Return what the file of users holds; computing it is made to take long."""
+    """Return the password hashes of the users file; computing them is slow by design."""
     return {name: password_hash(password) for name, password in PASSWORDS.items()}
 
 
 class NoteBook:
-    """An audit that keeps what it is told."""
+    """An audit that keeps its records in memory."""
 
     def __init__(self):
         self.asked_for, self.refusals, self.stops = [], [], []
@@ -83,7 +83,7 @@ class NoteBook:
 
 
 class Opened:
-    """A door that is open. core, control: of the plant behind it. alarms: what watches it, None without alarms."""
+    """An open door. core, control: of the plant behind it. alarms: the alarms of the plant, None without alarms."""
 
     def __init__(self, door, core, control, plant, users):
         self.door, self.core, self.control, self.plant, self.users = door, core, control, plant, users
@@ -103,7 +103,7 @@ class Opened:
             yield client
 
     def state(self, name):
-        """Return how a virtual drive itself is."""
+        """Return the real state of a virtual drive."""
         return next(each for each in self.control.order("show")["drives"] if each["name"] == name)
 
     def runs(self, name):
@@ -112,9 +112,9 @@ class Opened:
 
 @asynccontextmanager
 async def opened(tmp_path, text=PLANT, *, users=True, history=False, reached=True, **table):
-    """Serve a plant of virtual drives with an OPC UA door in a thread of its own; yield both.
+    """Serve a plant of virtual drives with an OPC UA door in a separate thread; yield both.
 
-    reached: whether anything is behind the ports of the lines.
+    reached: whether virtual drives answer on the ports of the lines.
     """
     file = tmp_path / "plant.toml"
     file.write_text(text)
@@ -180,7 +180,7 @@ async def opened(tmp_path, text=PLANT, *, users=True, history=False, reached=Tru
 
 
 async def until(condition, seconds=20.0):
-    """Wait until something holds, which may be awaited. Raises TimeoutError."""
+    """Wait until a condition, which may be awaitable, is true. Raises TimeoutError."""
     async with asyncio.timeout(seconds):
         while True:
             found = condition()
@@ -190,25 +190,25 @@ async def until(condition, seconds=20.0):
 
 
 class Told(list):
-    """The values that a subscription of asyncua was told, oldest first; it is its handler."""
+    """Values that a subscription of asyncua received, oldest first; also the handler of the subscription."""
 
     def datachange_notification(self, _node, value, _data):
-        """Take note of one."""
+        """Append a value."""
         self.append(value)
 
 
 def node(client, *parts):
-    """Return a node of ours by its id."""
+    """Return a node of the plant's namespace by the parts of its id."""
     return client.get_node(ua.NodeId("/".join(parts), 2))
 
 
 async def data(client, *parts):
-    """Return the value of a node with its status, whatever that is."""
+    """Return the value of a node with its status, whatever the status is."""
     return await node(client, *parts).read_data_value(raise_on_bad_status=False)
 
 
 async def reads_good(client, *parts):
-    """Wait until a node has a good value: where the machine is busy, polls are late and values old for a moment."""
+    """Wait until a node has a good value, since on a busy machine late polls make values stale for a moment."""
 
     async def is_good():
         return (await data(client, *parts)).StatusCode.is_good()
@@ -217,7 +217,7 @@ async def reads_good(client, *parts):
 
 
 async def call(client, method, *arguments, on="drives/pump", to=None):
-    """Call a method; return the name of its status, and what it gives."""
+    """Call a method; return the name of its status, and its output arguments."""
     request = ua.CallMethodRequest(
         ObjectId=ua.NodeId(on, 2), MethodId=to or ua.NodeId(f"methods/{method}", 2),
         InputArguments=[each if isinstance(each, ua.Variant) else ua.Variant(each) for each in arguments],
@@ -227,6 +227,6 @@ async def call(client, method, *arguments, on="drives/pump", to=None):
 
 
 async def lock(client, drive="pump"):
-    """Lock a drive."""
+    """Lock a drive, and check that the lock is granted."""
     status, (number, text) = await call(client, "InitLock", "a test", on=f"drives/{drive}/Lock")
     assert (status, number) == ("Good", 0), text

@@ -1,4 +1,4 @@
-"""Aggregates over history (OPC UA Part 13), asked by two client stacks over TCP and worked out once more by hand."""
+"""Aggregates over history (OPC UA Part 13), read by two client stacks and compared with a manual calculation."""
 
 import asyncio
 import json
@@ -20,7 +20,7 @@ INTERVAL_MS = 700
 
 
 async def processed(client, begin, end, name, *, interval_ms=INTERVAL_MS, place=WHERE, configuration=None, point=None):
-    """Read an aggregate; return the result."""
+    """Read an aggregate, and return the result."""
     details = ua.ReadProcessedDetails(
         StartTime=begin, EndTime=end, ProcessingInterval=float(interval_ms),
         AggregateType=[ua.NodeId(getattr(ua.ObjectIds, f"AggregateFunction_{name}"))],
@@ -38,7 +38,7 @@ def values_of(result):
 
 
 def by_hand(raw, begin, end, name):
-    """Work out an aggregate of one interval from all raw values, the plain way."""
+    """Calculate an aggregate of one interval from all raw values, without the code under test."""
     points = [(each.SourceTimestamp.replace(tzinfo=UTC).timestamp(), each.Value.Value) for each in raw]
     inside = [value for at, value in points if begin <= at < end]
 
@@ -58,7 +58,7 @@ def by_hand(raw, begin, end, name):
 
 
 async def played(one, client):
-    """Let a drive's value change for some seconds; return from when to when, and the raw history around that."""
+    """Change a value of a drive for some seconds; return begin and end, and the raw history around them."""
     shown = client.get_node(ua.NodeId(WHERE, 2))
     from_the_first = datetime.now(UTC)
     await asyncio.sleep(0.5)
@@ -76,7 +76,7 @@ async def played(one, client):
     return begin, end, [each for each in raw if each.StatusCode.is_good()]
 
 
-def test_aggregates_are_those_worked_out_by_hand(hall):
+def test_aggregates_match_values_calculated_by_hand(hall):
     async def test(one):
         async with one.client("vera") as vera:
             begin, end, raw = await played(one, vera)
@@ -95,11 +95,11 @@ def test_aggregates_are_those_worked_out_by_hand(hall):
     hall(test)
 
 
-def test_node_opcua_reads_the_same(hall, node_opcua):
+def test_node_opcua_reads_the_same_aggregates(hall, node_opcua):
     async def test(one):
         async with one.client("vera") as vera:
             begin, end, _ = await played(one, vera)
-            # Its times have milliseconds only.
+            # Times of node-opcua have a resolution of milliseconds.
             begin, end = (each.replace(microsecond=each.microsecond // 1000 * 1000) for each in (begin, end))
             process = await asyncio.create_subprocess_exec(
                 "node", str(PROGRAM), one.url, "vera", PASSWORDS["vera"], f"ns=2;s={WHERE}", begin.isoformat(),
@@ -117,7 +117,7 @@ def test_node_opcua_reads_the_same(hall, node_opcua):
     hall(test)
 
 
-def test_intervals_go_backwards_and_the_last_one_may_be_partial(hall):
+def test_aggregate_intervals_may_run_backwards_and_end_partially(hall):
     async def test(one):
         async with one.client("vera") as vera:
             begin, end, _ = await played(one, vera)
@@ -132,7 +132,7 @@ def test_intervals_go_backwards_and_the_last_one_may_be_partial(hall):
     hall(test)
 
 
-def test_where_nothing_is_known_there_is_no_value(hall):
+def test_aggregate_without_values_is_bad_no_data(hall):
     async def test(one):
         async with one.client("vera") as vera:
             later = datetime.now(UTC) + timedelta(days=1)
@@ -143,7 +143,7 @@ def test_where_nothing_is_known_there_is_no_value(hall):
     hall(test)
 
 
-def test_a_long_course_comes_in_pieces(hall):
+def test_many_aggregates_are_read_with_continuation_points(hall):
     async def test(one):
         async with one.client("vera") as vera:
             end = datetime.now(UTC)
@@ -171,7 +171,7 @@ def test_a_long_course_comes_in_pieces(hall):
         ),
     ],
 )  # fmt: skip
-def test_what_is_not_computed_is_refused(hall, asked, status):
+def test_unsupported_aggregate_request_is_refused(hall, asked, status):
     async def test(one):
         async with one.client("vera") as vera:
             end = datetime.now(UTC)

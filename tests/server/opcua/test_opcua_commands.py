@@ -1,4 +1,4 @@
-"""Commands over OPC UA: who may, under which lock, what came of them, and what ends with a session."""
+"""Commands over OPC UA: rights, locks, outcomes, and the end of a session."""
 
 import asyncio
 from contextlib import suppress
@@ -16,7 +16,7 @@ def run(test):
 
 
 @pytest.mark.soak
-def test_the_lock_ends_with_its_session_and_so_does_the_motor(door):
+def test_lock_ends_with_its_session_and_the_motor_stops(door):
     async def test(one):
         async with one.client("otto") as otto:
             await lock(otto)
@@ -28,7 +28,7 @@ def test_the_lock_ends_with_its_session_and_so_does_the_motor(door):
     door.run(test)
 
 
-def test_session_that_ends_while_its_lock_is_given_leaves_none(door, monkeypatch):
+def test_session_that_ends_while_it_locks_leaves_no_lock(door, monkeypatch):
     async def test(one):
         take, asked, go = one.plant.take_lease, asyncio.Event(), asyncio.Event()
         loop = asyncio.get_running_loop()
@@ -58,7 +58,7 @@ def test_session_that_ends_while_its_lock_is_given_leaves_none(door, monkeypatch
     door.run(test)
 
 
-def test_a_connection_that_is_cut_ends_the_lock(door):
+def test_cut_connection_ends_the_lock(door):
     async def test(one):
         client = one.client("otto")
         otto = await client.__aenter__()
@@ -68,14 +68,14 @@ def test_a_connection_that_is_cut_ends_the_lock(door):
         otto.uaclient.protocol.transport.abort()
         await until(lambda: not one.plant.leases())
         await until(lambda: not one.runs("pump"))
-        with suppress(Exception):  # it is cut off, and may say so
+        with suppress(Exception):  # the connection is cut, which raises
             await client.__aexit__(None, None, None)
 
     door.run(test)
 
 
 @pytest.mark.soak
-def test_the_door_that_closes_ends_the_lock(tmp_path):
+def test_closing_the_door_ends_the_lock(tmp_path):
     async def test():
         async with opened(tmp_path) as one:
             client = one.client("otto")
@@ -85,14 +85,14 @@ def test_the_door_that_closes_ends_the_lock(tmp_path):
             await asyncio.to_thread(one.watched.close)
             assert not one.plant.leases()
             await until(lambda: not one.runs("pump"))
-            with suppress(Exception):  # it is cut off, and may say so
+            with suppress(Exception):  # the connection is cut, which raises
                 await client.__aexit__(None, None, None)
 
     run(test())
 
 
 @pytest.mark.soak
-def test_one_commander(door):
+def test_drive_has_one_commander_at_a_time(door):
     async def test(one):
         async with one.client("otto") as otto, one.client("olga") as olga:
             await lock(otto)
@@ -117,7 +117,7 @@ def test_one_commander(door):
     door.run(test)
 
 
-def test_a_lock_is_its_session_s_and_not_its_user_s(door):
+def test_lock_belongs_to_its_session_not_to_its_user(door):
     async def test(one):
         async with one.client("otto") as otto, one.client("otto") as another:
             await lock(otto)
@@ -129,7 +129,7 @@ def test_a_lock_is_its_session_s_and_not_its_user_s(door):
 
 
 @pytest.mark.soak
-def test_a_stop_of_all_that_a_drive_does_not_confirm_is_not_good(door):
+def test_unconfirmed_stop_of_all_drives_is_not_good(door):
     async def test(one):
         async with one.client("otto") as otto:
             one.control.order("power", drive="fan", state="off")
@@ -145,7 +145,7 @@ def test_a_stop_of_all_that_a_drive_does_not_confirm_is_not_good(door):
     door.run(test)
 
 
-def test_what_nobody_has_confirmed_is_not_good(door, monkeypatch):
+def test_unconfirmed_stop_is_bad_timeout(door, monkeypatch):
     async def silent(_caller, command):
         return Answer(id=command.id, outcome="open", error=NoReplyError("fan did not answer"))
 
@@ -157,7 +157,7 @@ def test_what_nobody_has_confirmed_is_not_good(door, monkeypatch):
     door.run(test)
 
 
-def test_a_stop_of_all_where_there_is_no_drive_is_not_done(door, monkeypatch):
+def test_stop_of_all_without_drives_is_refused(door, monkeypatch):
     async def nothing(*_):
         return []
 
@@ -170,7 +170,7 @@ def test_a_stop_of_all_where_there_is_no_drive_is_not_done(door, monkeypatch):
     door.run(test)
 
 
-def test_a_broken_lock_commands_nothing_more(door):
+def test_broken_lock_refuses_further_commands(door):
     async def test(one):
         async with one.client("otto") as otto, one.client("carl") as carl:
             await lock(otto)
@@ -194,7 +194,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize("refused", REFUSED, ids=lambda each: f"{each[0]} {each[1]} {each[3]}")
-def test_what_is_refused_says_why_and_moves_nothing(door, refused):
+def test_refused_command_has_a_reason_and_moves_no_motor(door, refused):
     who, method, arguments, drive, status, says = refused
 
     async def test(one):
@@ -221,7 +221,7 @@ def test_what_is_refused_says_why_and_moves_nothing(door, refused):
         ("Stop", (1,), "BadTooManyArguments"),
     ],
 )
-def test_arguments_that_are_none(door, method, arguments, status):
+def test_invalid_arguments_are_refused(door, method, arguments, status):
     async def test(one):
         async with one.client("otto") as otto:
             assert await call(otto, method, *arguments) == (status, [])
@@ -230,7 +230,7 @@ def test_arguments_that_are_none(door, method, arguments, status):
     door.run(test)
 
 
-def test_methods_are_for_drives(door):
+def test_methods_work_only_on_their_objects(door):
     async def test(one):
         async with one.client("otto") as otto:
             for on in ("plant", "lines/hall", "drives/pump/Status", "methods/Start", "types/DriveType"):
@@ -241,7 +241,7 @@ def test_methods_are_for_drives(door):
     door.run(test)
 
 
-def test_a_parameter_is_written_that_the_plant_lists(door):
+def test_listed_parameter_is_written(door):
     async def test(one):
         async with one.client("carl") as carl:
             assert await call(carl, "WriteParameter", "3-41", "12.5") == ("Good", ["done", ""])
@@ -255,7 +255,7 @@ def test_a_parameter_is_written_that_the_plant_lists(door):
     door.run(test)
 
 
-def test_all_are_stopped_at_once(door):
+def test_stop_all_stops_every_drive(door):
     async def test(one):
         async with one.client("otto") as otto, one.client("vera") as vera:
             await lock(otto)
@@ -269,7 +269,7 @@ def test_all_are_stopped_at_once(door):
 
 
 @pytest.mark.soak
-def test_a_stop_waits_for_no_other_call_of_its_session(door):
+def test_stop_does_not_wait_for_other_calls_of_its_session(door):
     async def test(one):
         async with one.client("otto") as otto:
             await lock(otto)
@@ -294,7 +294,7 @@ def test_a_stop_waits_for_no_other_call_of_its_session(door):
     door.run(test)
 
 
-def test_a_user_logs_in_by_their_own_token(door):
+def test_user_logs_in_with_the_own_token_only(door):
     async def test(one):
         async with one.client("otto", TOKEN) as otto:
             await lock(otto)
@@ -306,7 +306,7 @@ def test_a_user_logs_in_by_their_own_token(door):
 
 
 @pytest.mark.soak
-def test_a_user_who_is_removed_is_out(tmp_path):
+def test_removed_user_is_disconnected(tmp_path):
     async def test():
         async with opened(tmp_path) as one, one.client("vera") as vera:
             client = one.client("otto")
@@ -317,13 +317,13 @@ def test_a_user_who_is_removed_is_out(tmp_path):
             one.users.write_text(text[:begin] + text[text.index("[[user]]", begin + 1) :])
             await until(lambda: not one.plant.leases())
             await reads_good(vera, "drives/pump/Status/State")
-            with suppress(Exception):  # it is cut off, and may say so
+            with suppress(Exception):  # the connection is cut, which raises
                 await client.__aexit__(None, None, None)
 
     run(test())
 
 
-def test_methods_are_there_where_the_plant_allows_them(door):
+def test_drive_has_only_methods_that_the_plant_allows(door):
     async def names(client, drive):
         return {(await each.read_browse_name()).Name for each in await node(client, f"drives/{drive}").get_methods()}
 

@@ -1,4 +1,4 @@
-"""Alarms as conditions (OPC UA Part 9), followed and treated by two client stacks over TCP."""
+"""Alarms as conditions (OPC UA Part 9): two client stacks follow, acknowledge and confirm them over TCP."""
 
 import asyncio
 from functools import partial
@@ -41,7 +41,7 @@ REFRESH = [f"i={ua.ObjectIds.RefreshStartEventType}", f"i={ua.ObjectIds.RefreshE
 
 @pytest.fixture(scope="module")
 def alarmed(tmp_path_factory):
-    """A plant with alarms; yields what runs a test with its door, and leaves no alarm standing."""
+    """Yield a function that runs a test with the door of a plant with alarms, and clears all alarms afterwards."""
     with asyncio.Runner() as runner:
         context = opened(tmp_path_factory.mktemp("plant"), ALARMED)
         one = runner.run(context.__aenter__())
@@ -67,7 +67,7 @@ def alarmed(tmp_path_factory):
 
 @pytest.fixture(params=["asyncua", "node-opcua"])
 def follower(request):
-    """A client stack: a function that follows the alarms of a door."""
+    """Return a function of one client stack that follows the alarms of a door."""
     if request.param == "asyncua":
         return followed_by_asyncua
     return partial(followed_by_node, request.getfixturevalue("node_opcua"))
@@ -118,7 +118,7 @@ def test_alarm_is_acknowledged_confirmed_and_over(alarmed, follower):
     alarmed(test)
 
 
-def test_alarm_that_is_over_stays_until_it_is_acknowledged(alarmed, follower):
+def test_condition_that_is_over_remains_until_acknowledged(alarmed, follower):
     async def test(one):
         async with follower(one) as client:
             one.control.order("set", drive="fan", parameter="518", value=12000)
@@ -132,7 +132,7 @@ def test_alarm_that_is_over_stays_until_it_is_acknowledged(alarmed, follower):
     alarmed(test)
 
 
-def test_acknowledgement_of_another_door_is_told(alarmed, follower):
+def test_acknowledgement_at_another_door_is_notified(alarmed, follower):
     async def test(one):
         async with follower(one) as client:
             trip(one)
@@ -145,7 +145,7 @@ def test_acknowledgement_of_another_door_is_told(alarmed, follower):
     alarmed(test)
 
 
-def test_earlier_event_acknowledges_no_other_fault(alarmed, follower):
+def test_event_id_of_an_earlier_fault_does_not_acknowledge_the_present_one(alarmed, follower):
     async def test(one):
         async with follower(one) as client:
             trip(one, 14)
@@ -173,7 +173,7 @@ def test_unknown_event_or_user_without_the_right_changes_nothing(alarmed, follow
     alarmed(test)
 
 
-def test_silence_is_told_and_values_that_nobody_knows_are_doubtful(alarmed, follower):
+def test_silent_drive_raises_a_condition_and_makes_others_uncertain(alarmed, follower):
     async def test(one):
         async with follower(one) as client:
             one.control.order("set", drive="fan", parameter="518", value=12000)
@@ -199,12 +199,12 @@ def test_clients_find_conditions_below_their_drive(alarmed, follower):
     alarmed(test)
 
 
-def test_refresh_tells_standing_alarms_between_its_marks(alarmed, follower):
+def test_refresh_sends_standing_alarms_between_start_and_end_events(alarmed, follower):
     async def test(one):
         trip(one)
         await until(one.plant.alarms)
         async with follower(one) as client:
-            # Nothing has changed since: only the refresh can have told it.
+            # Nothing has changed since, so the event comes from the refresh.
             await client.shows(TRIPPED, active=True)
             if follower is followed_by_asyncua:
                 await until(lambda: len(client.others) >= 2)
@@ -217,7 +217,7 @@ def test_refresh_tells_standing_alarms_between_its_marks(alarmed, follower):
     alarmed(test)
 
 
-def test_refresh_is_of_an_own_subscription_with_events(alarmed):
+def test_refresh_needs_a_subscription_of_the_session_with_events(alarmed):
     async def test(one):
         async with followed_by_asyncua(one) as otto, one.client("vera") as vera:
             assert await refresh(vera, otto.subscription) == "BadSubscriptionIdInvalid"
@@ -228,7 +228,7 @@ def test_refresh_is_of_an_own_subscription_with_events(alarmed):
     alarmed(test)
 
 
-def test_where_clause_keeps_to_fields_of_states_but_not_the_marks_of_a_refresh(alarmed):
+def test_where_clause_filters_condition_fields_but_not_refresh_events(alarmed):
     is_limit = ua.ContentFilterElement(
         FilterOperator=ua.FilterOperator.OfType,
         FilterOperands=[ua.LiteralOperand(Value=ua.Variant(ua.NodeId(ua.ObjectIds.LimitAlarmType)))],
@@ -294,7 +294,7 @@ def test_fields_of_a_condition_are_read_and_followed_as_variables(alarmed):
     alarmed(test)
 
 
-def test_condition_of_a_rule_that_is_gone_leaves_when_it_is_acknowledged(tmp_path):
+def test_condition_of_a_removed_rule_disappears_when_acknowledged(tmp_path):
     async def test():
         async with opened(tmp_path, ALARMED) as one, followed_by_asyncua(one) as client:
             trip(one)
@@ -315,7 +315,7 @@ def test_condition_of_a_rule_that_is_gone_leaves_when_it_is_acknowledged(tmp_pat
     asyncio.run(test())
 
 
-def test_conditions_are_neither_enabled_nor_disabled_by_clients(alarmed):
+def test_clients_cannot_enable_or_disable_conditions(alarmed):
     async def test(one):
         async with one.client("otto") as otto:
             for name, status in (("Enable", "BadConditionAlreadyEnabled"), ("Disable", "BadNotSupported")):
@@ -328,7 +328,7 @@ def test_conditions_are_neither_enabled_nor_disabled_by_clients(alarmed):
     alarmed(test)
 
 
-def test_event_item_takes_another_filter(alarmed):
+def test_filter_of_an_event_item_can_be_changed(alarmed):
     nothing = ua.ContentFilterElement(
         FilterOperator=ua.FilterOperator.Equals,
         FilterOperands=[ua.LiteralOperand(Value=ua.Variant(1)), ua.LiteralOperand(Value=ua.Variant(2))],
@@ -353,7 +353,7 @@ def test_event_item_takes_another_filter(alarmed):
     alarmed(test)
 
 
-def test_anonymous_caller_follows_alarms_and_does_nothing_about_them(tmp_path):
+def test_anonymous_caller_may_follow_alarms_but_not_acknowledge(tmp_path):
     async def test():
         async with opened(tmp_path, ALARMED, anonymous="view") as one, followed_by_asyncua(one, "") as client:
             trip(one)

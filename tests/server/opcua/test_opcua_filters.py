@@ -1,4 +1,4 @@
-"""Filters of subscriptions as OPC UA has them (Part 4, 7.17.2; Part 8, 6.2), asked by two client stacks over TCP."""
+"""Subscription filters of OPC UA (Part 4, 7.17.2; Part 8, 6.2), used by two client stacks over TCP."""
 
 import json
 import math
@@ -14,19 +14,22 @@ from drivecomm.server.opcua.filters import ChangeFilter
 
 pytestmark = pytest.mark.soak
 
-# 0.00 to 300.00 % by the model, so that 1 % of its range are 3.00 %.
+# The model gives a range of 0.00 to 300.00 %, so 1 % of the range is 3.00 %.
 CURRENT_LIMIT = "drives/fan/Parameters/518"
 WITHOUT_RANGE = "drives/fan/Monitoring/ConverterOutputFrequency"
 
 
 class Heard:
-    """What a client was told of one value: without a filter, and with one. refused: the status of a refusal."""
+    """Notifications of one value, without and with a filter. refused: status of a refused item, "" if accepted."""
 
     def __init__(self):
         self.all, self.filtered, self.refused = [], [], ""
 
     def values(self):
-        """The values that came with the filter, without those told only because a busy machine let them grow old."""
+        """Return the values that came with the filter, without changes of status only.
+
+        On a busy machine a value may go stale, which sends it once more with another status.
+        """
         told, before = [], None
         for value, status in self.filtered:
             if before is None or before[0] != value or before[1] == status:
@@ -84,7 +87,7 @@ async def heard_by_node(folder, one, place, *filter_):
 
 @pytest.fixture(params=["asyncua", "node-opcua"])
 def listener(request):
-    """A client stack: a function that subscribes, and what else it needs."""
+    """Return a function of one client stack that subscribes to a value with a filter."""
     if request.param == "asyncua":
         return heard_by_asyncua
     folder = request.getfixturevalue("node_opcua")
@@ -92,7 +95,7 @@ def listener(request):
 
 
 async def begin_with(one, value):
-    """Let the drive hold a value, and wait until the server knows it."""
+    """Set a value of the drive, and wait until the server has read it."""
     one.control.order("set", drive="fan", parameter="518", value=round(value * 100))
 
     def is_known():
@@ -104,7 +107,7 @@ async def begin_with(one, value):
 
 
 async def play(one, heard, course):
-    """Let the drive hold one value after another, each until the client was told it without a filter."""
+    """Set one value of the drive after another, each until the client without a filter has received it."""
     await until(lambda: heard.all)
     for value in course:
         one.control.order("set", drive="fan", parameter="518", value=round(value * 100))
@@ -112,33 +115,33 @@ async def play(one, heard, course):
 
 
 def assert_told(hall, listener, filter_, course, expected):
-    """Fail unless a client with this filter is told the expected values while a drive's value takes this course."""
+    """Check that a client with this filter receives the expected values while the drive's value changes."""
 
     async def test(one):
         await begin_with(one, course[0])
         async with listener(one, CURRENT_LIMIT, *filter_) as heard:
             await until(lambda: heard.filtered)
             await play(one, heard, course)
-            # The two are published one after the other.
+            # The notification with the filter may arrive after the one without.
             await until(lambda: len(heard.filtered) >= len(expected))
             assert heard.values() == pytest.approx(expected)
 
     hall(test)
 
 
-def test_values_that_change_are_told(hall, listener):
+def test_filter_without_deadband_sends_every_change(hall, listener):
     assert_told(hall, listener, ("StatusValue", "None_", 0.0), [10, 10.5, 11], [10, 10.5, 11])
 
 
-def test_deadband_counts_from_what_was_told_last(hall, listener):
+def test_deadband_counts_from_the_last_notified_value(hall, listener):
     assert_told(hall, listener, ("StatusValue", "Absolute", 1.0), [10, 10.6, 11.2, 11.8, 12.2, 12.3], [10, 11.2, 12.3])
 
 
-def test_per_cent_are_of_the_range(hall, listener):
+def test_percent_deadband_is_relative_to_the_range(hall, listener):
     assert_told(hall, listener, ("StatusValue", "Percent", 1.0), [10, 12.5, 13.5, 16, 17], [10, 13.5, 17])
 
 
-def test_times_are_told_where_they_are_asked_for(hall, listener):
+def test_timestamp_trigger_sends_unchanged_values(hall, listener):
     async def test(one):
         async with listener(one, CURRENT_LIMIT, "StatusValueTimestamp", "None_", 0.0) as heard:
             await until(lambda: len(heard.filtered) > 5)
@@ -147,12 +150,12 @@ def test_times_are_told_where_they_are_asked_for(hall, listener):
     hall(test)
 
 
-def test_times_are_not_told_with_a_deadband(hall, listener):
+def test_deadband_suppresses_changes_of_the_timestamp(hall, listener):
     assert_told(hall, listener, ("StatusValueTimestamp", "Absolute", 1.0), [10, 10.5, 11.5, 12], [10, 11.5])
 
 
 @pytest.mark.parametrize("filter_", [("StatusValue", "Absolute", 1000.0), ("Status", "None_", 0.0)])
-def test_change_of_status_is_told_whatever_the_filter(hall, listener, filter_):
+def test_change_of_status_is_sent_with_any_filter(hall, listener, filter_):
     async def test(one):
         async with listener(one, CURRENT_LIMIT, *filter_) as heard:
             await until(lambda: heard.filtered)
@@ -177,7 +180,7 @@ def test_change_of_status_is_told_whatever_the_filter(hall, listener, filter_):
         ("drives/fan/Status/Error", ("StatusValue", "Absolute", 1.0), "BadFilterNotAllowed"),
     ],
 )
-def test_refusal_is_of_its_item_alone(hall, listener, place, filter_, status):
+def test_invalid_filter_refuses_only_its_item(hall, listener, place, filter_, status):
     async def test(one):
         async with listener(one, place, *filter_) as heard:
             await until(lambda: heard.refused and heard.all)
@@ -186,7 +189,7 @@ def test_refusal_is_of_its_item_alone(hall, listener, place, filter_, status):
     hall(test)
 
 
-def test_asyncuas_own_deadband_is_taken_and_changed(hall):
+def test_deadband_set_by_asyncua_is_accepted_and_can_be_changed(hall):
     async def test(one):
         told = Told()
 
@@ -221,14 +224,14 @@ def value(number, status=ua.StatusCodes.Good):
 
 
 @pytest.mark.parametrize("deadband", [None, 1.0])
-def test_what_is_no_number_is_told_once(deadband):
+def test_change_filter_sends_nan_once(deadband):
     wished = ChangeFilter(deadband=deadband)
     assert wished.passes(value(1.0), value(math.nan))
     assert not wished.passes(value(math.nan), value(math.nan))
     assert wished.passes(value(math.nan), value(1.0))
 
 
-def test_one_element_of_an_array_is_enough():
+def test_change_filter_passes_an_array_if_one_element_changed():
     wished = ChangeFilter(deadband=1.0)
     assert wished.passes(value([1.0, 5.0]), value([1.0, 6.5]))
     assert not wished.passes(value([1.0, 5.0]), value([1.5, 5.5]))

@@ -1,4 +1,4 @@
-"""Clients that flood, stall, or send garbage: they are cut off, and the others keep their times."""
+"""Clients that flood, stall or send garbage: they are disconnected, and others see no delay."""
 
 import asyncio
 import struct
@@ -23,7 +23,7 @@ def hello(buffers=65535, url=b"opc.tcp://x/"):
 
 
 async def is_cut_off(reader, seconds=5):
-    """Whether the other side closes, whatever it says before."""
+    """Return whether the server closes the connection within this time; replies before that are ignored."""
     with suppress(ConnectionError):
         async with asyncio.timeout(seconds):
             while await reader.read(65536):
@@ -36,7 +36,7 @@ async def is_cut_off(reader, seconds=5):
     [
         b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n",
         b"\x00" * 64,
-        # A message that claims to have four gigabytes: asyncua would collect them.
+        # A message with a declared length of four gigabytes, which asyncua without our limits would buffer.
         b"MSGF" + b"\xff\xff\xff\xff" + b"x" * 10_000,
         b"HELF" + struct.pack("<I", 4) + b"x" * 16,
         b"MSGF" + struct.pack("<I", 9) + b"x",
@@ -47,7 +47,7 @@ async def is_cut_off(reader, seconds=5):
     ],
     ids=["http", "zeros", "four gigabytes", "no body", "half a header", "no channel", "garbage", "16 bytes", "none"],
 )
-def test_garbage_is_cut_off(door, said):
+def test_garbage_closes_the_connection(door, said):
     async def test(one):
         reader, writer = await asyncio.open_connection("127.0.0.1", one.door.port)
         writer.write(said)
@@ -59,7 +59,7 @@ def test_garbage_is_cut_off(door, said):
     door.run(test)
 
 
-def test_a_newcomer_gets_the_place_of_the_oldest_connection_without_a_user(door):
+def test_newcomer_replaces_the_oldest_connection_without_a_user(door):
     async def test(one):
         async with one.client("otto") as otto:
             most = limits.CONNECTIONS.of_address
@@ -74,7 +74,7 @@ def test_a_newcomer_gets_the_place_of_the_oldest_connection_without_a_user(door)
     door.run(test)
 
 
-def test_a_flood_holds_up_no_stop_of_another_client(door):
+def test_flood_of_one_client_does_not_delay_a_stop_of_another(door):
     async def test(one):
         async with one.client("vera") as vera, one.client("otto") as otto:
             wanted = [node(vera, STATE)] * 2_000
@@ -87,7 +87,7 @@ def test_a_flood_holds_up_no_stop_of_another_client(door):
                 took.append(time.monotonic() - begun)
             for each in flooding:
                 each.cancel()
-            # Some tenths of a second, beside a client that does nothing but ask; the machine of a test may be busy.
+            # A stop takes some tenths of a second during the flood; the bound allows for a busy machine.
             assert min(took) < 2
 
     door.run(test)
@@ -100,7 +100,7 @@ async def flood(client, wanted):
 
 
 @pytest.mark.soak
-def test_who_does_not_read_is_cut_off(door):
+def test_client_that_does_not_read_is_disconnected(door):
     async def test(one):
         client = Client(one.url, timeout=60)
         client.set_user("vera")
@@ -124,10 +124,10 @@ async def quietly(awaited):
         await awaited
 
 
-def test_answers_have_limits(door):
+def test_response_size_is_limited(door):
     async def test(one):
         async with one.client("vera") as vera:
-            # 200 kB each: a small question would have an answer of hundreds of megabytes.
+            # The node has 200 kB, so that a small request could have a response of hundreds of megabytes.
             schema = vera.get_node(ua.ObjectIds.OpcUa_BinarySchema)
             assert len((await schema.read_value()) or b"") > 50_000
             with pytest.raises(ua.uaerrors.BadResponseTooLarge):
@@ -145,7 +145,7 @@ def test_answers_have_limits(door):
     door.run(test)
 
 
-def test_subscriptions_and_items_have_limits(door, monkeypatch):
+def test_number_of_subscriptions_and_items_is_limited(door, monkeypatch):
     monkeypatch.setattr(limits, "ITEMS_OF_SESSION", 500)
 
     async def test(one):
@@ -155,7 +155,7 @@ def test_subscriptions_and_items_have_limits(door, monkeypatch):
                 await vera.create_subscription(100, None)
             for each in made[1:]:
                 await each.delete()
-            # asyncua takes any of them: none at all lets each change be sent at once, and never expires.
+            # asyncua accepts any value: interval 0 sends each change immediately, and this lifetime never expires.
             again = await vera.uaclient.create_subscription(
                 ua.CreateSubscriptionParameters(RequestedPublishingInterval=0.0, RequestedLifetimeCount=10**9), None
             )
@@ -189,7 +189,7 @@ def test_subscriptions_and_items_have_limits(door, monkeypatch):
     door.run(test)
 
 
-def test_delays_are_told_from_wrong_clocks():
+def test_network_delay_is_distinguished_from_a_wrong_clock():
     from datetime import UTC, datetime
 
     def stamp(seconds):
@@ -200,9 +200,9 @@ def test_delays_are_told_from_wrong_clocks():
     assert delay.of(stamp(1), 101.1) == pytest.approx(0.1)
     assert delay.of(stamp(2), 122.0) == pytest.approx(20)
     assert delay.of(None, 122.0) == 0
-    # A clock that was set back, for good: after two minutes it is taken for what it is.
+    # The clock is set back for good: after two minutes the offset counts as the clock's.
     assert delay.of(stamp(-3600 + 30), 130.0) == pytest.approx(3600)
     assert delay.of(stamp(-3600 + 95), 195.0) == pytest.approx(3600)
     assert delay.of(stamp(-3600 + 160), 260.0) == pytest.approx(0)
-    # One that was set on is no delay.
+    # A clock that is set forward causes no delay.
     assert delay.of(stamp(3600 + 161), 261.0) == 0

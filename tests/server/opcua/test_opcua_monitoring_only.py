@@ -1,4 +1,4 @@
-"""A drive that is monitoring only, served: every door says so by name, and none offers to command it."""
+"""A served drive of a series that is monitoring only: each door shows the mark, and refuses commands."""
 
 import json
 
@@ -34,7 +34,7 @@ def plant_text(tmp_path):
 
 
 @awaited
-async def test_served_drive_is_monitoring_only_by_name_and_refuses_commands(tmp_path, plant_text):
+async def test_monitoring_only_drive_refuses_commands_with_that_reason(tmp_path, plant_text):
     async with core_of(tmp_path, plant_text("http")) as (core, _):
         plant = PlantForDoors(core, "hall")
         assert set(plant.may(OPERATOR, "gauge")) & {"start", "reset", "set_reference", "keep", "reverse"} == set()

@@ -1,4 +1,4 @@
-"""Another maker's client: node-opcua browses, reads, subscribes, locks, commands and reads history."""
+"""A third-party client: node-opcua browses, reads, subscribes, locks, commands and reads history."""
 
 import asyncio
 import json
@@ -14,7 +14,7 @@ PROGRAM = Path(__file__).with_name("node_client.js")
 
 
 async def asked(one, folder, *words):
-    """Run the program; return what it prints."""
+    """Run the Node program; return its parsed output."""
     process = await asyncio.create_subprocess_exec(
         "node", str(PROGRAM), one.url, *words, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
         env={**os.environ, "NODE_PATH": folder},
@@ -28,12 +28,12 @@ async def asked(one, folder, *words):
     return json.loads(out.decode().strip().splitlines()[-1])
 
 
-def test_a_client_of_another_maker(door, node_opcua):
+def test_node_opcua_browses_reads_commands_and_reads_history(door, node_opcua):
     async def test(one):
         told = await asked(one, node_opcua, "otto", PASSWORDS["otto"])
         assert {"pump", "fan"} <= set(told["drives"])
         assert {"Status", "Lock", "Monitoring", "Stop", "Start"} <= set(told["pump"])
-        # On a busy machine it may have grown old by now.
+        # On a busy machine the value may be stale by now.
         assert told["value"].pop("status") in ("Good", "UncertainLastUsableValue")
         assert told["value"] == {"number": True, "source": True}
         assert told["unit"] == 4740186
@@ -51,7 +51,7 @@ def test_a_client_of_another_maker(door, node_opcua):
     door.run(test)
 
 
-def test_who_it_does_not_let_in(door, node_opcua):
+def test_node_opcua_is_refused_without_a_valid_password(door, node_opcua):
     async def test(one):
         assert "BadUserAccessDenied" in (await asked(one, node_opcua, "otto", "wrong"))["refused"]
         assert "refused" in await asked(one, node_opcua)

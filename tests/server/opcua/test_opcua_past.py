@@ -1,4 +1,4 @@
-"""Events and history: what happens is told with a severity, and what was is read from the journal."""
+"""Events with their severities, and history read from the journal."""
 
 import asyncio
 import time
@@ -34,7 +34,7 @@ async def listening(client, on, types=ua.ObjectIds.BaseEventType):
 
 
 @pytest.mark.soak
-def test_a_trip_is_told_at_the_server_the_plant_and_the_drive(door):
+def test_trip_event_is_sent_at_server_plant_and_drive(door):
     async def test(one):
         async with one.client("vera") as vera:
             types = node(vera, "types/PlantEventType")
@@ -63,7 +63,7 @@ def test_a_trip_is_told_at_the_server_the_plant_and_the_drive(door):
 
 
 @pytest.mark.soak
-def test_one_who_asks_for_nonsense_keeps_no_event_from_the_others(door):
+def test_invalid_event_filter_of_one_client_does_not_affect_others(door):
     async def test(one):
         async with one.client("vera") as vera, one.client("otto") as otto:
             wished = ua.EventFilter()
@@ -81,7 +81,7 @@ def test_one_who_asks_for_nonsense_keeps_no_event_from_the_others(door):
     door.run(test)
 
 
-def test_a_filter_that_leads_to_itself_is_refused(door):
+def test_circular_event_filter_is_refused(door):
     async def test(one):
         async with one.client("vera") as vera:
             wished = ua.EventFilter(SelectClauses=[])
@@ -98,8 +98,8 @@ def test_a_filter_that_leads_to_itself_is_refused(door):
 
 
 @pytest.mark.soak
-def test_filter_that_refers_twice_to_each_element_costs_nobody_time(door):
-    """Evaluated as often as they are referred to, its elements would be more than any machine can evaluate."""
+def test_event_filter_with_repeated_references_is_evaluated_quickly(door):
+    """Evaluating each reference separately would take an exponential number of steps."""
     last = limits.FILTER_ELEMENTS - 1
     elements = [
         ua.ContentFilterElement(
@@ -144,7 +144,7 @@ def test_history_is_read_forwards_backwards_and_in_pages(door):
             assert len(found) > 10
             times = [each.SourceTimestamp for each in found]
             assert times == sorted(times)
-            # Its model is not sure of this parameter.
+            # The model marks this parameter as uncertain.
             assert {each.StatusCode.name for each in found} <= {"Good", "UncertainLastUsableValue"}
             assert all(isinstance(each.Value.Value, float) for each in found)
             back = await shown.read_raw_history(end, begin)
@@ -156,7 +156,7 @@ def test_history_is_read_forwards_backwards_and_in_pages(door):
     door.run(test)
 
 
-def test_what_has_no_history(door):
+def test_history_of_a_node_without_history_is_refused(door):
     async def test(one):
         async with one.client("vera") as vera:
             now = datetime.now(UTC)
@@ -189,7 +189,7 @@ def test_what_has_no_history(door):
 
 
 @pytest.mark.soak
-def test_the_latest_values_are_looked_for_near_the_end_first():
+def test_backward_history_read_searches_near_the_end_first():
     asked = []
 
     def between(begin, end):
@@ -231,5 +231,5 @@ def test_history_is_read_in_pages(door, monkeypatch):
     door.run(test)
 
 
-def test_events_of_every_kind_have_a_severity():
+def test_every_kind_of_event_has_a_severity():
     assert set(_SEVERITIES) == set(get_args(EventKind))

@@ -1,4 +1,4 @@
-"""What keeps strangers out of the OPC UA door, and sessions apart: each of the library's dangerous defaults, too."""
+"""Protection of the OPC UA door: against strangers, between sessions, and from unsafe defaults of the library."""
 
 import asyncio
 import pkgutil
@@ -35,7 +35,7 @@ def table(**content):
 
 @asynccontextmanager
 async def channel(url):
-    """Open a channel without encryption, and nothing else."""
+    """Open a channel without encryption and without a session; yield the client."""
     client = Client(url, timeout=4)
     await client.connect_socket()
     try:
@@ -48,7 +48,7 @@ async def channel(url):
 
 
 def set_clock(client, by):
-    """Let requests of a client say that they are of another time; returns what puts that right."""
+    """Shift the times of a client's requests; return a function that undoes this."""
     protocol = client.uaclient.protocol
     begun = protocol._setup_request_header
 
@@ -61,7 +61,7 @@ def set_clock(client, by):
 
 
 def certificate_of(name, folder, *options):
-    """Make a certificate and its key; returns the paths of both. options: further ones of openssl."""
+    """Make a certificate and its key; return the paths of both. options: further options of openssl."""
     files = folder / f"{name}.pem", folder / f"{name}-key.pem"
     names = f"subjectAltName=URI:urn:{name},DNS:localhost,IP:127.0.0.1"
     subprocess.run(
@@ -73,7 +73,7 @@ def certificate_of(name, folder, *options):
 
 
 def revoking(authority, issued, encoding):
-    """Return the list of an authority that has revoked what was issued."""
+    """Return a revocation list of an authority for an issued certificate."""
     shown, key = (Path(each).read_bytes() for each in authority)
     number = x509.load_pem_x509_certificate(Path(issued[0]).read_bytes()).serial_number
     today = datetime.now(UTC)
@@ -92,18 +92,18 @@ def certificates(tmp_path):
     return [certificate_of(name, tmp_path) for name in ("server", "client")]
 
 
-def test_it_is_found_by_its_kind():
+def test_opcua_door_has_its_entry_point():
     project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert pkgutil.resolve_name(project["entry-points"]["drivecomm.doors"]["opcua"]) is opcua_door
 
 
-def test_it_says_what_to_install(monkeypatch):
+def test_missing_package_is_reported_with_its_install_command(monkeypatch):
     monkeypatch.setattr("drivecomm.server.opcua.door.find_spec", lambda _: None)
     with pytest.raises(UsageError, match=r"install drivecomm\[opcua\]"):
         opcua_door(table())
 
 
-def test_loopback_is_the_default():
+def test_opcua_door_listens_on_loopback_by_default():
     assert opcua_door(table()).name == "opcua 127.0.0.1:4840"
 
 
@@ -118,7 +118,7 @@ def test_loopback_is_the_default():
         ({"trusted": "clients"}, "write certificate = and key ="),
     ],
 )
-def test_tables_that_cannot_be(content, text):
+def test_invalid_opcua_table_is_refused(content, text):
     with pytest.raises(FileFormatError) as caught:
         opcua_door(table(**content))
     assert text in str(caught.value)
@@ -126,7 +126,7 @@ def test_tables_that_cannot_be(content, text):
 
 
 @pytest.mark.parametrize("listen", ["0.0.0.0:0", "[::]:0", "192.168.1.2:0", "plant.example:0"])
-def test_the_network_needs_a_certificate_and_users(listen, certificates):
+def test_network_address_needs_a_certificate_and_users(listen, certificates):
     with pytest.raises(FileFormatError, match=r"certificate = and key =, .*, or spell out insecure = true"):
         opcua_door(table(listen=listen))
     certificate, key = certificates[0]
@@ -139,7 +139,7 @@ def test_the_network_needs_a_certificate_and_users(listen, certificates):
         asyncio.run(door.run(Plant(), lambda: None))
 
 
-def test_certificates_that_are_none(tmp_path, certificates):
+def test_invalid_certificate_or_key_is_refused(tmp_path, certificates):
     class Plant:
         users = object()
 
@@ -152,7 +152,7 @@ def test_certificates_that_are_none(tmp_path, certificates):
         asyncio.run(none.run(Plant(), lambda: None))
 
 
-def test_nobody_comes_in_without_a_name_and_a_password(door):
+def test_login_without_a_valid_name_and_password_is_refused(door):
     async def test(one):
         for name, password in (("admin", "admin"), ("admin", ""), ("Admin", "x"), ("otto", "wrong"), ("otto", "")):
             with pytest.raises((ua.uaerrors.BadUserAccessDenied, ua.uaerrors.BadIdentityTokenInvalid)):
@@ -165,16 +165,16 @@ def test_nobody_comes_in_without_a_name_and_a_password(door):
     door.run(test)
 
 
-def test_passwords_cannot_be_guessed_quickly(tmp_path):
+def test_password_attempts_are_rate_limited(tmp_path):
     async def test():
         async with opened(tmp_path) as one:
-            # However long a login takes here, no time passes.
+            # The clock stands still, since a login may take long here.
             one.plant.users._clock = lambda: 1000.0
             for _ in range(6):
                 with pytest.raises(ua.uaerrors.BadUserAccessDenied):
                     async with one.client("olga", "wrong"):
                         pass
-            # The right one waits, too; nobody else does.
+            # The correct password has to wait as well; other users do not.
             with pytest.raises(ua.uaerrors.BadUserAccessDenied):
                 async with one.client("olga"):
                     pass
@@ -184,7 +184,7 @@ def test_passwords_cannot_be_guessed_quickly(tmp_path):
     asyncio.run(test())
 
 
-def test_anonymous_callers_only_look(tmp_path):
+def test_anonymous_callers_may_only_view(tmp_path):
     async def test():
         async with opened(tmp_path, anonymous="view") as one, one.client() as client:
             await reads_good(client, STATE)
@@ -199,10 +199,10 @@ def test_anonymous_callers_only_look(tmp_path):
     asyncio.run(test())
 
 
-def test_nothing_can_be_written(door):
+def test_no_node_is_writable(door):
     async def test(one):
         async with one.client("carl") as carl:
-            # asyncua lets every user write these.
+            # asyncua by default lets every user write these nodes.
             enabled = carl.get_node(ua.ObjectIds.Server_ServerDiagnostics_EnabledFlag)
             for written in (node(carl, STATE), enabled):
                 with pytest.raises(ua.uaerrors.BadNotWritable):
@@ -214,7 +214,7 @@ def test_nothing_can_be_written(door):
     door.run(test)
 
 
-def test_nodes_are_the_plants_alone(door):
+def test_clients_cannot_add_or_delete_nodes(door):
     async def test(one):
         async with one.client("carl") as carl:
             with pytest.raises(ua.uaerrors.BadUserAccessDenied):
@@ -228,7 +228,7 @@ def test_nodes_are_the_plants_alone(door):
     door.run(test)
 
 
-def test_no_other_server_is_told_of(door):
+def test_clients_cannot_register_another_server(door):
     async def test(one):
         async with channel(one.url) as client:
             with pytest.raises(ua.uaerrors.BadSessionNotActivated):
@@ -241,11 +241,11 @@ def test_no_other_server_is_told_of(door):
     door.run(test)
 
 
-def test_a_session_stays_on_its_connection(door):
+def test_session_cannot_be_taken_over_by_another_connection(door):
     async def test(one):
         async with one.client("otto") as otto, channel(one.url) as thief:
             await lock(otto)
-            # asyncua counts the tokens up, so that they can be guessed.
+            # asyncua numbers its session tokens, so they can be guessed.
             thief.uaclient.session.restore_authentication_token(otto.uaclient.session.authentication_token)
             params = ua.ActivateSessionParameters(
                 UserIdentityToken=ua.UserNameIdentityToken(PolicyId="username", UserName="otto", Password=b"wrong")
@@ -259,7 +259,7 @@ def test_a_session_stays_on_its_connection(door):
     door.run(test)
 
 
-def test_a_second_session_on_a_connection(door):
+def test_second_session_on_a_connection_is_refused(door):
     async def test(one):
         async with one.client("otto") as otto:
             with pytest.raises(ua.uaerrors.BadTooManySessions):
@@ -299,7 +299,7 @@ def test_session_with_subscriptions_ends_with_its_connection(door):
     door.run(test)
 
 
-def test_subscriptions_are_their_sessions_own(door):
+def test_client_cannot_use_subscriptions_of_another_session(door):
     async def test(one):
         async with one.client("otto") as otto, one.client("vera") as vera:
             subscription = await otto.create_subscription(100, None)
@@ -317,7 +317,7 @@ def test_subscriptions_are_their_sessions_own(door):
     door.run(test)
 
 
-def test_a_wrong_clock_is_no_delay(door):
+def test_wrong_client_clock_does_not_make_requests_late(door):
     async def test(one):
         client = Client(one.url, timeout=5)
         client.set_user("otto")
@@ -337,7 +337,7 @@ def test_a_wrong_clock_is_no_delay(door):
 
 
 class TestWithACertificate:
-    def test_what_is_encrypted_is_served(self, tmp_path, certificates):
+    def test_encrypted_connection_is_served(self, tmp_path, certificates):
         async def test():
             (certificate, key), (own, own_key) = certificates
             async with opened(tmp_path, certificate=certificate, key=key) as one:
@@ -354,7 +354,7 @@ class TestWithACertificate:
 
         asyncio.run(test())
 
-    def test_nothing_else_is(self, tmp_path, certificates):
+    def test_unencrypted_connection_is_refused(self, tmp_path, certificates):
         async def test():
             certificate, key = certificates[0]
             async with opened(tmp_path, certificate=certificate, key=key) as one, channel(one.url) as client:
@@ -362,7 +362,7 @@ class TestWithACertificate:
                 assert {each.SecurityMode for each in endpoints} == {ua.MessageSecurityMode.SignAndEncrypt}
                 assert x509_from_der(endpoints[0].ServerCertificate) is not None
                 assert endpoints[0].Server.ApplicationUri == "urn:server"
-                # asyncua would go on with a session here, unencrypted, and ask nobody what it may.
+                # asyncua by default would accept an unencrypted session here, without checking rights.
                 with pytest.raises(ua.uaerrors.BadSecurityModeInsufficient):
                     await client.create_session()
                 with pytest.raises(ua.uaerrors.BadSecurityModeInsufficient):
@@ -389,7 +389,7 @@ class TestTrustedClients:
         async with client:
             yield client
 
-    def test_a_client_comes_in_when_its_certificate_is_moved_up_and_not_before(self, tmp_path, trusted, certificates):
+    def test_client_is_trusted_once_its_certificate_is_moved_to_the_folder(self, tmp_path, trusted, certificates):
         async def test():
             (certificate, key), own = certificates
             async with opened(tmp_path, certificate=certificate, key=key, trusted=str(trusted)) as one:
@@ -407,7 +407,7 @@ class TestTrustedClients:
 
         asyncio.run(test())
 
-    def test_whom_an_authority_has_issued_a_certificate_comes_in(self, tmp_path, trusted, certificates):
+    def test_certificate_issued_by_a_trusted_authority_is_accepted(self, tmp_path, trusted, certificates):
         authority, authority_key = certificate_of("authority", tmp_path, "-addext", "keyUsage=keyCertSign")
         shutil.copy(authority, trusted / "authority.CRT")
         issued = certificate_of("issued", tmp_path, "-CA", authority, "-CAkey", authority_key)
@@ -424,7 +424,7 @@ class TestTrustedClients:
         asyncio.run(test())
 
     @pytest.mark.parametrize("encoding", [Encoding.PEM, Encoding.DER])
-    def test_what_an_authority_has_revoked_comes_in_no_more(self, tmp_path, trusted, certificates, encoding):
+    def test_revoked_certificate_is_refused(self, tmp_path, trusted, certificates, encoding):
         authority = certificate_of("authority", tmp_path, "-addext", "keyUsage=keyCertSign,cRLSign")
         other = certificate_of("other", tmp_path, "-addext", "keyUsage=keyCertSign,cRLSign")
         for each in (authority, other):
@@ -435,7 +435,7 @@ class TestTrustedClients:
         async def test():
             certificate, key = certificates[0]
             async with opened(tmp_path, certificate=certificate, key=key, trusted=str(trusted)) as one:
-                # Somebody else has nothing to revoke.
+                # A revocation list of another authority has no effect.
                 async with self.client(one, issued, "issued") as client:
                     await reads_good(client, STATE)
                 (trusted / "authority.crl").write_bytes(revoking(authority, issued, encoding))
@@ -449,7 +449,7 @@ class TestTrustedClients:
 
         asyncio.run(test())
 
-    def test_a_client_issues_no_certificates(self, tmp_path, trusted, certificates):
+    def test_certificate_issued_by_a_trusted_client_is_refused(self, tmp_path, trusted, certificates):
         other, other_key = certificate_of("other", tmp_path, "-addext", "basicConstraints=critical,CA:FALSE")
         shutil.copy(other, trusted)
         issued = certificate_of("issued", tmp_path, "-CA", other, "-CAkey", other_key)
@@ -463,7 +463,7 @@ class TestTrustedClients:
 
         asyncio.run(test())
 
-    def test_one_that_is_trusted_and_over_comes_in_no_more(self, tmp_path, trusted, certificates):
+    def test_expired_trusted_certificate_is_refused(self, tmp_path, trusted, certificates):
         over = certificate_of("over", tmp_path)
         certificate = x509.load_pem_x509_certificate(Path(over[0]).read_bytes())
         key = load_pem_private_key(Path(over[1]).read_bytes(), None)
@@ -485,7 +485,7 @@ class TestTrustedClients:
 
         asyncio.run(test())
 
-    def test_the_certificate_of_a_request_is_not_believed(self, tmp_path, trusted, certificates, monkeypatch):
+    def test_certificate_in_a_request_must_match_the_channel(self, tmp_path, trusted, certificates, monkeypatch):
         known, _ = certificate_of("known", tmp_path)
         shutil.copy(known, trusted)
         shown = x509.load_pem_x509_certificate(Path(known).read_bytes()).public_bytes(Encoding.DER)
@@ -505,7 +505,7 @@ class TestTrustedClients:
 
         asyncio.run(test())
 
-    def test_strangers_fill_no_disk(self, trusted, certificates, tmp_path):
+    def test_number_of_stored_unknown_certificates_is_limited(self, trusted, certificates, tmp_path):
         told = []
         clients = TrustedClients(trusted, told.append)
         for number in range(25):
@@ -519,7 +519,7 @@ class TestTrustedClients:
             with pytest.raises(ServiceError):
                 asyncio.run(clients.check(shown))
 
-    def test_folders_that_cannot_be(self, trusted):
+    def test_invalid_folder_of_trusted_clients_is_refused(self, trusted):
         with pytest.raises(UsageError, match="is not a folder; make it"):
             TrustedClients(trusted / "none", print)
         (trusted / "x.pem").write_text("nothing")

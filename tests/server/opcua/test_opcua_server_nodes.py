@@ -1,4 +1,4 @@
-"""What the server says of itself and of states, and results of single nodes; asked by two client stacks over TCP."""
+"""Server nodes, state nodes, and results of single nodes, read by two client stacks over TCP."""
 
 import asyncio
 import json
@@ -85,7 +85,7 @@ async def asked_by_node(folder, one):
 
 @pytest.fixture(params=["asyncua", "node-opcua"])
 def answers(request, door):
-    """What a client stack gets from the door."""
+    """Return the results that one client stack gets from the door."""
     folder = "" if request.param == "asyncua" else request.getfixturevalue("node_opcua")
     asked = asked_by_asyncua if request.param == "asyncua" else asked_by_node
     found = {}
@@ -100,30 +100,30 @@ def answers(request, door):
     return found
 
 
-def test_unknown_node_among_others_has_a_result_of_its_own(answers):
+def test_unknown_node_among_others_gets_its_own_result(answers):
     unknown = "BadNodeIdUnknown"
     assert answers["read"][1] == answers["monitor"][1] == answers["write"][1] == answers["history"][1] == unknown
-    # On a busy machine a value may have grown old by now.
+    # On a busy machine a value may be stale by now.
     assert {answers["read"][0], answers["read"][2]} <= {"Good", "UncertainLastUsableValue"}
     assert [answers["monitor"][0], answers["monitor"][2]] == ["Good", "Good"]
     assert [answers["write"][0], answers["write"][2]] == ["BadNotWritable", "BadNotWritable"]
     assert {answers["history"][0], answers["history"][2]} == {"Good"}
 
 
-def test_server_says_what_it_is_and_states_say_which_there_are(answers):
+def test_server_object_and_state_nodes_have_correct_values(answers):
     found = dict(zip(FURTHER, answers["values"], strict=True))
     assert (found["version"], found["product"]) == (__version__, "urn:drivecomm")
     assert (found["namespace"], found["subset"]) == ("urn:drivecomm:plant", False)
     assert "http://opcfoundation.org/UA-Profile/Server/ACAckAlarm" in found["profiles"]
     assert "http://opcfoundation.org/UA-Profile/Server/AggregateHistorical" in found["profiles"]
-    # Clients store numbers of states: another order would be another meaning.
+    # Clients store state numbers, so that another order would change their meaning.
     assert found["states"] == ["not_ready", "ready", "running", "stopping", "fault"] == STATES
     assert (found["false"], found["true"], found["running"]) == ("stopped", "running", False)
     assert STATES[found["state"]] in ("not_ready", "ready")
     assert found["reachability"] == 1
 
 
-def test_build_date_is_of_this_program(door):
+def test_build_info_is_of_this_program(door):
     async def test(one):
         async with one.client("vera") as vera:
             build = await vera.get_node(ua.ObjectIds.Server_ServerStatus_BuildInfo).read_value()
@@ -133,7 +133,7 @@ def test_build_date_is_of_this_program(door):
     door.run(test)
 
 
-def test_states_have_the_types_of_the_standard_and_share_their_words(door):
+def test_state_nodes_have_standard_types_and_share_their_texts(door):
     async def test(one):
         async with one.client("vera") as vera:
             for place, kind, word in (
@@ -149,7 +149,7 @@ def test_states_have_the_types_of_the_standard_and_share_their_words(door):
     door.run(test)
 
 
-def test_paths_and_subscriptions_have_results_of_their_own(door):
+def test_each_path_and_subscription_gets_its_own_result(door):
     async def test(one):
         async with one.client("vera") as vera:
             empty = ua.BrowsePath(StartingNode=ua.NodeId("plant", 2), RelativePath=ua.RelativePath(Elements=[]))
@@ -167,7 +167,7 @@ def test_paths_and_subscriptions_have_results_of_their_own(door):
     door.run(test)
 
 
-def test_item_that_is_switched_on_is_told_as_it_is(door):
+def test_enabled_item_sends_its_present_value(door):
     async def test(one):
         told = Told()
 

@@ -1,4 +1,4 @@
-"""Tags of the plant file are display names, and the exported address of a value is its node id."""
+"""Tags of the plant file as display names; the exported address of a value is its node id."""
 
 import asyncio
 
@@ -33,5 +33,5 @@ async def test_tag_is_the_display_name_at_the_exported_address(tmp_path):
             (tmp_path / "plant.toml").write_text(text)
             await served.core.changed(read_plant(tmp_path / "plant.toml"))
             async with asyncio.timeout(20):
-                while (await names("output_frequency"))[0] != name:  # noqa: ASYNC110 - it is asked over the network
+                while (await names("output_frequency"))[0] != name:  # noqa: ASYNC110 - reads over the network
                     await asyncio.sleep(0.05)

@@ -1,4 +1,4 @@
-"""What the address space holds: names, units, limits, status, times, and what happens when the plant changes."""
+"""Nodes of the address space: names, units, limits, status, times, and changes of the plant."""
 
 import asyncio
 import threading
@@ -43,7 +43,7 @@ def current(quality, value=None, **more):
         (current("good", reading("text")), ua.VariantType.Double, None, "BadTypeMismatch"),
     ],
 )  # fmt: skip
-def test_quality_is_status(value, kind, told, status):
+def test_quality_of_a_value_becomes_its_status(value, kind, told, status):
     found = data_value(value, kind, 1_700_000_002.0)
     assert (found.Value.Value, found.StatusCode.name) == (told, status)
     expected = 1_700_000_001.0 if value.reading is None else 1_700_000_000.25
@@ -55,11 +55,11 @@ def test_quality_is_status(value, kind, told, status):
     ("value", "quality", "status"),
     [(Decimal(1), "good", "Good"), (None, "bad", "BadNoCommunication"), (2, "stale", "UncertainLastUsableValue")],
 )
-def test_quality_of_what_was(value, quality, status):
+def test_quality_of_a_history_value_becomes_its_status(value, quality, status):
     assert past_value(value, quality, 5.0).StatusCode.name == status
 
 
-def test_common_names_have_places():
+def test_every_common_name_has_a_node_path():
     assert set(places()) == set(quantities()) - {"link_timeout"}
     assert (place_of("reference_frequency").folder, place_of("reference_frequency").name) == (
         "Monitoring", "FrequencyCommandValue",
@@ -71,27 +71,27 @@ def test_common_names_have_places():
 
 @pytest.mark.parametrize(
     ("unit", "number"),
-    # As the table of the OPC Foundation has them.
+    # Numbers from the table of the OPC Foundation.
     [("Hz", 4740186), ("A", 4279632), ("V", 5655636), ("kW", 4937556), ("Nm", 20053), ("%", 20529), ("rpm", 5394509),
      ("degC", 4408652), ("h", 4740434), ("kWh", 4937544), ("s", 5457219), ("kHz", 4933722), ("Hz/s", -1)],
 )  # fmt: skip
-def test_units_are_those_of_the_unece(unit, number):
+def test_units_have_unece_codes(unit, number):
     found = engineering_unit(unit)
     assert (found.UnitId, found.DisplayName.Text) == (number, unit)
     assert bool(found.NamespaceUri) == (number != -1)
 
 
-def test_every_unit_of_a_common_name_is_told():
+def test_every_unit_of_a_common_name_has_a_code():
     for quantity in quantities().values():
         assert engineering_unit(quantity.unit).UnitId != -1 or quantity.unit in ("", "Hz/s")
 
 
-def test_a_name_is_one_part_of_an_id():
+def test_name_is_escaped_as_one_part_of_a_node_id():
     assert part("a/b%") == "a%2Fb%25"
 
 
 @pytest.mark.soak
-def test_a_value_with_unit_limits_status_and_time(door):
+def test_value_node_has_unit_limits_status_and_time(door):
     async def test(one):
         async with one.client("vera") as vera:
             where = "drives/pump/Monitoring/ConverterOutputFrequency"
@@ -106,7 +106,7 @@ def test_a_value_with_unit_limits_status_and_time(door):
             assert abs(found.SourceTimestamp.timestamp() - value.source_s) < 30
             shown = node(vera, "drives/pump/Monitoring/ConverterOutputFrequency")
             assert (await shown.read_type_definition()).Identifier == ua.ObjectIds.AnalogUnitType
-            # How sure the model is of it is another fact, beside it.
+            # The certainty of the model is in the note, not in the status.
             assert (await (await shown.get_child("2:Note")).read_value()).startswith("type and unit are ")
             unit = await (await shown.get_child("0:EngineeringUnits")).read_value()
             assert (unit.UnitId, unit.DisplayName.Text) == (4740186, "Hz")
@@ -124,7 +124,7 @@ def test_a_value_with_unit_limits_status_and_time(door):
             async def line_is_up():
                 return (await data(vera, "lines/yard/Up")).Value.Value is True
 
-            # How lines are is looked at now and then.
+            # The states of lines are updated at intervals.
             await until(line_is_up)
             path = ["2:Plant", "2:Drives", "2:pump", "2:Status", "2:Running"]
             running = await vera.nodes.objects.get_child(path)
@@ -134,19 +134,19 @@ def test_a_value_with_unit_limits_status_and_time(door):
 
 
 @pytest.mark.soak
-def test_what_nobody_has_asked_for_yet(tmp_path):
+def test_value_not_read_yet_is_waiting_or_without_communication(tmp_path):
     async def test():
         async with opened(tmp_path, reached=False) as one, one.client("vera") as vera:
             for what in ("Monitoring/ConverterOutputFrequency", "Status/Running"):
                 found = await data(vera, f"drives/fan/{what}")
-                # Which of the two depends on whether the line has been tried already.
+                # The status depends on whether the line was already tried.
                 assert found.StatusCode.name in ("BadWaitingForInitialData", "BadNoCommunication")
                 assert found.Value.Value is None
 
     asyncio.run(test())
 
 
-def test_drift_is_shown(door):
+def test_drift_node_shows_the_drift_of_a_drive(door):
     async def test(one):
         async with one.client("vera") as vera:
 
@@ -160,7 +160,7 @@ def test_drift_is_shown(door):
     door.run(test)
 
 
-def test_stop_that_stands_is_shown(door):
+def test_standing_stop_node_shows_the_stop(door):
     async def test(one):
         async with one.client("vera") as vera:
 
@@ -177,7 +177,7 @@ def test_stop_that_stands_is_shown(door):
 
 
 @pytest.mark.soak
-def test_late_line_keeps_the_status_of_its_drives_as_the_last_usable(door):
+def test_status_on_a_late_line_is_last_usable_value(door):
     async def test(one):
         done = threading.Event()
         lent = asyncio.create_task(one.core.lines["hall"].bus.lend(lambda *_: done.wait(20)))
@@ -202,7 +202,7 @@ def test_late_line_keeps_the_status_of_its_drives_as_the_last_usable(door):
 
 
 @pytest.mark.soak
-def test_a_silent_drive_has_no_values(door):
+def test_silent_drive_has_no_values(door):
     async def test(one):
         async with one.client("vera") as vera:
             one.control.order("power", drive="fan", state="off")
@@ -217,7 +217,7 @@ def test_a_silent_drive_has_no_values(door):
                 async def all_gone():
                     return (await data(vera, "drives/fan/Status/Running")).StatusCode.name == "BadNoCommunication"
 
-                # The status is asked in its own time.
+                # The status is polled at its own interval.
                 await until(all_gone, 15)
                 assert (await data(vera, "drives/fan/Status/Reachability")).Value.Value == REACHABILITIES.index(
                     "silent"
@@ -229,12 +229,12 @@ def test_a_silent_drive_has_no_values(door):
 
 
 @pytest.mark.soak
-def test_a_value_that_nothing_follows_is_no_longer_current(door):
+def test_value_without_updates_becomes_last_usable_value(door):
     async def test(one):
         async with one.client("vera") as vera:
             where = "drives/pump/Monitoring/ConverterOutputFrequency"
             before = await data(vera, where)
-            # As if nobody polled any more, and nobody said so.
+            # Simulates polling that has stopped without a report.
             await one.core.lines["yard"].pause()
             try:
 
@@ -271,7 +271,7 @@ class Notes:
 
 
 @pytest.mark.soak
-def test_a_subscriber_hears_of_what_changes(door):
+def test_subscription_receives_changes(door):
     async def test(one):
         async with one.client("otto") as otto:
             notes = Notes()
@@ -293,10 +293,10 @@ def test_a_subscriber_hears_of_what_changes(door):
 
 
 @pytest.mark.soak
-def test_a_line_that_is_just_being_closed_is_left_out(door, monkeypatch):
+def test_line_that_is_being_closed_is_ignored(door, monkeypatch):
     async def test(one):
         lines = one.plant.lines()
-        # The plant has one of them no longer, and the core still closes it.
+        # The plant no longer has this line, but the core has not closed it yet.
         monkeypatch.setattr(one.plant, "lines", lambda: [LineState(name="gone", port=""), *lines])
         async with one.client("vera") as vera:
 
@@ -315,7 +315,7 @@ def test_a_line_that_is_just_being_closed_is_left_out(door, monkeypatch):
 
 
 @pytest.mark.soak
-def test_the_plant_file_is_read_again(tmp_path):
+def test_reload_updates_nodes_and_keeps_subscriptions_and_locks(tmp_path):
     async def test():
         async with opened(tmp_path) as one, one.client("otto") as otto:
             notes = Notes()
@@ -340,7 +340,7 @@ def test_the_plant_file_is_read_again(tmp_path):
             assert (await data(otto, "drives/fan")).StatusCode.name == "BadNodeIdUnknown"
             assert (await data(otto, "drives/pump/Parameters/3-41")).StatusCode.name == "BadNodeIdUnknown"
             await until(lambda: (gone, None, "BadNodeIdUnknown") in notes.values)
-            # Who listens to what is still there goes on listening, and whoever has locked goes on commanding.
+            # Subscriptions to remaining nodes continue, and the holder of the lock can still send commands.
             assert (await call(otto, "SetReference", 50.0, "%"))[0] == "Good"
             await call(otto, "Start")
             await until(lambda: any(value and value > 0 for name, value, _ in notes.values if name == kept))

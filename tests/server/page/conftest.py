@@ -1,4 +1,4 @@
-"""A Chromium for the tests of the page, and a plant for it to show."""
+"""A Chromium for the tests of the page, and a fake plant to show."""
 
 import os
 
@@ -18,7 +18,7 @@ ARGUMENTS = [
 TIMEOUT_MS = 8000
 
 
-@pytest.fixture(scope="module")  # its event loop is this thread's, which tests of other modules need
+@pytest.fixture(scope="module")  # Playwright's event loop occupies the thread until it ends
 def browser():
     playwright = pytest.importorskip("playwright.sync_api", reason="the page is tested with playwright")
     with playwright.sync_playwright() as started:
@@ -32,7 +32,7 @@ def browser():
 
 @pytest.fixture
 def launched(browser):
-    """Return what starts another Chromium, which may be killed, with more in its environment."""
+    """Return a function that starts another Chromium, which may be killed, with additional environment variables."""
 
     def launch(**environment):
         return browser.browser_type.launch(executable_path=CHROMIUM, args=ARGUMENTS, env={**os.environ, **environment})
@@ -42,7 +42,7 @@ def launched(browser):
 
 @pytest.fixture
 def page_server():
-    """A server with a plant of three drives, which does what a test tells it."""
+    """Yield a server with a fake plant of three drives, controlled by the test."""
     plant = StandIn()
     plant.start()
     yield plant
@@ -51,7 +51,7 @@ def page_server():
 
 @pytest.fixture
 def watched(browser):
-    """Return what opens a page of a server; fails for what the page does wrong meanwhile."""
+    """Return a function that opens a page of a server; the test fails if the page reports an error meanwhile."""
     contexts, wrong = [], []
 
     def opened(url, place="", **context):
@@ -72,7 +72,7 @@ def watched(browser):
 
 @pytest.fixture
 def shown(watched, page_server):
-    """Return what opens the page of the server."""
+    """Return a function that opens the page of the server."""
 
     def opened(place="", *, live=True, **context):
         page = watched(page_server.url, place, **context)

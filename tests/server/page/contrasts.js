@@ -1,4 +1,4 @@
-// Returns the texts of a page whose contrast with what is behind them is below 4.5.
+// Return the texts of a page whose contrast with their background is below 4.5.
 () => {
   const canvas = document.createElement("canvas").getContext("2d", { willReadFrequently: true });
   const rgba = (colour) => {

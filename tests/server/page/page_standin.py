@@ -1,4 +1,4 @@
-"""A plant that speaks the server's API and does as it is told: what the page is tested on, without lines and drives."""
+"""A fake plant with the server's API, on which the page is tested without lines and drives."""
 
 import asyncio
 import contextlib
@@ -32,7 +32,7 @@ class Answered(Response):
 
 
 class StandIn:
-    """The plant, and the server that shows it on loopback; its methods may be called from the thread of a test."""
+    """The fake plant, and the server that shows it on loopback; tests may call its methods from their own thread."""
 
     def __init__(self, drives=("pump", "fan", "mixer"), lines=("hall", "yard"), role="operate"):
         self.role = role
@@ -85,7 +85,7 @@ class StandIn:
             drive["read"][quantity] = Decimal(value)
         return drive
 
-    # What a test does.
+    # Methods for tests.
 
     @property
     def url(self):
@@ -139,7 +139,10 @@ class StandIn:
         self.happened("stop", text or "the drive has confirmed its stop", drive)
 
     def drift(self, drive, *changes, **more):
-        """Let parameters of a drive differ from its approved set: address, name, unit, approved, now."""
+        """Make parameters of a drive differ from its approved set.
+
+        changes: address, name, unit, approved value, and present value.
+        """
         now_s = time.time()
         keys = ("address", "name", "unit", "approved", "now", "since_s")
         made = [dict(zip(keys, (*each, now_s), strict=True)) for each in changes]
@@ -185,21 +188,21 @@ class StandIn:
         self._publish("events", [event])
 
     def hang(self):
-        """Answer nothing and say nothing, as a server that is stopped, or behind a cable that is pulled."""
+        """Stop all responses and messages, like a suspended server or a pulled cable."""
         self._hanging = True
 
     def go_on(self):
         self._hanging = False
 
     def restart(self):
-        """Come back as another run of the server, on the same port."""
+        """Restart as a new run of the server, on the same port."""
         self.stop()
         self.session += "'"
         self.leases.clear()
         self.start()
 
     def flood(self, per_second, seconds):
-        """Move values of all drives, so many in a second, in batches each half a second, as the page asks for them."""
+        """Change a number of values a second, over all drives, in batches every half second like the page's stream."""
         places = itertools.cycle(itertools.product(self.drives, UNITS))
         until, sent, began = time.monotonic() + seconds, 0, time.monotonic()
         while time.monotonic() < until:
@@ -213,7 +216,7 @@ class StandIn:
             time.sleep(max(0.0, began + sent / per_second - time.monotonic()))
         return sent
 
-    # How it is served.
+    # The server.
 
     def start(self):
         config = uvicorn.Config(
@@ -245,7 +248,7 @@ class StandIn:
         self._thread.join(10)
 
     async def _let_go(self):
-        while self._hanging:  # noqa: ASYNC110 - another thread says so
+        while self._hanging:  # noqa: ASYNC110 - set by another thread
             await asyncio.sleep(0.02)
 
     def _publish(self, name, content):
@@ -461,7 +464,7 @@ class StandIn:
 
 
 class _Guard:
-    """The security headers, the token, and the hanging."""
+    """Middleware with the security headers, the token check, and the simulated hanging."""
 
     def __init__(self, app, plant):
         self._app = app

@@ -1,4 +1,4 @@
-"""The page in a browser, as people use it: what it shows of a plant, and what it does when things go wrong."""
+"""The page in a browser: display of a plant, commands, and behaviour when connections or drives fail."""
 
 import re
 import time
@@ -16,7 +16,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.soak]
 
 PLACES = ("#/", "#/drive/fan", "#/drive/mixer", "#/trends", "#/events", "#/alarms", "#/account")
 LOST_WITHIN_MS = 3500
-"""Three seconds, and what the test itself takes."""
+"""Limit of three seconds plus the time of the test itself, in milliseconds."""
 
 
 def tile(page, name):
@@ -32,7 +32,7 @@ def take_control(page):
     expect(page.get_by_text("You have control of this drive")).to_be_visible()
 
 
-def test_values_move_with_their_digits_and_units(page_server, shown):
+def test_page_updates_values_with_their_digits_and_units(page_server, shown):
     page = shown()
     page_server.run("pump", "32.00")
     expect(tile(page, "pump").locator(".large")).to_have_text("32.00Hz")
@@ -42,7 +42,7 @@ def test_values_move_with_their_digits_and_units(page_server, shown):
     expect(page.get_by_role("button", name="running")).to_contain_text("1")
 
 
-def test_speed_of_the_machine_stands_beside_hertz_and_is_set(page_server, shown):
+def test_page_shows_and_sets_the_machine_speed(page_server, shown):
     page_server.drives["pump"].update(machine_unit="m/min", factor=Decimal("1.25"))
     page = shown()
     page_server.run("pump", "32.00")
@@ -59,7 +59,7 @@ def test_speed_of_the_machine_stands_beside_hertz_and_is_set(page_server, shown)
     assert (drive, verb, body["arguments"]) == ("pump", "set_reference", {"machine": "12.5 m/min"})
 
 
-def test_number_for_a_machine_is_not_set_in_another_unit(page_server, shown):
+def test_changed_machine_unit_clears_the_entered_reference(page_server, shown):
     page_server.drives["pump"].update(machine_unit="m/min", factor=Decimal("1.25"))
     page = shown("#/drive/pump")
     take_control(page)
@@ -71,7 +71,7 @@ def test_number_for_a_machine_is_not_set_in_another_unit(page_server, shown):
     expect(page.get_by_label("Reference", exact=True)).to_have_value("")
 
 
-def test_a_fault_and_its_reset(page_server, shown):
+def test_page_shows_a_fault_and_resets_it(page_server, shown):
     page = shown()
     page_server.trip("fan", 14, "earth fault")
     expect(tile(page, "fan")).to_contain_text("14 earth fault")
@@ -87,7 +87,7 @@ def test_a_fault_and_its_reset(page_server, shown):
     assert page_server.asked[-1][:2] == ("fan", "reset")
 
 
-def test_a_lost_drive_keeps_its_last_values_greyed_with_their_age(page_server, shown):
+def test_page_greys_the_values_of_a_silent_drive_and_shows_their_age(page_server, shown):
     page = shown("#/drive/fan")
     page_server.silence("fan")
     expect(page.locator(".fault-box")).to_contain_text("No answer since")
@@ -100,7 +100,7 @@ def test_a_lost_drive_keeps_its_last_values_greyed_with_their_age(page_server, s
     expect(page.locator(".fault-box")).to_be_hidden()
 
 
-def test_a_server_that_hangs_is_noticed_within_three_seconds(page_server, shown):
+def test_page_notices_a_hanging_server_within_three_seconds(page_server, shown):
     page = shown()
     page_server.run("pump")
     expect(tile(page, "pump")).to_contain_text("running")
@@ -115,7 +115,7 @@ def test_a_server_that_hangs_is_noticed_within_three_seconds(page_server, shown)
     expect(tile(page, "pump")).not_to_have_attribute("data-old", "yes")
 
 
-def test_a_plant_in_which_nothing_happens_is_not_taken_for_lost(page_server, shown):
+def test_page_keeps_its_connection_to_a_plant_without_changes(page_server, shown):
     page = shown()
     page.wait_for_timeout(3500)
     assert page.locator("html").get_attribute("data-link") == "live"
@@ -126,7 +126,7 @@ def test_a_plant_in_which_nothing_happens_is_not_taken_for_lost(page_server, sho
 SEEN = "document.dispatchEvent(Object.assign(new Event('visibilitychange'), {{}}, void (window.isHidden = {})))"
 
 
-def test_a_tab_that_nobody_sees_pauses_unless_it_has_control(shown):
+def test_hidden_tab_pauses_unless_it_holds_a_lease(shown):
     page = shown("#/drive/pump")
     page.clock.install()
     page.evaluate("Object.defineProperty(document, 'hidden', { get: () => window.isHidden })")
@@ -145,7 +145,7 @@ def test_a_tab_that_nobody_sees_pauses_unless_it_has_control(shown):
     assert page.locator("html").get_attribute("data-link") == "live"
 
 
-def test_another_run_of_the_server_is_loaded_anew(page_server, shown):
+def test_page_reloads_its_data_after_a_server_restart(page_server, shown):
     page = shown("#/drive/pump")
     take_control(page)
     page_server.happened("state", "from the first run", "pump")
@@ -159,7 +159,7 @@ def test_another_run_of_the_server_is_loaded_anew(page_server, shown):
     expect(page.get_by_text("from the first run")).to_be_hidden()
 
 
-def test_a_plant_file_that_is_read_again_brings_its_drives(page_server, shown):
+def test_page_shows_drives_added_by_a_reload(page_server, shown):
     page = shown()
     expect(page.locator(".tile")).to_have_count(3)
     page_server.drives["well"] = page_server.drives["pump"] | {"name": "well"}
@@ -167,7 +167,7 @@ def test_a_plant_file_that_is_read_again_brings_its_drives(page_server, shown):
     expect(tile(page, "well")).to_be_visible()
 
 
-def test_a_stop_that_is_not_confirmed_is_shown_until_it_is(page_server, shown):
+def test_page_shows_a_standing_stop_until_it_is_confirmed(page_server, shown):
     page = shown()
     text = "stop (ramp) asked for by ravi, not confirmed; retrying until the drive answers"
     page_server.stop_stands("pump", text)
@@ -178,7 +178,7 @@ def test_a_stop_that_is_not_confirmed_is_shown_until_it_is(page_server, shown):
     expect(page.locator(".drive-bar")).not_to_contain_text(text)
 
 
-def test_parameters_that_are_not_as_approved_are_one_line_with_a_list(page_server, shown):
+def test_page_summarises_drift_in_one_line_with_a_list(page_server, shown):
     page = shown("#/drive/pump")
     drift = page.locator("details.drift")
     facts = page.locator(".facts")
@@ -210,7 +210,7 @@ def test_parameters_that_are_not_as_approved_are_one_line_with_a_list(page_serve
     assert page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
 
 
-def test_a_stop_takes_one_tap_and_no_lease(page_server, shown):
+def test_page_stops_with_one_tap_and_no_lease(page_server, shown):
     page = shown()
     page_server.run("pump")
     page_server.lease("pump", "ravi")
@@ -225,7 +225,7 @@ def test_a_stop_takes_one_tap_and_no_lease(page_server, shown):
     expect(answers(page)).to_contain_text("3 of 3 drives have confirmed it")
 
 
-def test_a_stop_without_a_server_is_open(page_server, shown):
+def test_stop_without_a_server_has_outcome_open(page_server, shown):
     page = shown()
     page_server.stop()
     page.get_by_role("button", name="Stop pump").click()
@@ -234,7 +234,7 @@ def test_a_stop_without_a_server_is_open(page_server, shown):
     page.wait_for_selector("html[data-link=live]")
 
 
-def test_state_is_what_the_server_says_and_never_what_was_asked(page_server, shown):
+def test_page_shows_the_state_from_the_server_after_an_open_stop(page_server, shown):
     page = shown()
     page_server.run("pump")
     expect(tile(page, "pump")).to_contain_text("running")
@@ -252,7 +252,7 @@ def test_state_is_what_the_server_says_and_never_what_was_asked(page_server, sho
     expect(answer).to_be_visible()
 
 
-def test_somebody_elses_lease_bars_commands_and_says_whose_it_is(page_server, shown):
+def test_page_disables_commands_under_the_lease_of_another_and_names_the_holder(page_server, shown):
     page_server.lease("pump", "ravi")
     page = shown("#/drive/pump")
     expect(page.get_by_text(re.compile(r"ravi has control \(http\) until \d\d:\d\d:\d\d"))).to_be_visible()
@@ -262,7 +262,7 @@ def test_somebody_elses_lease_bars_commands_and_says_whose_it_is(page_server, sh
     expect(page.get_by_role("button", name="Take control")).to_be_enabled()
 
 
-def test_a_lease_is_renewed_until_it_is_over(page_server, shown):
+def test_page_renews_its_lease_until_it_is_lost(page_server, shown):
     page_server.longest_lease_s = 3.0
     page = shown("#/drive/pump")
     take_control(page)
@@ -276,7 +276,7 @@ def test_a_lease_is_renewed_until_it_is_over(page_server, shown):
     expect(page.locator(".lease")).to_contain_text("ravi has control")
 
 
-def test_a_lease_ends_with_its_page(page_server, shown):
+def test_page_releases_its_lease_when_closed(page_server, shown):
     page = shown("#/drive/pump")
     take_control(page)
     page.goto("about:blank")
@@ -286,7 +286,7 @@ def test_a_lease_ends_with_its_page(page_server, shown):
     assert page_server.leases == {}
 
 
-def test_start_takes_a_second_step_with_its_policy(page_server, shown):
+def test_start_dialog_asks_for_confirmation_of_the_policy(page_server, shown):
     page = shown("#/drive/pump")
     take_control(page)
     page.get_by_label("Reference", exact=True).fill("32,5")
@@ -309,7 +309,7 @@ def test_start_takes_a_second_step_with_its_policy(page_server, shown):
     assert abs(body["issued_s"] - time.time()) < 2
 
 
-def test_start_offers_only_the_policies_that_the_drive_can_do(page_server, shown):
+def test_start_dialog_offers_only_policies_that_the_drive_supports(page_server, shown):
     page_server.drives["fan"].update(policies=["hold"], link_loss={"policy": "hold", "watchdog_s": 5})
     page = shown("#/drive/fan")
     take_control(page)
@@ -319,7 +319,7 @@ def test_start_offers_only_the_policies_that_the_drive_can_do(page_server, shown
     expect(page.get_by_label("after")).to_be_hidden()
 
 
-def test_start_offers_nothing_looser_than_the_plant_file(page_server, shown):
+def test_start_dialog_offers_nothing_looser_than_the_plant_file(page_server, shown):
     both = ["hold", "ramp", "trip"]
     page_server.drives["fan"].update(policies=both, link_loss={"policy": "trip", "watchdog_s": 2})
     page_server.drives["mixer"].update(policies=["hold"])
@@ -336,7 +336,7 @@ def test_start_offers_nothing_looser_than_the_plant_file(page_server, shown):
 
 
 @pytest.mark.parametrize("viewport", [{"width": 1400, "height": 900}, {"width": 360, "height": 740}])
-def test_answers_cover_nothing(page_server, shown, viewport):
+def test_result_messages_cover_no_controls(page_server, shown, viewport):
     page_server.answer = "a refusal with a text"
     page = shown("#/drive/pump", viewport=viewport)
     for _ in range(5):
@@ -353,7 +353,7 @@ def test_answers_cover_nothing(page_server, shown, viewport):
     assert box["y"] + box["height"] <= top_of_answers
 
 
-def test_forty_drives_fit_a_phone_in_rows(shown, page_server):
+def test_page_shows_forty_drives_as_rows_on_a_phone(shown, page_server):
     page_server.drives = {f"drive{n}": page_server._drive(f"drive{n}", n) for n in range(40)}
     page = shown(viewport={"width": 360, "height": 740})
     expect(tile(page, "drive39")).to_be_attached()
@@ -363,7 +363,7 @@ def test_forty_drives_fit_a_phone_in_rows(shown, page_server):
 
 
 @pytest.mark.parametrize("reason", ["view", "not armed"])
-def test_who_may_not_command_sees_why_and_no_controls(page_server, shown, reason):
+def test_page_without_the_right_to_command_shows_the_reason_and_no_controls(page_server, shown, reason):
     if reason == "view":
         page_server.role, text = "view", "You may only watch."
     else:
@@ -409,7 +409,7 @@ def test_events_are_filtered_and_alarms_acknowledged(page_server, shown):
     expect(page.get_by_text("acknowledged by asha")).to_be_visible()
 
 
-def test_drive_is_found_by_its_group_which_its_page_names(page_server, shown):
+def test_drive_search_finds_a_group_shown_on_the_page_of_the_drive(page_server, shown):
     page_server.drives["fan"]["groups"] = ["hall 2", "Air"]
     page = shown()
     page.get_by_label("Find a drive").fill("air")
@@ -419,7 +419,7 @@ def test_drive_is_found_by_its_group_which_its_page_names(page_server, shown):
     expect(page.get_by_text("hall 2, Air")).to_be_visible()
 
 
-def test_keyboard_only(page_server, shown):
+def test_page_works_by_keyboard_only(page_server, shown):
     page = shown()
     page_server.run("pump")
     page.keyboard.press("Tab")
@@ -452,7 +452,7 @@ def test_keyboard_only(page_server, shown):
     assert [verb for _, verb, _ in page_server.asked] == ["stop"]
 
 
-def test_a_phone_shows_it_without_scrolling_sideways(page_server, shown):
+def test_page_on_a_phone_needs_no_horizontal_scrolling(page_server, shown):
     page_server.trip("fan", 14, "earth fault of a motor cable with a text that is rather long")
     page_server.alarm("fan", "fan has tripped")
     page_server.answer = "open"
@@ -469,7 +469,7 @@ CONTRASTS = (Path(__file__).parent / "contrasts.js").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("theme", ["light", "dark", "sunlight"])
-def test_every_text_has_enough_contrast(page_server, shown, theme):
+def test_every_text_of_the_page_has_enough_contrast(page_server, shown, theme):
     page_server.trip("fan", 14, "earth fault")
     page_server.silence("mixer")
     page_server.close_line("yard", "no such file")
@@ -502,11 +502,11 @@ class TestFiveHundredDrives:
         yield plant
         plant.stop()
 
-    def test_two_thousand_values_a_second_leave_the_page_free(self, page_server, shown):
+    def test_page_stays_responsive_at_two_thousand_values_a_second(self, page_server, shown):
         page = shown(viewport={"width": 1920, "height": 1080})
         expect(page.locator(".tile")).to_have_count(500)
         session = page.context.new_cdp_session(page)
-        # The processor time of the page's main thread, as the machine may be busy with other things.
+        # Thread ticks measure the page's main thread, independent of other load on the machine.
         session.send("Performance.enable", {"timeDomain": "threadTicks"})
         before = busy_s(session)
         seconds = 3
@@ -520,7 +520,7 @@ def busy_s(session):
     return metrics["TaskDuration"]
 
 
-def test_numbers_keep_the_digits_of_their_drives_and_no_others(shown):
+def test_page_shows_numbers_with_the_digits_of_the_drive(shown):
     told = {
         "10.00": "10.00",
         "0.0": "0.0",

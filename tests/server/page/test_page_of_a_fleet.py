@@ -1,4 +1,4 @@
-"""The page of a fleet in a browser: plants at a glance, the drives of one, and what it says when it is old."""
+"""The page of a fleet in a browser: an overview of plants, the drives of one plant, and the warning about old data."""
 
 import asyncio
 import contextlib
@@ -20,7 +20,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.soak]
 
 
 class Played:
-    """A fleet whose broker is this test, and the thread that serves its page."""
+    """A fleet whose broker is played by the test, and the thread that serves its page."""
 
     def __init__(self):
         self.following = SimpleNamespace(fleet=Fleet(), problem="")
@@ -44,7 +44,7 @@ class Played:
             self._thread.join(10)
 
     def tell(self, plant, *drives, gateway="online"):
-        """Say what the server of a plant has told: each drive with what its status says."""
+        """Publish the messages of a plant's server: each drive with its status."""
         listed = [{"name": name, "model": "agile"} for name, _ in drives]
         said = {
             "bridge/state": {"state": gateway, "session": "x", "plant": plant, "version": "1", "since_s": 1.5},
@@ -82,7 +82,7 @@ def tile(page, name):
     return page.get_by_role("list", name="Plants").get_by_role("listitem").filter(has_text=name)
 
 
-def test_plants_come_and_go_at_a_glance(played, page):
+def test_fleet_page_lists_plants_and_their_summaries(played, page):
     expect(page.get_by_text("No plant has published anything on this broker yet.")).to_be_visible()
     played.tell("mill", ("pump", RUNNING), ("fan", FAULT), ("mixer", None))
     played.tell("quarry", ("crusher", RUNNING), gateway="offline")
@@ -91,12 +91,12 @@ def test_plants_come_and_go_at_a_glance(played, page):
     expect(mill).to_contain_text("2 of 3 answer")
     expect(mill.locator("dd")).to_have_text(["1", "1", "1"])
     expect(mill).to_have_attribute("data-state", "fault")
-    # Of a plant whose server is gone nobody knows.
+    # The drives of a plant without a server are unknown.
     expect(quarry).to_contain_text("not connected")
     expect(quarry.locator("dd")).to_have_text(["\N{EN DASH}"] * 3)
 
 
-def test_the_drives_of_a_plant(played, page):
+def test_fleet_page_shows_the_drives_of_a_plant(played, page):
     played.tell("mill", ("pump", RUNNING), ("fan", FAULT), ("mixer", None))
     page.get_by_role("link", name="mill").click()
     rows = page.locator("tbody tr")
@@ -113,7 +113,7 @@ def test_the_drives_of_a_plant(played, page):
     expect(tile(page, "mill")).to_be_visible()
 
 
-def test_what_is_old_is_said_to_be(played, page):
+def test_fleet_page_warns_about_old_data(played, page):
     played.tell("mill", ("pump", RUNNING))
     expect(tile(page, "mill")).to_contain_text("1 of 1 answer")
     expect(page.get_by_role("alert")).to_be_hidden()
@@ -125,7 +125,7 @@ def test_what_is_old_is_said_to_be(played, page):
     expect(page.get_by_role("alert")).to_contain_text("the fleet view does not answer")
 
 
-def test_names_of_a_plant_are_text(played, page):
+def test_fleet_page_shows_names_as_plain_text(played, page):
     played.tell("<b>mill & co", ("<i>pump", RUNNING))
     page.get_by_role("link", name="<b>mill & co").click()
     expect(page.locator("tbody tr").nth(0)).to_contain_text("<i>pump")

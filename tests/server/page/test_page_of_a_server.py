@@ -1,4 +1,4 @@
-"""The page on a real server over a virtual plant, from signing in to the server's end."""
+"""The page on a real server over a virtual plant, from signing in to the end of the server."""
 
 import asyncio
 import os
@@ -57,7 +57,7 @@ RESET_ENDED = re.compile("pump: reset the fault.*because a stop went first|Donep
 
 
 class RealServer:
-    """A server in a thread of its own, over virtual drives in another."""
+    """A server in one thread, over virtual drives in another."""
 
     def __init__(self, folder, port):
         self.url = f"http://127.0.0.1:{port}/"
@@ -102,7 +102,7 @@ def page_server(tmp_path, monkeypatch):
     return RealServer(tmp_path, port)
 
 
-def test_from_signing_in_to_the_end_of_the_server(page_server, shown):
+def test_page_works_from_signing_in_to_the_end_of_the_server(page_server, shown):
     with simulated(read_plant(page_server.file)) as (addresses, control):
         page_server.start(addresses)
         try:
@@ -145,7 +145,7 @@ def story(page_server, shown, control):
     for _ in range(3):
         page.get_by_role("button", name="Reset the fault").click()
         expect(page.get_by_role("log")).to_contain_text(RESET_ENDED, timeout=SLOW_MS)
-        # The server stops a motor that it keeps when it trips; on a slow machine that may go before the reset.
+        # The server stops a kept motor that trips; on a slow machine that stop may overtake the reset.
         if "because a stop went first" not in page.get_by_role("log").inner_text():
             break
     expect(page.get_by_role("log")).to_contain_text("Donepump: reset the fault", timeout=SLOW_MS)
@@ -168,8 +168,8 @@ def story(page_server, shown, control):
     expect(bar).to_contain_text("was ready")
 
 
-def test_a_browser_that_is_killed_has_its_motor_treated_by_the_policy(page_server, launched):
-    """As any client with a lease: it renews it no more."""
+def test_policy_acts_on_the_motor_of_a_killed_browser(page_server, launched):
+    """A killed browser no longer renews its lease, like any other client."""
     mark = f"killed-{os.getpid()}"
     with simulated(read_plant(page_server.file)) as (addresses, control):
         page_server.start(addresses)
@@ -192,7 +192,7 @@ def test_a_browser_that_is_killed_has_its_motor_treated_by_the_policy(page_serve
             assert running(control)
             kill_marked(mark)
             killed = time.monotonic()
-            # The longest lease, and a ramp.
+            # The limit is the longest lease plus the time of a ramp.
             while running(control):
                 assert time.monotonic() < killed + 35
                 time.sleep(0.1)
@@ -209,7 +209,7 @@ def running(control):
 
 
 def kill_marked(mark):
-    """Kill all processes that have this in their environment."""
+    """Kill all processes that have this mark in their environment."""
     found = []
     for each in Path("/proc").iterdir():
         with suppress(OSError):

@@ -1,4 +1,4 @@
-"""Parts of the page: drives by area, trends of several drives, the drive's own fault log, accessibility."""
+"""Parts of the page: drives by area, trends of several drives, the drive's own fault log, and accessibility."""
 
 import os
 import re
@@ -25,27 +25,27 @@ def fault(value, text):
     return {"place": 1, "value": value, "text": text, "time_s": time.time()}
 
 
-def test_drives_stand_by_line_where_none_has_a_group(shown):
+def test_page_groups_drives_by_line_if_no_drive_has_a_group(shown):
     page = shown()
     assert headings(page) == ["hall", "yard"]
     assert page.locator(".area").first.locator("h3").all_text_contents() == ["pump", "mixer"]
 
 
-def test_drives_stand_by_their_first_group(page_server, shown):
+def test_page_groups_drives_by_their_first_group(page_server, shown):
     page_server.drives["pump"]["groups"] = ["water", "hall 2"]
     page_server.drives["mixer"]["groups"] = ["water"]
     page = shown()
     assert headings(page) == ["water", "Without a group"]
 
 
-def test_area_without_a_drive_to_show_is_hidden(page_server, shown):
+def test_page_hides_an_area_without_matching_drives(page_server, shown):
     page_server.trip("fan", 14, "earth fault")
     page = shown()
     page.get_by_role("button", name="fault").click()
     expect(page.locator(".area:visible > h2")).to_have_text(["yard"])
 
 
-def test_fault_log_of_a_drive_has_no_empty_places_and_no_repetitions(page_server, shown):
+def test_page_shows_the_fault_log_without_empty_or_repeated_entries(page_server, shown):
     page_server.drives["fan"]["fault_log"] = [
         fault("14", "earth fault"), fault("14", "earth fault"), fault("4", "mains phase loss"), fault("0", ""),
     ]  # fmt: skip
@@ -60,7 +60,7 @@ def test_fault_log_of_a_drive_has_no_empty_places_and_no_repetitions(page_server
 
 
 class TestTrendsOfSeveralDrives:
-    def test_chart_follows_the_values_of_the_chosen_drives(self, page_server, shown):
+    def test_chart_follows_the_values_of_the_selected_drives(self, page_server, shown):
         page = shown("#/trends")
         chart = page.locator(".chart")
         expect(chart).to_have_attribute(
@@ -72,7 +72,7 @@ class TestTrendsOfSeveralDrives:
         expect(chart).to_have_attribute("aria-label", re.compile("pump 32.00 Hz, mixer 0.00 Hz"))
         expect(page.locator(".drive-choice svg")).to_have_count(2)
 
-    def test_another_value_is_of_all_drives_that_have_it(self, page_server, shown):
+    def test_selecting_another_value_shows_all_drives_that_have_it(self, page_server, shown):
         del page_server.drives["fan"]["read"]["output_current"]
         page = shown("#/trends")
         page.get_by_label("Value", exact=True).select_option("output_current")
@@ -81,7 +81,7 @@ class TestTrendsOfSeveralDrives:
             "aria-label", re.compile("output current: pump 0.0 A, mixer 0.0 A")
         )
 
-    def test_no_more_drives_are_chosen_than_can_be_told_apart(self, page_server, shown):
+    def test_number_of_selected_drives_is_limited_by_distinct_colours(self, page_server, shown):
         page_server.drives = {f"drive{n}": page_server._drive(f"drive{n}", n) for n in range(9)}
         page = shown("#/trends")
         for number in (4, 5):
@@ -93,7 +93,7 @@ class TestTrendsOfSeveralDrives:
 
 @pytest.fixture(scope="module")
 def axe():
-    """The accessibility checker axe-core, as a script."""
+    """Return the accessibility checker axe-core as a script; skip the test without it."""
     file = Path(os.environ.get("DRIVECOMM_NODE_MODULES", "")) / "axe-core" / "axe.min.js"
     if not file.is_file():
         pytest.skip("axe-core is not in DRIVECOMM_NODE_MODULES")
@@ -103,7 +103,7 @@ def axe():
 @pytest.mark.foreign
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("size", [(1280, 900), (390, 844)])
-def test_accessibility_checker_finds_nothing_on_forty_drives(axe, page_server, shown, scheme, size):
+def test_accessibility_checker_reports_no_violation_with_forty_drives(axe, page_server, shown, scheme, size):
     names = ["fan", "mixer", *(f"drive{number}" for number in range(38))]
     page_server.drives = {name: page_server._drive(name, number) for number, name in enumerate(names)}
     page_server.drives["fan"]["fault_log"] = [fault("14", "earth fault")]

@@ -1,4 +1,4 @@
-"""The recorder as a process of its own, which can be killed, and what is in its record."""
+"""The recorder in a separate process, which can be killed, and the content of its record."""
 
 import contextlib
 import os
@@ -15,7 +15,7 @@ TWICE = (
 
 
 class FileRecord:
-    """A record in a file of SQLite."""
+    """A record in an SQLite file."""
 
     def __init__(self, folder):
         self.url = str(folder / "record.sqlite")
@@ -25,12 +25,12 @@ class FileRecord:
             try:
                 return connection.execute(question).fetchall()
             except sqlite3.OperationalError:
-                # It is being made.
+                # The tables are not created yet.
                 return [(0, 0)]
 
 
 class RecorderProcess:
-    """`drivecomm fleet record`, as often as it is started."""
+    """A process of `drivecomm fleet record`, which can be started repeatedly."""
 
     def __init__(self, broker, record, *options):
         self._command = [
@@ -47,7 +47,7 @@ class RecorderProcess:
         self.end(signal.SIGKILL)
 
     def end(self, number=signal.SIGTERM):
-        """End it; return what it has said."""
+        """End the process; return its standard output and error."""
         if self.process is None:
             return "", ""
         if self.process.poll() is None:
@@ -59,7 +59,7 @@ class RecorderProcess:
 
 @contextlib.contextmanager
 def recording(broker, record, *options):
-    """Run a recorder; yield it."""
+    """Run a recorder until the block ends; yield it."""
     one = RecorderProcess(broker, record, *options).start()
     try:
         yield one
@@ -70,12 +70,12 @@ def recording(broker, record, *options):
 def until(condition, seconds=60.0):
     end = time.monotonic() + seconds
     while not condition():
-        assert time.monotonic() < end, "it does not come about"
+        assert time.monotonic() < end, "the condition did not become true"
         time.sleep(0.1)
 
 
 def settled(record, played, seconds=60.0):
-    """Wait until the record has as many values and events as were published; return what it has in the end."""
+    """Wait until the record has as many values and events as were published; return the final counts."""
     wanted = (played.published, played.events)
     end = time.monotonic() + seconds
     while (found := tuple(record.all(COUNTS)[0])) != wanted and time.monotonic() < end:

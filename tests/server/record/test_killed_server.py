@@ -1,4 +1,4 @@
-"""What a server has in its own history is in the central record, once, however often the server was killed."""
+"""The central record has every row of a server's own history once, however often the server was killed."""
 
 import os
 import signal
@@ -23,7 +23,7 @@ pytestmark = [
 
 
 @pytest.mark.timeout(4000 if LONG else 180)
-def test_record_has_what_the_history_of_a_killed_server_has(tmp_path):
+def test_record_has_every_row_of_the_history_of_a_killed_server(tmp_path):
     record, kept = FileRecord(tmp_path), tmp_path / "kept.sqlite"
     with (
         mosquitto(tmp_path / "broker") as broker,
@@ -39,7 +39,7 @@ def test_record_has_what_the_history_of_a_killed_server_has(tmp_path):
             until_more(lambda: record.all(COUNTS)[0][0], 20)
         one.end()
         one.start()
-        # What was before this run is published by it.
+        # The new run publishes the rows of earlier runs that are missing.
         values, events = rows(kept)
         until(lambda: values <= recorded(record, VALUES) and events <= recorded(record, EVENTS))
         taken = record.all(VALUES)
@@ -47,7 +47,7 @@ def test_record_has_what_the_history_of_a_killed_server_has(tmp_path):
 
 
 def rows(kept):
-    """Return what the history of the server has: values and events by their keys."""
+    """Return the values and events in the history of the server, by their keys."""
     with History(kept) as history:
         values = [(each.drive, each.name, round(each.time_s * 1000)) for each in history.since(0)]
         events = [(each.event.number, round(each.event.time_s * 1000)) for each in history.events()]

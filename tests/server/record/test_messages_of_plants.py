@@ -1,4 +1,4 @@
-"""What the MQTT doors publish, as records; and what nobody's database could hold."""
+"""Messages of MQTT doors as records, and refusal of content that databases cannot store."""
 
 import json
 
@@ -18,14 +18,14 @@ def records(topic, payload, *levels):
     return list(recorded(Layout("drivecomm", levels or ("plant",)), topic, payload.encode()))
 
 
-def test_value_of_a_quantity_keeps_its_digits_and_its_time():
+def test_recorded_value_keeps_its_digits_and_time():
     (found,) = records("drivecomm/Mill%20north/fan/output_frequency", FREQUENCY)
     assert found == Sample(
         "Mill north", "fan", "output_frequency", 1795375957921, "12.50", None, "Hz", "good", "", "", None
     )
 
 
-def test_values_of_a_drive_in_one_message_are_one_record_each():
+def test_message_with_all_values_of_a_drive_gives_one_record_each():
     status = (
         '{"value":"fault","quality":"stale","text":"F1","note":"silent","time_s":1795375957.921,'
         '"source_s":1795375950.0}'
@@ -44,7 +44,7 @@ def test_live_and_historical_values_have_the_same_key_and_content():
     assert live == late
 
 
-def test_what_is_said_of_a_plant_is_recorded():
+def test_events_states_and_commands_of_a_plant_are_recorded():
     (event,) = records(
         "drivecomm/hall/bridge/event", {"number": 3, "time_s": 17, "kind": "fault", "text": "x", "drive": "fan"}
     )
@@ -82,7 +82,7 @@ def test_other_topics_are_not_recorded(topic):
         (("enterprise", "plant"), "Acme%2FCo/hall", "", "Acme%2FCo/hall"),
     ],
 )
-def test_plants_with_levels_are_recorded_by_them(levels, above, line, plant):
+def test_plant_with_topic_levels_is_recorded_by_its_levels(levels, above, line, plant):
     (found,) = records(f"drivecomm/{above}{line}/fan/output_frequency", FREQUENCY, *levels)
     assert (found.plant, found.drive, found.name) == (plant, "fan", "output_frequency")
     (state,) = records(f"drivecomm/{above}/bridge/state", {"state": "online"}, *levels)
@@ -91,12 +91,12 @@ def test_plants_with_levels_are_recorded_by_them(levels, above, line, plant):
 
 
 @pytest.mark.parametrize("levels", [("floor",), ("line", "site"), ("site", "site"), ()])
-def test_levels_that_no_door_has_are_refused(levels):
+def test_invalid_topic_levels_are_refused(levels):
     with pytest.raises(UsageError, match="level"):
         Layout("drivecomm", levels)
 
 
-def test_a_cleared_topic_is_not_a_value():
+def test_cleared_topic_gives_no_record():
     assert records("drivecomm/hall/fan/output_frequency", "") == []
 
 
@@ -111,11 +111,11 @@ def test_a_cleared_topic_is_not_a_value():
         '{"value":1,"quality":"good","time_s":1e999999999}',
     ],
 )  # fmt: skip
-def test_what_no_database_holds_is_refused(said):
+def test_value_that_a_database_cannot_store_is_refused(said):
     with pytest.raises(UNFIT):
         records("drivecomm/hall/fan/speed", said)
 
 
-def test_texts_hold_nothing_that_postgresql_refuses():
+def test_characters_that_postgresql_refuses_are_replaced_in_texts():
     (found,) = records("drivecomm/hall/fan/name", '{"value":"a\\u0000b\\ud800","quality":"good","time_s":1}')
     assert found.string == "a\ufffdb?"

@@ -1,4 +1,4 @@
-"""The page of the centre: its queries run on a record, and it names every column and only real ones."""
+"""The documentation page about the central record: its queries run, and it lists every existing column."""
 
 import re
 from pathlib import Path
@@ -19,7 +19,7 @@ QUERIES = re.findall(r'```sql title="([^"]+)"\n(.*?)```', PAGE, re.DOTALL)
 @needs_mosquitto
 @needs_postgres
 @pytest.mark.soak
-def test_queries_of_the_page_answer(tmp_path):
+def test_queries_of_the_page_run_on_a_record(tmp_path):
     with (
         mosquitto(tmp_path / "broker") as broker,
         postgres() as database,
@@ -48,7 +48,7 @@ def test_queries_of_the_page_answer(tmp_path):
 
 
 @pytest.mark.parametrize("table", TABLES)
-def test_page_says_what_each_column_means(table):
+def test_page_describes_each_column(table):
     rows = [line for line in PAGE.splitlines() if line.startswith(f"| `{table}.")]
     told = {name for row in rows for name in re.findall(r"`(?:\w+)?\.(\w+)`", row.split("|")[1])}
     assert told == set(TABLES[table].columns)

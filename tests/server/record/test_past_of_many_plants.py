@@ -1,4 +1,4 @@
-"""A plant with a real server, recorded: its history and alarms are shown, and alarms acknowledged."""
+"""The record of a plant with a real server: its history and alarms are shown, and alarms acknowledged."""
 
 import json
 import os
@@ -131,7 +131,7 @@ def test_history_and_alarms_of_a_plant_are_shown_from_its_record(tmp_path, broke
         assert tuple(row)[:2] + tuple(row)[3:] == ("Mill north", "online", "plant.toml")
 
 
-def test_alarms_are_acknowledged_by_who_may(tmp_path, broker, run):
+def test_acknowledging_through_the_broker_needs_the_role_operate(tmp_path, broker, run):
     users = tmp_path / "users.toml"
     tokens = {"anna": Role.VIEW, "otto": Role.OPERATE}
     file = plant_file(tmp_path, broker, role="", users='users = "users.toml"')

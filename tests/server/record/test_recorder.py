@@ -1,4 +1,4 @@
-"""Everything that plants publish is in the record once, whatever is killed: recorder, broker, or database."""
+"""Every message of the plants is recorded once, even if recorder, broker or database is killed."""
 
 import json
 import os
@@ -18,7 +18,7 @@ pytestmark = [
 
 ROUNDS = 300 if LONG else 1
 KEEPS = ("persistence true", "autosave_on_changes true", "autosave_interval 1", "max_queued_messages 0")
-"""Of mosquitto: what a session has that nobody has fetched is on the disk, and has no bound."""
+"""Mosquitto settings: undelivered messages of a session are stored on disk, without a limit."""
 
 
 @pytest.fixture(params=["mosquitto", "nats"])
@@ -46,7 +46,7 @@ def brokers(*names):
 
 
 def begun(record, played):
-    """Wait until the recorder has subscribed: the broker keeps nothing for one that never was."""
+    """Wait until the recorder has subscribed, since the broker queues messages only after a first subscription."""
 
     def is_heard():
         played.say_that_one_is_there()
@@ -55,12 +55,12 @@ def begun(record, played):
     until(is_heard)
     played.publish()
     played.taken()
-    # From now on what is published is kept: all of it, and nothing else, must be in the record in the end.
+    # Every message from now on is queued, so the record must end up with all of them and no other.
     until(lambda: record.all(COUNTS)[0] == (played.published, played.events))
 
 
 @brokers("mosquitto", "nats")
-def test_values_and_events_of_all_plants_are_in_a_file_once(tmp_path, broker):
+def test_record_file_has_values_and_events_of_all_plants_once(tmp_path, broker):
     record = FileRecord(tmp_path)
     with recording(broker.url, record.url) as recorder, played_plants(broker.url, version=broker.version) as played:
         begun(record, played)
@@ -77,7 +77,7 @@ def test_values_and_events_of_all_plants_are_in_a_file_once(tmp_path, broker):
 
 @needs_postgres
 @brokers("mosquitto", "nats")
-def test_recorder_and_database_that_are_killed_lose_nothing_and_nothing_is_there_twice(broker, database):
+def test_killed_recorder_and_database_lose_and_duplicate_nothing(broker, database):
     with recording(broker.url, database.url) as recorder, played_plants(broker.url, version=broker.version) as played:
         until(lambda: database.all("SELECT to_regclass('drivecomm.record')") != [(None,)])
         begun(database, played)
@@ -100,7 +100,7 @@ def test_recorder_and_database_that_are_killed_lose_nothing_and_nothing_is_there
 
 @needs_postgres
 @brokers("mosquitto", "nats")
-def test_broker_that_is_killed_beside_a_recorder_loses_nothing(broker, database):
+def test_killed_broker_loses_no_message_for_the_recorder(broker, database):
     with recording(broker.url, database.url), played_plants(broker.url, version=broker.version) as played:
         until(lambda: database.all("SELECT to_regclass('drivecomm.record')") != [(None,)])
         begun(database, played)
@@ -117,7 +117,7 @@ def test_broker_that_is_killed_beside_a_recorder_loses_nothing(broker, database)
 
 @needs_postgres
 @brokers("nats")
-def test_nats_that_is_killed_while_no_recorder_is_there_keeps_everything(broker, database):
+def test_nats_killed_without_a_recorder_keeps_every_message(broker, database):
     with recording(broker.url, database.url) as recorder, played_plants(broker.url, version="3.1.1") as played:
         until(lambda: database.all("SELECT to_regclass('drivecomm.record')") != [(None,)])
         begun(database, played)
@@ -134,7 +134,7 @@ def test_nats_that_is_killed_while_no_recorder_is_there_keeps_everything(broker,
 
 @needs_postgres
 @brokers("mosquitto")
-def test_recorders_that_share_the_work_take_each_a_part_of_it(broker, database):
+def test_recorders_with_share_split_the_messages(broker, database):
     with (
         recording(broker.url, database.url, "--name", "one", "--share", "all", "--json") as one,
         recording(broker.url, database.url, "--name", "two", "--share", "all", "--json") as two,
@@ -156,7 +156,7 @@ def test_recorders_that_share_the_work_take_each_a_part_of_it(broker, database):
 
 
 @brokers("mosquitto")
-def test_recorders_of_the_same_name_say_what_to_do(tmp_path, broker):
+def test_recorders_of_the_same_name_report_the_conflict(tmp_path, broker):
     record = FileRecord(tmp_path)
     with recording(broker.url, record.url) as one, recording(broker.url, record.url) as other:
         told = []

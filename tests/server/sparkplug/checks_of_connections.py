@@ -1,4 +1,4 @@
-"""What can be seen of connections, wills and deaths."""
+"""Checks of observed connections, wills and deaths."""
 
 from itertools import pairwise
 
@@ -142,7 +142,7 @@ def _topic_kind(packet):
 
 
 def _connections(seen):
-    """Yield each connection, and what was sent in it."""
+    """Yield each connection, and the packets sent in it."""
     for each in dict.fromkeys(packet.connection for packet in seen.packets):
         packets = [packet for packet in seen.packets if packet.connection == each and packet.kind]
         connect = packets[0] if packets and packets[0].kind == "CONNECT" else None

@@ -1,4 +1,4 @@
-"""What can be seen of topics, of how messages are sent, and of their sequence."""
+"""Checks of observed topics, message options, and sequence numbers."""
 
 from itertools import pairwise
 
@@ -61,7 +61,7 @@ def metrics_are_told_apart(seen):
         yield say(len({name.casefold() for name in names}) == len(names), f"{each.topic}: {names}")
 
 
-# How messages are sent.
+# Message options.
 
 
 def _sent(kinds):
@@ -109,7 +109,7 @@ def births_are_payloads(seen):
         yield say(each.message.IsInitialized() and each.message.metrics, each.topic)
 
 
-# The sequence.
+# Sequence numbers.
 
 
 @check("payloads-sequence-num-always-included")
@@ -158,7 +158,10 @@ def a_session_begins_with_the_birth_of_the_node(seen):
 
 @check("payloads-dbirth-order", "payloads-ndata-order", "payloads-ddata-order")
 def no_data_before_the_births(seen):
-    """What a device is born later than data of others were sent had died before, or was not there at the beginning."""
+    """Check that each device is born before the first data of a session, or after its own death.
+
+    A device may also be born later if it was missing at the beginning of the session.
+    """
     for session in seen.sessions():
         born, data, dead = set(), set(), set()
         for each in session:

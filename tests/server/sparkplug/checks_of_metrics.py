@@ -1,4 +1,4 @@
-"""What can be seen of births, aliases, metrics and their properties."""
+"""Checks of observed births, aliases, metrics and their properties."""
 
 from collections import defaultdict
 
@@ -119,7 +119,10 @@ check("operational-behavior-data-publish-dbirth-order")(_chronological(["DBIRTH"
 
 
 def _by_exception(kinds):
-    """What a metric says is sent when it is something else, in value or quality; answers to commands each time."""
+    """Return a check that a metric is sent only after a change of value or quality.
+
+    Metrics with answers to commands are exempt, and sent each time.
+    """
 
     def of_kinds(seen):
         for session in seen.sessions():

@@ -1,4 +1,4 @@
-"""Where the state of a Sparkplug door goes in tests."""
+"""The state folder of a Sparkplug door, separate for each test."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-// Decodes payloads, one line of hexadecimal digits each, and prints each as a line of JSON.
+// Decode payloads, given as lines of hexadecimal digits, and print each as a line of JSON.
 const payloads = require(process.argv[2]).get("spBv1.0");
 const plain = (_, value) =>
   typeof value === "bigint" ? Number(value)

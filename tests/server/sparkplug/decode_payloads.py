@@ -1,4 +1,4 @@
-"""Decodes payloads, one line of hexadecimal digits each, and prints each as JSON; runs where pysparkplug is."""
+"""Decoder of payloads, given as lines of hexadecimal digits, to JSON; needs a Python with pysparkplug."""
 
 import json
 import sys

@@ -1,7 +1,8 @@
-"""A grader that only listens: what can be seen of the specification's assertions for edge nodes and their devices.
+"""A grader that only listens, and checks the specification's observable assertions for edge nodes and devices.
 
-Each check names the assertions that it covers by their ids, and says in our words what it looks for. It yields what it
-has looked at: an empty text for what is right, or what is wrong. What no scenario has shown is not passed.
+Each check names the assertions that it covers by their ids, and describes its subject in our own words. For each thing
+checked it yields an empty text, or a text that describes the error. An assertion that no scenario exercises does not
+pass.
 """
 
 from collections import defaultdict
@@ -19,7 +20,7 @@ CHECKS = {}
 
 
 def check(*ids):
-    """Let a function be what checks these assertions; each is checked once."""
+    """Register a function as the check of these assertions; each assertion has one check."""
 
     def add(function):
         for each in ids:
@@ -32,7 +33,7 @@ def check(*ids):
 
 @dataclass
 class Report:
-    """What was found: how often each assertion was seen to hold, and what is wrong."""
+    """Result of the checks: the number of times each assertion held, and the errors found."""
 
     held: dict = field(default_factory=lambda: defaultdict(int))
     wrong: list = field(default_factory=list)
@@ -49,7 +50,7 @@ class Report:
 
 
 def graded(seen):
-    """Return the report on what was seen; seen: messages, and the packets that were sent to the broker."""
+    """Return the report on observed traffic. seen: messages, and the packets sent to the broker."""
     report = Report()
     for name, function in CHECKS.items():
         for problem in function(seen):
@@ -62,7 +63,10 @@ def graded(seen):
 
 @dataclass
 class Seen:
-    """What a listener and a wire have seen of one edge node. host: whether it waits for one."""
+    """Traffic of one edge node, as a listener and a wire observed it.
+
+    host: whether the edge node waits for a primary host.
+    """
 
     heard: list
     packets: list
@@ -75,7 +79,7 @@ class Seen:
         return [each for each in self.packets if each.kind == kind]
 
     def sessions(self):
-        """Return the messages from each NBIRTH to what ends it."""
+        """Return the messages of each session, from an NBIRTH to the message that ends it."""
         found = []
         for each in self.of(*COUNTED):
             if each.kind == "NBIRTH" or not found:

@@ -1,4 +1,4 @@
-"""What is heard of an edge node: by a host on the broker, and on the wire between the edge node and the broker."""
+"""Observers of an edge node: a host on the broker, and a wire between the edge node and the broker."""
 
 import asyncio
 import time
@@ -19,7 +19,7 @@ NODE_KINDS, DEVICE_KINDS = ("NBIRTH", "NDEATH", "NDATA"), ("DBIRTH", "DDEATH", "
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """A message as a host gets it. message: as protobuf has read it, None where that was not possible."""
+    """A message as a host receives it. message: decoded by protobuf; None if it cannot be decoded."""
 
     topic: str
     data: bytes
@@ -48,7 +48,7 @@ class Heard:
 
 
 class Listener:
-    """A host: hears everything, keeps it, and knows metrics by their aliases as births have said."""
+    """A host that records all messages, and resolves metrics by the aliases of the births."""
 
     def __init__(self, client):
         self.client, self.heard = client, []
@@ -57,7 +57,7 @@ class Listener:
         return [each for each in self.heard if each.kind in kinds and device in (None, each.device)]
 
     def names(self):
-        """Return what each alias stands for, by what births have said."""
+        """Return device, name and type of each alias, as the births define them."""
         return {
             metric.alias: (each.device, metric.name, metric.datatype)
             for each in self.of("NBIRTH", "DBIRTH")
@@ -66,7 +66,7 @@ class Listener:
         }
 
     def values(self, device, name, *, historical=None):
-        """Return all values of a metric in the order in which they came, from births and data, with their times."""
+        """Return all values of a metric with their times, from births and data, in order of arrival."""
         names, found = self.names(), []
         for each in self.of("NBIRTH", "NDATA", "DBIRTH", "DDATA"):
             for metric in each.message.metrics:
@@ -82,7 +82,7 @@ class Listener:
 
     async def until(self, condition, seconds=15.0):
         async with asyncio.timeout(seconds):
-            while not (found := condition()):  # noqa: ASYNC110 - it may be about anything
+            while not (found := condition()):  # noqa: ASYNC110 - any condition
                 await asyncio.sleep(0.01)
             return found
 
@@ -96,7 +96,7 @@ class Listener:
 
 @asynccontextmanager
 async def listening(port):
-    """Yield a host that listens to everything on a broker; it need not stay connected."""
+    """Yield a host that subscribes to everything on a broker; losing the connection later raises no error."""
     options = SubscribeOptions(qos=1, retainAsPublished=True)
     async with aiomqtt.Client("127.0.0.1", port, protocol=aiomqtt.ProtocolVersion.V5) as client:
         await client.subscribe("spBv1.0/#", options=options)
@@ -115,7 +115,7 @@ async def _hear(client, listener):
 
 
 class Wire:
-    """Passes bytes on between an edge node and its broker, and keeps the packets that the edge node has sent."""
+    """Proxy between an edge node and its broker that records the packets sent by the edge node."""
 
     def __init__(self, port):
         self._to, self.packets, self.port = port, [], 0
@@ -137,14 +137,14 @@ class Wire:
 
     @asynccontextmanager
     async def away(self):
-        """Let nobody connect for the time of the block, and cut all connections."""
+        """Refuse new connections during the block, and cut all open ones."""
         self._server.close()
         self.cut()
         yield
         await self._listen()
 
     def cut(self):
-        """Cut all connections, as a network does."""
+        """Cut all connections, as a network failure does."""
         for each in self._writers:
             each.transport.abort()
 
@@ -169,7 +169,7 @@ class Wire:
                 writer.write(data)
                 await writer.drain()
         finally:
-            # What was sent still arrives; then the other side knows, too.
+            # Bytes already sent still arrive before the other side is closed.
             writer.close()
 
     def _keeper(self):
@@ -190,7 +190,7 @@ _KINDS = {1: "CONNECT", 3: "PUBLISH", 8: "SUBSCRIBE", 14: "DISCONNECT"}
 
 
 def _packet(waiting, version):
-    """Take a whole packet of MQTT off the bytes that wait, None where there is none yet."""
+    """Remove a whole MQTT packet from the waiting bytes and return it; None if it is incomplete."""
     length, shift, at = 0, 0, 1
     while True:
         if at >= len(waiting):
@@ -209,7 +209,7 @@ def _packet(waiting, version):
     elif found.kind == "PUBLISH":
         found.topic, end = _text(body, 0)
         end += 2 if found.flags & 6 else 0
-        # Of properties, an edge node sends none.
+        # An edge node sends no properties.
         found.payload = body[end + 1 :] if version == 5 else body[end:]
     elif found.kind == "SUBSCRIBE":
         found.filters, end = {}, 2

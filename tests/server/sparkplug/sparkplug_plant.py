@@ -1,4 +1,4 @@
-"""A served plant of virtual drives with a Sparkplug door, as the server runs it, and what hosts send to it."""
+"""A served plant of virtual drives with a Sparkplug door, run as in the server, and messages from hosts."""
 
 import asyncio
 import json
@@ -56,7 +56,7 @@ def door_of(*urls, **keys):
 
 @asynccontextmanager
 async def gateway(tmp_path, door, text=PLANT, *, journal=True):
-    """Serve a plant by a door; yield its core, what controls its drives, its door's task and its audit."""
+    """Serve a plant by a door; yield its core, the control of its drives, its door's task and its audit."""
     file = tmp_path / "history.sqlite"
     kept = Journal(file) if journal else None
     try:
@@ -80,17 +80,17 @@ def _begin(served):
 
 
 async def end(task):
-    """End a door in order."""
+    """Shut down a door in an orderly way."""
     await ended(task)
 
 
 def state(*, online, time_ms=None):
-    """Return what a primary host tells of itself."""
+    """Return the payload of a primary host's state message."""
     return json.dumps({"online": online, "timestamp": round(time.time() * 1000) if time_ms is None else time_ms})
 
 
 def command(name="", value=None, kind=None, *, alias=None, age_s=0.0, timed=True, more=(), uuid=""):
-    """Return the payload of a command with one metric, or more."""
+    """Return the payload of a command with one or more metrics."""
     metrics = [Metric(name=name, alias=alias, type=kind or _KINDS[type(value)], value=value), *more]
     time_ms = round((time.time() - age_s) * 1000) if timed else None
     return encoded(Payload(metrics=tuple(metrics), time_ms=time_ms, uuid=uuid), say_types=True)

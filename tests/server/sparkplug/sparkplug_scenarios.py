@@ -1,6 +1,6 @@
-"""What may happen to an edge node, played with a real broker and virtual drives; each leaves what was seen of it.
+"""Scenarios of an edge node, played with a real broker and virtual drives; each returns the traffic that was observed.
 
-SHOWN says which assertions a scenario shows by itself, besides those that hold for every message.
+SHOWN gives the assertions that one scenario exercises, besides those that hold for every message.
 """
 
 import asyncio
@@ -38,13 +38,13 @@ SHOWN = {
 
 @asynccontextmanager
 async def shown(tmp_path, broker, **keys):
-    """Run a gateway with a wire and a listener; yield all of them."""
+    """Run a gateway with a wire and a listener; yield all three."""
     async with listening(broker.port) as host, Wire(broker.port) as wire, AsyncExitStack() as stack:
         async with gateway(tmp_path, door_of(wire.url, **keys)) as served:
             one = SimpleNamespace(host=host, wire=wire, stack=stack, served=served, broker=broker, keys=keys)
             one.seen = lambda: Seen(list(host.heard), list(wire.packets), host="host" in keys)
             yield one
-        # The last words are heard, too.
+        # The listener has to receive the last messages as well.
         await asyncio.sleep(0.2)
 
 
@@ -55,14 +55,14 @@ async def born(one, births=1):
 
 
 async def started(one, percent=40):
-    """Have the pump run, by a program of the server's machine."""
+    """Start the pump with a reference, by a local program."""
     for verb, arguments in (("set_reference", {"percent": percent}), ("start", {})):
         answer = await asked(one.served.core, ENGINEER, "pump", verb, arguments=arguments)
         assert answer.error is None
 
 
 async def start_and_values(tmp_path, broker):
-    """The gateway starts, values change, a line fails, and the gateway ends in order."""
+    """Play the start of a gateway, changed values, a failed line, and an orderly shutdown."""
     async with shown(tmp_path, broker) as one:
         await born(one)
         assert (
@@ -82,7 +82,7 @@ async def start_and_values(tmp_path, broker):
 
 
 async def drive_silent_and_back(tmp_path, broker):
-    """A drive loses its power, and gets it back."""
+    """Play a drive that loses its power and gets it back."""
     async with shown(tmp_path, broker) as one:
         await born(one)
         one.served.control.order("power", drive="fan", state="off")
@@ -98,7 +98,7 @@ async def drive_silent_and_back(tmp_path, broker):
 
 
 async def rebirth(tmp_path, broker):
-    """A host wants all births again, several times at once, while values change all the time."""
+    """Play several rebirth requests of a host in quick succession, while values keep changing."""
     async with shown(tmp_path, broker) as one:
         await born(one)
         await started(one)
@@ -111,7 +111,7 @@ async def rebirth(tmp_path, broker):
         first = kinds.index("NBIRTH")
         assert kinds[first : first + 3] == ["NBIRTH", "DBIRTH", "DBIRTH"]
         await asyncio.sleep(2.5)
-        # However often it was asked for within a moment.
+        # Requests in quick succession cause one rebirth.
         assert len(one.host.of("NBIRTH")) <= 3
         numbers = {each.metric("bdSeq").long_value for each in one.host.of("NBIRTH")}
         assert numbers == {0}
@@ -119,7 +119,7 @@ async def rebirth(tmp_path, broker):
 
 
 async def primary_host(tmp_path, broker):
-    """The primary host is not there, comes, is said to have gone long ago, goes, and comes back."""
+    """Play a primary host that is missing, appears, is reported offline by an old message, leaves, and returns."""
     async with shown(tmp_path, broker, host="scada") as one:
         now = round(time.time() * 1000)
         await one.host.until(lambda: one.wire.of("SUBSCRIBE"))
@@ -145,7 +145,7 @@ async def primary_host(tmp_path, broker):
 
 
 async def clean_end(tmp_path, broker, **keys):
-    """The gateway ends in order."""
+    """Play an orderly shutdown of the gateway."""
     async with shown(tmp_path, broker, **keys) as one:
         await born(one)
         await end(one.served.task)
@@ -154,12 +154,12 @@ async def clean_end(tmp_path, broker, **keys):
 
 
 async def clean_end_of_3(tmp_path, broker):
-    """The same with MQTT 3.1.1."""
+    """Play an orderly shutdown of the gateway with MQTT 3.1.1."""
     return await clean_end(tmp_path, broker, version="3.1.1")
 
 
 async def outage(tmp_path, broker):
-    """The broker is killed while values change, and comes back; hosts get what they have missed."""
+    """Play a broker that is killed while values change, and restarts; hosts receive the missed values."""
     async with shown(tmp_path, broker) as one:
         await born(one)
         assert (
@@ -182,7 +182,7 @@ async def outage(tmp_path, broker):
         )
         times = [each for each, _ in again.values("pump", "Values/output_frequency", historical=True)]
         assert times == sorted(times)
-        # Also of what was sent before the broker went, and may have been lost.
+        # The history also repeats values sent just before the broker was killed, which may have been lost.
         assert times[0] < lost_ms - 1000
         assert all(value is not None for _, value in missed)
         assert again.of("NBIRTH")[0].metric("bdSeq").long_value >= 1
@@ -191,7 +191,7 @@ async def outage(tmp_path, broker):
 
 
 async def two_brokers(tmp_path, broker, other):
-    """The primary host leaves one broker and is on the other."""
+    """Play a primary host that leaves one broker and appears on the other."""
     async with listening(broker.port) as one, listening(other.port) as two:
         await one.host(online=True)
         await two.host(online=False)
@@ -199,13 +199,13 @@ async def two_brokers(tmp_path, broker, other):
             await one.until(lambda: one.of("DBIRTH"))
             await two.host(online=True)
             await asyncio.sleep(0.5)
-            # One at a time.
+            # The edge node uses one broker at a time.
             assert not two.of("NBIRTH")
             await one.host(online=False)
             await one.until(lambda: one.of("NDEATH"))
             await two.until(lambda: two.of("DBIRTH"))
             assert one.of("NDEATH")[0].at < two.of("NBIRTH")[0].at
-            # And back again.
+            # The primary host returns to the first broker.
             await one.host(online=True)
             await two.host(online=False)
             await one.until(lambda: len(one.of("NBIRTH")) == 2)

@@ -1,4 +1,4 @@
-"""What hosts may command, what is refused and why, and that a stop always goes out."""
+"""Commands of Sparkplug hosts: those accepted, those refused with a reason, and stops, which are always sent."""
 
 import asyncio
 import time
@@ -35,7 +35,7 @@ async def commanded(tmp_path, text=PLANT, **keys):
 
 
 async def answered(host, device, outcome, text=""):
-    """Wait until hosts were told this outcome, for a reason with this text."""
+    """Wait until hosts have received this outcome, with this text in its reason."""
     await host.until(
         lambda: host.value(device, "Answer/Outcome") == outcome and text in (host.value(device, "Answer/Text") or "")
     )
@@ -51,7 +51,7 @@ def metrics_of(host, device):
 
 @pytest.mark.soak
 @awaited
-async def test_what_a_drive_allows_is_offered_and_carried_out(tmp_path):
+async def test_allowed_commands_are_offered_and_carried_out(tmp_path):
     async with commanded(tmp_path) as host:
         offered = {name for name in metrics_of(host, "pump") if name.startswith("Command/")}
         assert offered == {
@@ -65,12 +65,12 @@ async def test_what_a_drive_allows_is_offered_and_carried_out(tmp_path):
         await answered(host, "pump", "done")
         assert host.value("pump", "Answer/Command") == "set_reference"
         assert host.audit.asked_for == [("(broker) (sparkplug plant/gateway)", "pump", "set_reference")]
-        # By its alias, as hosts do it, and as a whole number.
+        # Hosts send commands by alias; an integer is accepted as well.
         alias = metrics_of(host, "pump")["Command/Reference Hertz"].alias
         await host.command("pump", command(value=10, alias=alias, uuid="by alias"))
         await host.until(lambda: host.value("pump", "Answer/Id") == "by alias-0")
         assert host.value("pump", "Answer/Outcome") == "done"
-        # What was commanded is no state: these metrics never have a value.
+        # Command metrics never have a value, since a command is not a state.
         names = host.names()
         sent = {names[metric.alias][1] for each in host.of("DDATA") for metric in each.message.metrics}
         assert not [name for name in sent if name.startswith("Command/")]
@@ -91,7 +91,7 @@ REFUSED = {
 
 @pytest.mark.soak
 @awaited
-async def test_what_is_refused_is_told_and_written_down(tmp_path):
+async def test_refused_command_is_answered_and_recorded(tmp_path):
     async with commanded(tmp_path) as host:
         for name, (make, why) in REFUSED.items():
             told = len(host.values("pump", "Answer/Outcome"))
@@ -100,7 +100,7 @@ async def test_what_is_refused_is_told_and_written_down(tmp_path):
             assert host.value("pump", "Answer/Outcome") == "refused", name
             assert why in host.value("pump", "Answer/Text"), name
             assert why in refusals(host)[-1][2], name
-            # So many a second are written down.
+            # The number of recorded refusals per second is limited.
             await asyncio.sleep(0.1)
         assert not host.audit.asked_for
         assert not runs(host.served.control, "pump")
@@ -108,7 +108,7 @@ async def test_what_is_refused_is_told_and_written_down(tmp_path):
 
 @pytest.mark.soak
 @awaited
-async def test_retained_commands_are_refused_live_and_later_also_a_stop(tmp_path):
+async def test_retained_commands_are_refused_even_a_stop(tmp_path):
     async with commanded(tmp_path) as host:
         await host.command("pump", command(PERCENT, 40.0), retain=True)
         await answered(host, "pump", "refused", "retained")
@@ -116,14 +116,14 @@ async def test_retained_commands_are_refused_live_and_later_also_a_stop(tmp_path
         await answered(host, "fan", "refused", "retained")
         assert not host.audit.stops
         before = len(refusals(host))
-        # And they do not come again with a new session.
+        # A new session does not receive them again.
         await host.command("", command("Node Control/Rebirth", value=True))
         await host.until(lambda: len(host.of("NBIRTH")) == 2)
         assert len(refusals(host)) == before
 
 
 @awaited
-async def test_a_stop_needs_no_lease_and_no_time_and_goes_with_whatever_else_is_wrong(tmp_path):
+async def test_stop_needs_no_lease_or_time_and_is_sent_beside_invalid_metrics(tmp_path):
     async with commanded(tmp_path, role="view") as host:
         served = host.served
         lease = served.core.leases.take(OPERATOR, "pump", 20, now=time.monotonic(), time_s=time.time())
@@ -138,7 +138,7 @@ async def test_a_stop_needs_no_lease_and_no_time_and_goes_with_whatever_else_is_
 
 
 @awaited
-async def test_hosts_without_a_role_may_nothing_at_all(tmp_path):
+async def test_hosts_without_a_role_may_not_command_or_stop(tmp_path):
     said = {"group": "plant", "node": "gateway"}
     with mosquitto(tmp_path / "broker") as broker:
         door = SparkplugDoor(Table({"broker": broker.url, **said}, "plant.toml"))
@@ -155,7 +155,7 @@ async def test_hosts_without_a_role_may_nothing_at_all(tmp_path):
 
 @pytest.mark.soak
 @awaited
-async def test_a_start_needs_the_session_and_the_primary_host_and_lasts_as_long_as_it(tmp_path, monkeypatch):
+async def test_start_needs_session_and_primary_host_and_ends_with_the_host(tmp_path, monkeypatch):
     monkeypatch.setattr(hosts_module, "LEASE_S", 1.5)
     async with commanded(tmp_path, host="scada") as host:
         old = Metric(name="Command/Session", type=DataType.STRING, value="another run")
@@ -169,7 +169,7 @@ async def test_a_start_needs_the_session_and_the_primary_host_and_lasts_as_long_
         await host.until(lambda: host.value("pump", "Status/Running") is True)
         assert host.value("pump", "Status/Kept") == "trip"
         assert host.value("pump", "Status/Commander") == "scada (sparkplug plant/gateway)"
-        # Longer than the lease: it is renewed.
+        # The pause is longer than the lease, so the lease has been renewed.
         await asyncio.sleep(2.5)
         assert runs(host.served.control, "pump")
         await host.host(online=False)
@@ -177,7 +177,7 @@ async def test_a_start_needs_the_session_and_the_primary_host_and_lasts_as_long_
         await host.host(online=True)
         await host.until(lambda: len(host.of("NBIRTH")) == 2)
         await asyncio.sleep(0.5)
-        # Nothing is started again by itself.
+        # The returning host does not restart the motor.
         assert not runs(host.served.control, "pump")
 
 
@@ -187,7 +187,7 @@ async def test_a_start_needs_the_session_and_the_primary_host_and_lasts_as_long_
     ids=["online was from the future", "clock of the host was set back"],
 )
 @awaited
-async def test_offline_ends_a_started_motor_whatever_time_is_in_it(tmp_path, online_ms, offline_ms):
+async def test_offline_message_stops_a_started_motor_despite_a_wrong_time(tmp_path, online_ms, offline_ms):
     now_ms = round(time.time() * 1000)
     async with commanded(tmp_path, host="scada") as host:
         await host.host(online=True, time_ms=now_ms + online_ms)
@@ -204,7 +204,7 @@ async def test_offline_ends_a_started_motor_whatever_time_is_in_it(tmp_path, onl
 
 
 @awaited
-async def test_a_start_without_a_primary_host_is_refused(tmp_path):
+async def test_start_without_a_primary_host_is_refused(tmp_path):
     async with commanded(tmp_path) as host:
         said = host.of("NBIRTH")[0].metric("Properties/Session").string_value
         session = Metric(name="Command/Session", type=DataType.STRING, value=said)
@@ -215,7 +215,7 @@ async def test_a_start_without_a_primary_host_is_refused(tmp_path):
 
 @pytest.mark.soak
 @awaited
-async def test_a_stop_cancels_a_start_that_came_before_it(tmp_path):
+async def test_stop_cancels_earlier_starts(tmp_path):
     async with commanded(tmp_path, host="scada") as host:
         said = host.of("NBIRTH")[0].metric("Properties/Session").string_value
         session = Metric(name="Command/Session", type=DataType.STRING, value=said)
@@ -231,7 +231,7 @@ async def test_a_stop_cancels_a_start_that_came_before_it(tmp_path):
 
 @pytest.mark.soak
 @awaited
-async def test_a_flood_of_garbage_and_of_commands_keeps_no_stop_from_going_out(tmp_path):
+async def test_flood_of_garbage_and_commands_does_not_block_a_stop(tmp_path):
     async with commanded(tmp_path) as host:
         sending = time.monotonic()
         for number in range(500):
@@ -241,14 +241,14 @@ async def test_a_flood_of_garbage_and_of_commands_keeps_no_stop_from_going_out(t
         await host.command("pump", command("Command/Stop", value=True))
         await host.until(lambda: host.audit.stops)
         assert time.monotonic() - began < 5
-        # What was refused is written down, and a flood does not fill the disk.
+        # Refusals are recorded, but a flood of them must not fill the disk.
         assert 5 < len(refusals(host)) < 40 * (time.monotonic() - sending + 2)
         await host.until(lambda: host.value("pump", "Answer/Command") == "stop")
 
 
 @pytest.mark.soak
 @awaited
-async def test_a_flood_of_stops_ends_with_one_that_goes_out(tmp_path):
+async def test_flood_of_stops_leaves_no_stop_pending(tmp_path):
     async with commanded(tmp_path) as host:
         for number in range(200):
             await host.command("pump", command("Command/Stop", value=True, uuid=str(number)))
@@ -259,7 +259,7 @@ async def test_a_flood_of_stops_ends_with_one_that_goes_out(tmp_path):
 
 
 @awaited
-async def test_stop_that_stands_is_a_metric_and_a_command_is_no_level(tmp_path):
+async def test_standing_stop_is_a_metric_and_a_stop_command_does_not_stand(tmp_path):
     async with commanded(tmp_path) as host:
         assert host.value("pump", "Status/Standing Stop") == ""
         await host.command("pump", command("Command/Stop", value=True))
@@ -273,14 +273,14 @@ async def test_stop_that_stands_is_a_metric_and_a_command_is_no_level(tmp_path):
 
 
 @awaited
-async def test_drift_is_a_metric(tmp_path):
+async def test_drift_of_a_drive_is_a_metric(tmp_path):
     async with commanded(tmp_path) as host:
         host.served.core.drift["pump"] = DriveDrift(state="as approved")
         await host.until(lambda: host.value("pump", "Status/Drift") == "set as approved")
 
 
 @awaited
-async def test_a_button_that_is_let_go_is_no_command(tmp_path):
+async def test_command_metric_with_value_false_is_ignored(tmp_path):
     async with commanded(tmp_path) as host:
         await host.command("pump", command("Command/Stop", value=False))
         await host.command("pump", command("Command/Reset", value=False))
@@ -291,7 +291,7 @@ async def test_a_button_that_is_let_go_is_no_command(tmp_path):
 
 
 @awaited
-async def test_without_a_session_only_stops_are_carried_out(tmp_path):
+async def test_only_stops_are_carried_out_without_a_session(tmp_path):
     with mosquitto(tmp_path / "broker") as broker:
         async with listening(broker.port) as host:
             await host.host(online=False)

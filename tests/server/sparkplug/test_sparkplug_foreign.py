@@ -1,4 +1,4 @@
-"""What others read in our payloads: three decoders that we did not write, on what a gateway has really sent."""
+"""Payloads that a real gateway sent, decoded by three third-party decoders."""
 
 import asyncio
 import json
@@ -23,7 +23,7 @@ TYPES = {3: "Int32", 4: "Int64", 7: "UInt32", 10: "Double", 11: "Boolean", 12: "
 
 @pytest.fixture(scope="module")
 def seen(tmp_path_factory):
-    """What a gateway has sent: births, data, historical data, and deaths."""
+    """Return the messages of a gateway: births, data, historical data, and deaths."""
     folder = tmp_path_factory.mktemp("gateway")
     before = os.environ.get("STATE_DIRECTORY")
     os.environ["STATE_DIRECTORY"] = str(folder / "state")
@@ -40,7 +40,7 @@ def seen(tmp_path_factory):
 
 
 def typed(seen):
-    """Return the messages, each with the types that a host keeps from births: data does not say them."""
+    """Return the messages with the metric types of their births, as a host remembers them; data omits the types."""
     types, found = {}, []
     for each in seen.heard:
         message = payload_class().FromString(each.data)
@@ -68,7 +68,7 @@ def decoded_by(program, messages):
 
 
 def sparkplug_payload():
-    """Return where sparkplug-payload of npm is; None without it, or without node."""
+    """Return the path of sparkplug-payload from npm; None without it, or without node."""
     if not shutil.which("node"):
         return None
     folders = [os.environ.get("DRIVECOMM_NODE_MODULES", ""), os.environ.get("NODE_PATH", "")]
@@ -81,11 +81,11 @@ def sparkplug_payload():
 
 
 @pytest.mark.soak
-def test_the_payloads_of_npm_s_sparkplug_payload(seen):
+def test_sparkplug_payload_of_npm_decodes_the_messages(seen):
     place = sparkplug_payload()
     if place is None:
         pytest.skip(
-            "node and sparkplug-payload are not here: npm install sparkplug-payload, DRIVECOMM_NODE_MODULES=..."
+            "node or sparkplug-payload is not installed: npm install sparkplug-payload, DRIVECOMM_NODE_MODULES=..."
         )
     for message, found in decoded_by(["node", str(HERE / "decode_payloads.js"), str(place)], typed(seen)):
         assert found["timestamp"] == message.timestamp
@@ -102,11 +102,11 @@ def test_the_payloads_of_npm_s_sparkplug_payload(seen):
                 assert read["properties"]["Uncertain"]["type"] == "Boolean"
 
 
-def test_the_messages_of_pysparkplug(seen):
+def test_pysparkplug_decodes_the_messages(seen):
     python = os.environ.get("DRIVECOMM_PYSPARKPLUG_PYTHON", "")
     if not python:
         pytest.skip(
-            "pysparkplug wants an old paho-mqtt: name the Python of a venv with it: DRIVECOMM_PYSPARKPLUG_PYTHON"
+            "pysparkplug needs an old paho-mqtt: name the Python of a venv with both in DRIVECOMM_PYSPARKPLUG_PYTHON"
         )
     messages = [payload_class().FromString(each.data) for each in seen.heard]
     for message, found in decoded_by([python, str(HERE / "decode_payloads.py")], messages):
@@ -120,7 +120,7 @@ def test_the_messages_of_pysparkplug(seen):
 
 
 @pytest.mark.soak
-def test_the_dissectors_of_tshark(seen, tmp_path):
+def test_tshark_dissects_the_messages(seen, tmp_path):
     tshark = shutil.which("tshark")
     if tshark is None:
         pytest.skip("tshark is not installed (apt install tshark)")
@@ -144,7 +144,7 @@ def test_the_dissectors_of_tshark(seen, tmp_path):
         else:
             assert layers["mqtt.topic"] == [packet.topic]
             assert "sparkplug" in layers["frame.protocols"][0], layers
-    # It has the dissectors, and takes what messages look like from a file.
+    # tshark has the dissector, and reads the message types from a file.
     (tmp_path / "payload.proto").write_text(_described())
     said = [
         "-o", "protobuf.preload_protos:TRUE", "-o", f'uat:protobuf_search_paths:"{tmp_path}","TRUE"',
@@ -158,7 +158,7 @@ def test_the_dissectors_of_tshark(seen, tmp_path):
 
 
 def _capture(packets):
-    """Return a capture file of packets for a dissector that is named in it, as Wireshark exports them."""
+    """Return a capture file in Wireshark's format for exported PDUs, which names the dissector of its packets."""
     upper_pdu, end_of_tags, name_tag, name = 252, b"\0\0\0\0", 12, b"mqtt"
     whole = struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 1 << 18, upper_pdu)
     for number, packet in enumerate(packets):
@@ -168,7 +168,7 @@ def _capture(packets):
 
 
 def _described():
-    """Return the messages of a payload as a .proto file, by the name that Wireshark knows them by."""
+    """Return the messages of a payload as a .proto file, with the package name that Wireshark expects."""
     lines = ['syntax = "proto2";', "package com.cirruslink.sparkplug.protobuf;"]
     for name, text in wire._MESSAGES.items():
         lines.append(f"message {name} {{")

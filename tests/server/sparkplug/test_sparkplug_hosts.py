@@ -1,4 +1,4 @@
-"""What hosts command, in the order in which it is carried out, and the leases that it is carried out under."""
+"""The order in which commands of hosts are carried out, and the leases they use."""
 
 import asyncio
 from types import SimpleNamespace
@@ -20,7 +20,7 @@ NODE = SimpleNamespace(drive_of=lambda device: device, named=lambda _drive, metr
 
 
 class Plant:
-    """Carries out a command when it is let. outcome: of all but stops."""
+    """Plant that completes a command when the test allows it. outcome: of all commands except stops."""
 
     def __init__(self, outcome="done"):
         self.begun, self.leases, self.outcome = [], set(), outcome
@@ -45,7 +45,7 @@ class Plant:
 
 
 def hosts_of(plant):
-    """Return what carries out commands, and what came of them."""
+    """Return the command handler for hosts, and a growing list of verbs and outcomes."""
     told = []
     hosts = Hosts(plant, HOST, TOPICS, lambda command, answer, _: told.append((command.verb, answer.outcome)))
     hosts.admit()
@@ -58,12 +58,12 @@ def send(hosts, *values, **more):
 
 async def until(condition):
     async with asyncio.timeout(5):
-        while not condition():  # noqa: ASYNC110 - it may be about anything
+        while not condition():  # noqa: ASYNC110 - any condition
             await asyncio.sleep(0)
 
 
 @awaited
-async def test_last_stop_of_a_flood_goes_out_after_all_others():
+async def test_last_stop_of_a_flood_is_sent_after_all_others():
     plant = Plant()
     hosts, told = hosts_of(plant)
     for number in range(50):
@@ -78,7 +78,7 @@ async def test_last_stop_of_a_flood_goes_out_after_all_others():
 
 @pytest.mark.parametrize(("outcome", "kept"), [("refused", set()), ("done", {"fan"})])
 @awaited
-async def test_lease_of_a_refused_start_is_given_back(outcome, kept):
+async def test_lease_of_a_refused_start_is_released(outcome, kept):
     plant = Plant(outcome)
     hosts, told = hosts_of(plant)
     session = Metric(name="Command/Session", type=DataType.STRING, value="s")

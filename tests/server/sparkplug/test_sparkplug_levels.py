@@ -28,7 +28,7 @@ def door_of(url, **keys):
         ({"levels": {"line": ""}, "group": "works", "node": "one"}, "sparkplug works/one"),
     ],
 )
-def test_group_and_node_are_made_of_levels_unless_the_door_says_them(keys, name):
+def test_group_and_node_come_from_levels_unless_the_door_gives_them(keys, name):
     assert door_of("mqtt://127.0.0.1", **keys).name == name
 
 
@@ -48,7 +48,7 @@ def test_levels_that_name_no_group_or_node_are_refused(levels, sentence):
 @needs_mosquitto
 @pytest.mark.soak
 @awaited
-async def test_devices_have_the_name_of_their_line(tmp_path):
+async def test_device_names_begin_with_the_line(tmp_path):
     with mosquitto(tmp_path / "broker") as broker:
         door = door_of(broker.url, levels=LEVELS)
         async with listening(broker.port) as host, gateway(tmp_path, door) as served:

@@ -1,4 +1,4 @@
-"""Payloads as bytes: by hand from the field numbers of the specification, round trips, and whatever a network sends."""
+"""Payloads as bytes: written by hand from the specification's field numbers, round trips, and random input."""
 
 import math
 
@@ -18,7 +18,7 @@ from drivecomm.server.sparkplug.payload import (
     typed,
 )
 
-# Field number times 8 plus wire type (0 varint, 1 eight bytes, 2 with a length, 5 four bytes), then the value.
+# Tag byte = field number * 8 + wire type (0 varint, 1 eight bytes, 2 length-prefixed, 5 four bytes), then the value.
 DEATH = bytes.fromhex(
     "08 e807"  # 1 timestamp: 1000
     "12 0b"  # 2 metrics: 11 bytes
@@ -42,13 +42,13 @@ DATA = bytes.fromhex(
 )
 
 
-def test_a_death_as_it_is_on_the_wire():
+def test_encoded_death_matches_the_wire_format():
     payload = Payload(time_ms=1000, metrics=(Metric(name="bdSeq", type=DataType.INT64, value=5),))
     assert encoded(payload, say_types=True) == DEATH
     assert decoded(DEATH) == payload
 
 
-def test_data_as_it_is_on_the_wire_has_no_type_and_no_name():
+def test_encoded_data_has_no_type_and_no_name():
     said = {
         "Quality": Property(type=DataType.INT32, value=192),
         "Low": Property(type=DataType.BOOLEAN, value=True),
@@ -92,13 +92,13 @@ def metrics(draw):
 
 @pytest.mark.soak
 @given(st.lists(metrics(), max_size=5), st.none() | st.integers(0, 255))
-def test_what_is_encoded_is_decoded(said, seq):
+def test_payload_survives_encoding_and_decoding(said, seq):
     payload = Payload(metrics=tuple(said), time_ms=5, seq=seq)
     assert decoded(encoded(payload, say_types=True)) == payload
 
 
 @given(st.binary(max_size=200) | st.builds(lambda at, by: DATA[:at] + by + DATA[at:], st.integers(0, 60), st.binary()))
-def test_whatever_comes_is_a_payload_or_one_sentence(data):
+def test_any_bytes_give_a_payload_or_a_usage_error(data):
     try:
         payload = decoded(data)
     except UsageError:
@@ -112,13 +112,13 @@ def test_whatever_comes_is_a_payload_or_one_sentence(data):
             assert found is None or isinstance(found, bool) == (kind is DataType.BOOLEAN)
 
 
-def test_what_is_too_much_is_not_read():
+def test_payload_with_too_many_bytes_or_metrics_is_refused():
     with pytest.raises(UsageError, match=f"send at most {MOST_BYTES}"):
         decoded(bytes(MOST_BYTES + 1))
     with pytest.raises(UsageError, match=f"send at most {MOST_METRICS}"):
         decoded(b"\x12\x00" * (MOST_METRICS + 1))
 
 
-def test_a_value_that_is_not_finite_comes_through_for_whoever_refuses_it():
+def test_infinite_value_is_decoded_unchanged():
     metric = Metric(name="x", type=DataType.DOUBLE, value=math.inf)
     assert decoded(encoded(Payload(metrics=(metric,)), say_types=True)).metrics == (metric,)

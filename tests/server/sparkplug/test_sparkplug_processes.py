@@ -1,4 +1,4 @@
-"""A whole server with a Sparkplug door: killed, started again, two of one name, and several that come back at once."""
+"""A complete server with a Sparkplug door: killed, restarted, duplicated, and after an outage of the broker."""
 
 import asyncio
 import json
@@ -30,7 +30,7 @@ keep_alive_s = 2
 
 @pytest.fixture
 def installed(tmp_path):
-    """The environment in which the kind of door is found, also where an older version of this is installed."""
+    """Return environment variables that make the entry point of the door known, even to an older installed version."""
     if any(each.name == "sparkplug" for each in entry_points(group="drivecomm.doors")):
         return {}
     folder = tmp_path / "site" / "sparkplug_door-1.dist-info"
@@ -43,7 +43,7 @@ def installed(tmp_path):
 
 
 @awaited
-async def test_a_server_that_is_killed_dies_for_hosts_and_passes_on_what_they_missed(tmp_path, installed):
+async def test_killed_server_sends_its_death_and_later_the_missed_values(tmp_path, installed):
     with mosquitto(tmp_path / "broker") as broker:
         async with listening(broker.port) as host, Wire(broker.port) as wire:
             head = QUICK + DOOR.format(url=wire.url)
@@ -54,14 +54,14 @@ async def test_a_server_that_is_killed_dies_for_hosts_and_passes_on_what_they_mi
                 await asyncio.sleep(3)
                 await asyncio.to_thread(served.end, signal.SIGKILL)
                 killed_ms = time.time() * 1000
-                # The broker says it, by the will.
+                # The broker publishes the death, which is the will of the connection.
                 await host.until(lambda: host.of("NDEATH"))
                 number = host.of("NBIRTH")[-1].metric("bdSeq").long_value
                 assert host.of("NDEATH")[-1].message.metrics[0].long_value == number
                 await asyncio.to_thread(served.start)
                 await host.until(lambda: len(host.of("NBIRTH")) >= 2, 30)
                 assert host.of("NBIRTH")[-1].metric("bdSeq").long_value == number + 1
-                # What was sent in the last moments before it was killed comes again, marked.
+                # Values sent just before the kill are sent again, marked as historical.
                 past = await host.until(
                     lambda: [
                         at
@@ -78,7 +78,7 @@ async def test_a_server_that_is_killed_dies_for_hosts_and_passes_on_what_they_mi
 
 
 @awaited
-async def test_two_gateways_of_one_name_complain_and_do_not_fight(tmp_path):
+async def test_two_gateways_of_one_name_report_the_conflict_and_stop_reconnecting(tmp_path):
     (tmp_path / "one").mkdir()
     (tmp_path / "two").mkdir()
     with mosquitto(tmp_path / "broker") as broker:
@@ -89,12 +89,12 @@ async def test_two_gateways_of_one_name_complain_and_do_not_fight(tmp_path):
             births = len(host.of("NBIRTH"))
             told = [each.text for each in one.core.table.events() if each.kind == "door"]
             assert [each for each in told if "is there another edge node plant/gateway?" in each], told
-            # Each tries some times before it knows.
+            # Each gateway reconnects several times before it detects the conflict.
             assert births <= 12, (births, told)
 
 
 @awaited
-async def test_a_drive_that_is_silent_after_an_outage_gets_its_past_when_it_is_back(tmp_path):
+async def test_history_of_a_drive_silent_after_an_outage_follows_its_birth(tmp_path):
     with mosquitto(tmp_path / "broker") as broker:
         async with gateway(tmp_path, door_of(broker.url)) as served:
             async with listening(broker.port) as host:
@@ -119,7 +119,7 @@ async def test_a_drive_that_is_silent_after_an_outage_gets_its_past_when_it_is_b
 
 
 @awaited
-async def test_a_broker_that_hangs_is_noticed_and_births_come_when_it_is_back(tmp_path):
+async def test_hanging_broker_is_noticed_and_births_follow_its_return(tmp_path):
     with mosquitto(tmp_path / "broker") as broker:
         async with gateway(tmp_path, door_of(broker.url)), listening(broker.port) as host:
             await host.until(lambda: host.of("DBIRTH"))

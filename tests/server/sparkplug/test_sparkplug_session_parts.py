@@ -1,4 +1,4 @@
-"""What a session is made of, without a broker: numbers that outlive it, the host's state, qualities, and settings."""
+"""Parts of a Sparkplug session without a broker: stored numbers, the host's state, qualities, and settings."""
 
 import json
 from decimal import Decimal
@@ -21,14 +21,14 @@ from drivecomm.tomlfile import Table
 NOW_S = 1_700_000_000.0
 
 
-def test_the_number_of_a_connection_goes_round_and_outlives_the_process(tmp_path):
+def test_connection_number_wraps_around_and_is_stored(tmp_path):
     file = tmp_path / "state" / "sparkplug.json"
     numbers = [KeptSession(file).next_connection() for _ in range(258)]
     assert numbers == [*range(256), 0, 1]
     kept = KeptSession(file)
     kept.next_connection()
     kept.not_connected()
-    # Nobody was there, so that it is used for the next one.
+    # The connection failed, so that its number is used for the next one.
     assert kept.next_connection() == 2
     kept.passed_on(77)
     kept.waits("fan", 5, 9)
@@ -44,7 +44,7 @@ def test_the_number_of_a_connection_goes_round_and_outlives_the_process(tmp_path
 @pytest.mark.parametrize(
     "text", ["", "{", "[]", '{"bd_seq": 256, "row": -1, "waiting": [1]}', '{"bd_seq": true}', "\0"]
 )
-def test_a_file_that_says_nothing_begins_anew(tmp_path, text):
+def test_malformed_session_file_is_ignored(tmp_path, text):
     file = tmp_path / "sparkplug.json"
     file.write_text(text)
     kept = KeptSession(file)
@@ -52,7 +52,7 @@ def test_a_file_that_says_nothing_begins_anew(tmp_path, text):
     assert kept.next_connection() == 0
 
 
-def test_a_folder_that_cannot_be_written_costs_no_session(tmp_path, caplog):
+def test_session_works_with_an_unwritable_folder_and_warns(tmp_path, caplog):
     (tmp_path / "file").write_text("")
     kept = KeptSession(tmp_path / "file" / "sparkplug.json")
     assert [kept.next_connection(), kept.next_connection()] == [0, 1]
@@ -81,7 +81,10 @@ HOUR_MS = 3_600_000
 
 
 def host_after(*messages):
-    """Return the host's state after messages: online, its time and our time in ms, and seconds between them."""
+    """Return the host's state after messages.
+
+    messages: online, the host's time and our time in ms, and the seconds since the message before.
+    """
     host, now_s = HostState(), 50.0
     for online, said_ms, time_ms, pause_s in messages:
         now_s += pause_s
@@ -124,7 +127,7 @@ def test_host_state_bounds_times_of_the_host_by_our_clock(messages, online):
     assert host_after(*messages) is online
 
 
-def test_names_that_a_topic_has_no_room_for():
+def test_device_ids_replace_reserved_characters_and_are_unique():
     assert device_ids({each: each for each in ("pump", "hall/fan", "a+b#c")}) == {
         "pump": "pump",
         "hall/fan": "hall_fan",
@@ -140,7 +143,7 @@ def test_names_that_a_topic_has_no_room_for():
 
 
 class OneDrive:
-    """A plant of one drive whose values and state are set."""
+    """A plant of one drive whose values and state the test sets."""
 
     name, session = "hall", "today"
 
@@ -207,7 +210,7 @@ QUALITIES = {
 
 
 @pytest.mark.parametrize("name", QUALITIES)
-def test_quality_and_uncertainty(plant, node, name):
+def test_metric_has_quality_and_uncertainty_of_its_value(plant, node, name):
     (number, quality, remark), value, code, uncertain = QUALITIES[name]
     plant.put("output_frequency", None if number is None else Decimal(number), quality, note=remark)
     metric = metric_of(node.births(0, NOW_S), "Values/output_frequency")
@@ -217,7 +220,7 @@ def test_quality_and_uncertainty(plant, node, name):
     assert metric.properties["engUnit"].value == "Hz"
 
 
-def test_a_value_that_nobody_reads_any_more_becomes_stale_by_itself_and_once(plant, node):
+def test_value_without_new_readings_becomes_stale_once(plant, node):
     plant.put("output_frequency", Decimal("1.5"), keeps_s=3.0)
     node.births(0, NOW_S)
     assert node.looked_over(NOW_S + 2.9) == []
@@ -228,7 +231,7 @@ def test_a_value_that_nobody_reads_any_more_becomes_stale_by_itself_and_once(pla
     assert node.looked_over(NOW_S + 4) == []
 
 
-def test_what_was_not_read_yet_is_in_the_birth_and_what_is_another_type_makes_a_new_one(plant, node):
+def test_birth_has_unread_values_and_a_change_of_type_causes_a_new_birth(plant, node):
     births = node.births(0, NOW_S)
     for name in ("output_frequency", "210", "software_version"):
         assert metric_of(births, f"Values/{name}").value is None
@@ -238,12 +241,12 @@ def test_what_was_not_read_yet_is_in_the_birth_and_what_is_another_type_makes_a_
     (again,) = node.changed([plant.put("210", "ABC")], [], NOW_S)
     assert again.kind == "DBIRTH"
     assert metric_of([again], "Values/210").value == "ABC"
-    # One without a value keeps its type.
+    # A metric without a value keeps its type.
     (data,) = node.changed([plant.put("210", None, "bad")], [], NOW_S)
     assert (data.kind, data.metrics[0].value) == ("DDATA", None)
 
 
-def test_data_is_sent_by_exception_and_never_goes_back_in_time(plant, node):
+def test_data_is_sent_on_change_and_its_times_never_decrease(plant, node):
     node.births(0, NOW_S)
     (first,) = node.changed([plant.put("210", Decimal(3))], [], NOW_S)
     assert node.changed([plant.put("210", Decimal(3))], [], NOW_S) == []
@@ -253,7 +256,7 @@ def test_data_is_sent_by_exception_and_never_goes_back_in_time(plant, node):
     assert set(later.metrics[0].properties) <= {"Quality", "Uncertain", "Reason"}
 
 
-def test_the_same_value_is_told_when_it_goes_stale_and_when_it_is_good_again(plant, node):
+def test_unchanged_value_is_sent_when_its_quality_changes(plant, node):
     plant.put("output_frequency", Decimal(3))
     node.births(0, NOW_S)
     assert node.changed([plant.put("output_frequency", Decimal(3), age_s=-1.0)], [], NOW_S + 1) == []
@@ -267,7 +270,7 @@ def test_the_same_value_is_told_when_it_goes_stale_and_when_it_is_good_again(pla
         assert node.changed([value], [], time_s) == []
 
 
-def test_who_commands_and_lines_are_told_when_they_change(plant, node):
+def test_commander_and_line_state_are_sent_when_they_change(plant, node):
     node.births(0, NOW_S)
     holder = Caller(name="otto", role=Role.OPERATE, door="http")
     state = plant.state
@@ -283,7 +286,7 @@ def test_who_commands_and_lines_are_told_when_they_change(plant, node):
     assert node.looked_over(NOW_S) == []
 
 
-def test_a_drive_of_the_plant_file_that_is_gone_dies_and_one_that_is_changed_is_born_again(plant, node):
+def test_removed_drive_dies_and_changed_drive_is_born_again(plant, node):
     node.births(0, NOW_S)
     plant.config = DriveConfig(protocol="vabus", address=2, name="pump", title="another")
     plant.state = DriveState(config=plant.config, line="main", reachability="answers")
@@ -294,7 +297,7 @@ def test_a_drive_of_the_plant_file_that_is_gone_dies_and_one_that_is_changed_is_
     assert (death.kind, death.device) == ("DDEATH", "pump")
 
 
-def test_a_drive_that_falls_silent_dies_once_and_is_born_again_when_it_answers(plant, node):
+def test_silent_drive_dies_once_and_is_born_again_when_it_answers(plant, node):
     node.births(0, NOW_S)
     answering = plant.state
     plant.state = DriveState(config=plant.config, line="main", reachability="silent")
@@ -306,7 +309,7 @@ def test_a_drive_that_falls_silent_dies_once_and_is_born_again_when_it_answers(p
     assert birth.kind == "DBIRTH"
 
 
-def test_an_alias_is_the_same_after_a_restart_whatever_is_born_first(plant, node):
+def test_aliases_are_the_same_after_a_restart_in_any_birth_order(plant, node):
     aliases = {each.name: each.alias for message in node.births(0, NOW_S) for each in message.metrics}
     plant.put("output_frequency", Decimal("1.5"))
     another = EdgeNode(plant, lambda _: [], limits_of)
@@ -315,7 +318,7 @@ def test_an_alias_is_the_same_after_a_restart_whatever_is_born_first(plant, node
     assert len(set(aliases.values())) == len(aliases) - 1
 
 
-def test_the_past_is_what_the_birth_has(plant, node):
+def test_historical_data_has_only_metrics_of_the_birth(plant, node):
     plant.put("output_frequency", Decimal("1.5"))
     plant.put(STATUS, Decimal(0))
     node.births(0, NOW_S)
@@ -334,7 +337,7 @@ def test_the_past_is_what_the_birth_has(plant, node):
     assert node.past("nobody", values) == []
 
 
-def test_limits_are_what_the_model_prints():
+def test_limits_come_from_the_model():
     inverter = DriveConfig(protocol="fuji", address=1, options={"model": "e11s"})
     assert limits_of(inverter, "S05", "Hz") == (0, 400)
     assert limits_of(inverter, "S05", "kHz") == (0, Decimal("0.4"))
@@ -363,13 +366,13 @@ WRONG = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_settings_that_cannot_be(name):
+def test_invalid_sparkplug_setting_is_refused(name):
     said, words = WRONG[name]
     with pytest.raises(FileFormatError, match=words):
         sparkplug_door(Table(said, "plant.toml", name="door 1"))
 
 
-def test_a_door_is_called_by_its_edge_node():
+def test_door_is_named_after_its_edge_node():
     door = sparkplug_door(Table({"kind": "sparkplug", "group": "hall 2", "node": "gateway"}, "plant.toml"))
     assert door.name == "sparkplug hall 2/gateway"
     assert json.dumps(door.name)

@@ -1,4 +1,4 @@
-"""A stop in a message goes out whatever stands beside it, and however a host has typed it."""
+"""A stop in a message is found beside any other metrics, and with any type that hosts use."""
 
 import time
 
@@ -11,7 +11,7 @@ from drivecomm.server.sparkplug.wire import payload_class
 
 
 def asked(*metrics):
-    """Return what a message asks for; each metric has a name, a type, the field of its value, and the value."""
+    """Return the commands in a message; each metric has a name, a type, the field of its value, and the value."""
     message = payload_class()(timestamp=int(time.time() * 1000))
     for name, kind, field, value in metrics:
         message.metrics.add(name=name, datatype=kind, **{field: value})
@@ -32,7 +32,7 @@ REFERENCE = ("Command/Reference Percent", DataType.DOUBLE, "int_value", 40)
         ("Command/Session", DataType.STRING, "long_value", 7),
     ],
 )
-def test_what_is_wrong_beside_it_keeps_no_stop_back(beside):
+def test_stop_is_found_beside_invalid_metrics(beside):
     assert asked(STOP, beside) == [("stop", {})]
     assert asked(beside, STOP) == [("stop", {})]
 
@@ -46,7 +46,7 @@ def test_what_is_wrong_beside_it_keeps_no_stop_back(beside):
         (DataType.DOUBLE, "double_value", 1.0),
     ],
 )
-def test_a_stop_may_be_sent_as_a_number(kind, field, value):
+def test_stop_may_be_sent_as_a_number(kind, field, value):
     assert asked(("Command/Stop Coast", kind, field, value)) == [("stop", {"how": "coast"})]
 
 
@@ -58,11 +58,11 @@ def test_a_stop_may_be_sent_as_a_number(kind, field, value):
         ("Command/Stop", DataType.STRING, "string_value", "false"),
     ],
 )
-def test_nothing_else_is_commanded_by_a_value_of_a_wrong_type(wrong):
+def test_other_command_with_a_wrong_type_is_refused(wrong):
     session = ("Command/Session", DataType.STRING, "string_value", "s")
     with pytest.raises(UsageError, match="takes a"):
         asked(wrong, session)
 
 
-def test_a_stop_that_was_let_go_is_none():
+def test_stop_with_value_false_is_not_a_stop():
     assert asked(("Command/Stop", DataType.BOOLEAN, "boolean_value", False)) == []
