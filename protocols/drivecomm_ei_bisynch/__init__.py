@@ -15,7 +15,7 @@ from drivecomm_ei_bisynch.telegrams import codec_for
 class EiOptions:
     """Options of a drive.
 
-    lift: whether 20H is added to a check character below 20H; None, the default, adds nothing and takes either.
+    lift: whether 20H is added to a check character below 20H; None, the default, adds nothing and accepts both.
     """
 
     lift: bool | None = None
