@@ -126,11 +126,11 @@ class Dialect:
         known = self.places.get(place)
         return known.address if known else place.name
 
-    def allowed(self, place: Place) -> range | None:  # noqa: ARG002 - for those who override it
+    def allowed(self, place: Place) -> range | None:  # noqa: ARG002 - overriding methods use it
         """Return the numbers that a place can hold; None for all numbers of 16 bits or of its type."""
         return None
 
-    def is_wide(self, place: Place, type: str) -> bool:  # noqa: ARG002 - for those who override it
+    def is_wide(self, place: Place, type: str) -> bool:  # noqa: ARG002 - overriding methods use it
         """Return whether one place holds 32 bits; if not, two neighbours do."""
         return "u16" not in self.types
 
@@ -156,18 +156,18 @@ class Dialect:
         """Return the code with which a reply refuses; None if the reply is not a refusal."""
         raise NotImplementedError
 
-    def refusal_text(self, code: int, called: str) -> str:  # noqa: ARG002 - for those who override it
+    def refusal_text(self, code: int, called: str) -> str:  # noqa: ARG002 - overriding methods use it
         """Return the meaning of a refusal code.
 
         called: what was refused.
         """
         return self.refusals.get(code, "not listed in the manual")
 
-    def preparing(self, place: Place) -> Ask | None:  # noqa: ARG002 - for those who override it
+    def preparing(self, place: Place) -> Ask | None:  # noqa: ARG002 - overriding methods use it
         """Return the request to send before each request for a place, such as the choice of its page, if any."""
         return None
 
-    def silence_s(self, request: Any) -> float:  # noqa: ARG002 - for those who override it
+    def silence_s(self, request: Any) -> float:  # noqa: ARG002 - overriding methods use it
         """Return the seconds for which a drive is deaf and silent after a request without a reply; 0 if it replies."""
         return 0.0
 
@@ -213,7 +213,7 @@ class Dialect:
         """Return whether a drive may refuse a request."""
         return isinstance(request, self.requests)
 
-    def damaged(self, find: Damaged) -> Message | None:  # noqa: ARG002 - for those who override it
+    def damaged(self, find: Damaged) -> Message | None:  # noqa: ARG002 - overriding methods use it
         """Return the reply of a drive to a damaged telegram; None if the drive stays silent."""
         return None
 

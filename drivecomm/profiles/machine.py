@@ -22,7 +22,7 @@ _STOPS = {
 
 
 def have_do(motor: Motor, does: MotorDoes, hz: Callable[[], float], now: float) -> None:
-    """Make a motor do what a state demands.
+    """Make a motor act as a state demands.
 
     hz: returns the frequency at which it runs, signed.
     """
@@ -85,7 +85,7 @@ class ProfileMachine:
         self.enter((running if word & starting else stopped).name, now)
 
     def act(self, now: float) -> None:
-        """Make the motor do what the state demands, with the present reference."""
+        """Make the motor act as the state demands, with the present reference."""
         have_do(self.motor, self.state.motor, lambda: self._wanted_hz(self.word), now)
 
     def trip(self, code: int, now: float) -> None:

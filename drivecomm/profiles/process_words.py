@@ -63,7 +63,7 @@ class WordTelegrams(Protocol):
     def block(self, word: int, reference: int, /, **task: Any) -> Message:
         """Return the telegram that carries these words, and this task if there is one."""
 
-    def shown(self, word: Literal["control_word", "reference"]) -> Exchange[int | None]:  # noqa: ARG002 - a default
+    def shown(self, word: Literal["control_word", "reference"]) -> Exchange[int | None]:  # noqa: ARG002 - default
         """Read the word that the drive last received from the bus; None if the drive does not show it."""
         yield from ()
         return None

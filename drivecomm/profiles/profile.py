@@ -65,9 +65,10 @@ class Refusal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class State:
-    """A state: the bits of the status word that identify it, and what the drive does with its motor in it.
+    """One state of a drive: the bits of the status word that identify it, and the action on the motor in it.
 
-    shows: the bits of the status word that a drive shows in it. stands: the next state once the motor stands.
+    shows: the bits of the status word that a drive shows in it. stands: the next state after the motor has come to a
+    standstill.
     """
 
     name: str
@@ -164,7 +165,7 @@ class ControlProfile:
         return state
 
     def asks(self, word: int) -> MotorDoes:
-        """Return what a control word makes a running motor do, without the effect of edges."""
+        """Return the action that a control word demands of a running motor, without the effect of edges."""
         running = next(state for state in self.states if state.motor == "run")
         return self.next_state(running, word, word).motor
 

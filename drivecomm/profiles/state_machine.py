@@ -59,12 +59,12 @@ class StateMachineOrders:
             machine.profile, motor, lambda word: machine.profile.directed(word, wanted_hz()), machine.reset_lock_s
         )
 
-    def power_up(self, words: Words, now: float) -> None:  # noqa: ARG002 - an `OrderMachine` needs all words
+    def power_up(self, words: Words, now: float) -> None:  # noqa: ARG002 - `OrderMachine` uses it
         """Begin with mains switched on, and with the control word that is in its register then."""
         self._machine.power_up(now)
         self._machine.control(self._control_word(), now)
 
-    def written(self, places: Collection[str], words: Words, now: float) -> None:  # noqa: ARG002 - as above
+    def written(self, places: Collection[str], words: Words, now: float) -> None:  # noqa: ARG002 - `OrderMachine` uses it
         """Obey the control word if it, or a part of it, has been written."""
         if self._control_places.isdisjoint(places):
             return

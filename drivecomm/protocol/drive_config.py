@@ -50,7 +50,7 @@ class PollGroup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkLossPolicy:
-    """What a motor does when its master falls silent, and the number of seconds after which its drive notices."""
+    """Reaction of a motor to a silent master, and the number of seconds after which its drive notices the silence."""
 
     policy: LinkLoss
     watchdog_s: float = 5.0
@@ -137,7 +137,7 @@ class DriveConfig:
     For masters: armed: the drive may be written and commanded; otherwise every program that takes it from a plant
     treats it as read-only, except for stops. read_only_reason: why this master may not command it, empty if it may.
     confirmed: its parameters, by address or name, whose type, scale and unit a person has checked on this very drive.
-    poll: its groups of polled parameters. link_loss: what its motor does when its master falls silent. network: the
+    poll: its groups of polled parameters. link_loss: the reaction of its motor to a silent master. network: the
     operations that are allowed on it through the network doors of a server, if it is armed as well. tags: the tags of
     its values, by the names under which the values are polled; a comparison of drives ignores them. machine: its
     machine unit, with the scale per hertz.

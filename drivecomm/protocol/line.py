@@ -56,7 +56,7 @@ SETTING_NAMES = tuple(field.name for field in fields(LineSettings))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Timing:
-    """When a master may send and how long it waits, in seconds unless the name says otherwise.
+    """Timing rules of a master, in seconds unless the name says otherwise.
 
     - reply_timeout_s: from the last character of a request to the first of the reply.
     - gap_s: the longest pause inside a telegram; a longer one ends the telegram.
@@ -64,10 +64,10 @@ class Timing:
     - broadcast_pause_s: from the end of a broadcast to the next request.
     - gap_characters, turnaround_characters: the same in character times; the longer of both applies.
       turnaround_characters also applies after a broadcast.
-    - late_s: how long after an unanswered request its reply may still arrive.
-    - attempts: how often a request is sent at most, if repeating it is safe.
+    - late_s: time after an unanswered request during which its reply may still arrive.
+    - attempts: maximum number of times that a request is sent, if repeating it is safe.
     - request_interval_s: from the start of a request to this drive to the start of the next request to it.
-    - deadline_s: how long one call may take in all, including waiting in the queue and all attempts.
+    - deadline_s: maximum duration of one call, including waiting in the queue and all attempts.
     - tuned_turnaround_s: a shorter turnaround that was measured with this drive and is used until errors rise; 0 for
       none.
     - least_turnaround_s, least_reply_timeout_s: minimum that the maker demands; tuning never goes below it.
@@ -122,7 +122,7 @@ class LineFacts:
 
     @property
     def untuned(self) -> LineFacts:
-        """These facts without a tuned turnaround."""
+        """The same facts without a tuned turnaround."""
         return self.override({"tuned_turnaround_s": 0.0}) if self.timing.tuned_turnaround_s else self
 
     @property

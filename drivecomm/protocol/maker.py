@@ -34,7 +34,7 @@ def maker(kind: Callable[P, T]) -> Callable[P, T]:
         f"def make(*, {', '.join(given)}):\n    made = new(blank)\n{filled}    made.__class__ = kind\n    return made\n"
     )
     # Generated, as dataclasses generate their constructor, since a loop over the fields would be slower than that.
-    exec(text, within)  # noqa: S102 - of names that are fields of a class
+    exec(text, within)  # noqa: S102 - only of the names of fields
     made: Any = within["make"]
     made.__name__ = made.__qualname__ = known.__name__
     made.__doc__ = f"Return a {known.__name__}, as its constructor does and faster.\n\n{cleandoc(known.__doc__)}"

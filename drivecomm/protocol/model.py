@@ -44,15 +44,15 @@ Storage: TypeAlias = Literal["", "stored", "volatile"]
 """stored: kept in EEPROM if written with `store=True`. volatile: lost without power. Empty: unknown."""
 
 ParameterKind: TypeAlias = Literal["setting", "communication", "command"]
-"""Effect of a parameter.
+"""Purpose of a parameter.
 
-setting: how the drive works. communication: how the drive communicates, so that a change can cut the line. command: a
-write makes the drive do something (control word, bus reference, tuning, initialising), so that the parameter belongs in
-no backup.
+setting: for the operation of the drive. communication: for its communication, so that a change can cut the line.
+command: a write makes the drive do something (control word, bus reference, tuning, initialising), so that the parameter
+does not belong in a backup.
 """
 
 LinkLoss: TypeAlias = Literal["hold", "ramp", "coast", "trip"]
-"""What a motor does when its master falls silent: it runs on, stops down a ramp, coasts, or the drive trips."""
+"""Reaction of a motor to a silent master: it runs on, stops down a ramp, coasts, or the drive trips."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,10 +111,10 @@ class ParameterInfo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Watchdog:
-    """Parameters by which drives of a model notice that their master has fallen silent, and what the drives then do.
+    """Parameters by which drives of a model notice a silent master, and the reaction of the drives.
 
     time: address of the parameter with the time in seconds; 0 means never unless `off` says otherwise. action: address
-    of the parameter that selects what happens; empty if that is always the same. actions: the raw value of this
+    of the parameter that selects the reaction; empty if the reaction is always the same. actions: the raw value of this
     parameter for each policy; without such a parameter, the only policy, with any number. off: raw value of `time` that
     switches the watchdog off; None if the action for "hold" switches it off. fault: code of the fault with which the
     drive then trips; None if no source states it. note: further remarks.
@@ -202,8 +202,8 @@ class Model:
     quantities: the address of the parameter behind each common name. watchdog: None if none is known. identified_by: a
     regular expression for each entry of `Drive.identify` that identifies the series, by the name of the entry; all must
     match. fault_log: addresses of the parameters in which the drive keeps its latest faults, the newest first.
-    link_loss: what drives without a configurable watchdog do when their master falls silent, as a sentence. control:
-    how the drives are commanded, if their protocol leaves that to the model; `Protocol.control_keys`. sources: the
+    link_loss: the reaction of drives without a configurable watchdog to a silent master, as a sentence. control: the
+    commands of the drives, if their protocol leaves them to the model; see `Protocol.control_keys`. sources: the
     documents and programs that confirm `commands` and `status`, two of each if there are two. setup: the settings that
     a person makes at the panel of the drive, in this order. proofs: results of proofs, by the address of a parameter or
     by WATCHDOG_PROOF; the facts carry these marks, too. extends: the name of the model on which this one is based,

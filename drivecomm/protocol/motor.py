@@ -15,7 +15,7 @@ MOTOR_DATA = frozenset({
 
 
 class Command(Enum):
-    """What a drive is doing with its motor."""
+    """Action of a drive on its motor."""
 
     OFF = "off"
     RUN = "run"

@@ -140,12 +140,12 @@ def reference_limit_of(option: Value | float) -> Decimal:
 
 
 def is_plain(text: str) -> bool:
-    """Return whether a text is ASCII without underscores; Python reads 1_0 and digits of other scripts as numbers."""
+    """Return whether a text is ASCII without underscores; Python also reads 1_0 and digits of other scripts."""
     return text.isascii() and "_" not in text
 
 
 def unscaled(physical: Decimal, factor: Decimal, parameter: str, unit: str = "") -> int:
-    """Return the raw whole number for a physical value. Raises ValueRefusedError if there is no exact one."""
+    """Return the raw whole number for a physical value. Raises ValueRefusedError if no whole number is exact."""
     try:
         raw = physical / factor
         whole = raw == raw.to_integral_value() and raw * factor == physical

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 
-class Refusal(Exception):  # noqa: N818 - an answer of the drive, not an error of the program
+class Refusal(Exception):  # noqa: N818 - a reply of the drive, not an error of the program
     """Refusal of a request by the drive, with a code of its protocol."""
 
     def __init__(self, code: int) -> None:

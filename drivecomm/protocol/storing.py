@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias
 from drivecomm.errors import NotSupported
 
 Kept: TypeAlias = Literal["always", "never", "as asked", "unknown"]
-"""What happens to a written value when the mains is switched off.
+"""Fate of a written value when the mains is switched off.
 
 always: it is kept, since each write may go to EEPROM, whose cells wear out. never: it is lost. as asked: the drive
 supports both. unknown: no manual says it.

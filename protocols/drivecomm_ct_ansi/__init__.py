@@ -1,4 +1,4 @@
-"""Control Techniques drives over ANSI X3.28 for drivecomm."""
+"""Protocol package for Control Techniques drives over ANSI X3.28."""
 
 from __future__ import annotations
 

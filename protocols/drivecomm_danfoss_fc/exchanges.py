@@ -53,7 +53,7 @@ class DanfossFcOperations:
         self, address: int, options: DanfossFcOptions, model: Model | None, memory: CommandMemory | None = None
     ) -> None:
         self.answers = address != BROADCAST
-        self._frames = Frames(address, options, lambda **task: self._talk.ask(**task))  # noqa: PLW0108 - it is not there yet
+        self._frames = Frames(address, options, lambda **task: self._talk.ask(**task))  # noqa: PLW0108 - `_talk` does not exist yet
         profile = partial(words.profile, profidrive=options.profile == "profidrive")
         self._talk = ProcessWords(profile, self._frames, memory or CommandMemory())
         self._options = options

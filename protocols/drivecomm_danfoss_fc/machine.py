@@ -174,7 +174,10 @@ class Machine:
         have_do(motor, asked, lambda: self._directed(self._wanted_hz()), now)
 
     def _asked(self) -> MotorDoes:
-        """Return what the word in force demands of the motor, without the bits that the bus may not set."""
+        """Return the action that the word in force demands of the motor.
+
+        Bits that the bus may not set have the level of their digital input.
+        """
         if not self.word:
             return "ramp"
         word = self.word

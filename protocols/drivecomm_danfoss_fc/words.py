@@ -1,4 +1,4 @@
-"""Control word and status word: their bits, in the FC profile and in PROFIdrive. The profiles say what they command.
+"""Bits of control word and status word, in the FC profile and in PROFIdrive; the profiles define their commands.
 
 Specification, section 12; VLT 5000 Design Guide p. 88-95; FC 300 Design Guide, early edition p. 277-289; VLT 6000 HVAC
 manual p. 162-165; VLT 5000 PROFIBUS manual MG.90.D1.02 p. 18-30 (PROFIdrive).

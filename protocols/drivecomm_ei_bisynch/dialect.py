@@ -77,7 +77,7 @@ class EiDialect(Dialect):
         """Return the mnemonic of a place."""
         return "".join(map(chr, divmod(place.start, 128)))
 
-    def is_wide(self, place: Place, type: str) -> bool:  # noqa: ARG002 - the type alone says it
+    def is_wide(self, place: Place, type: str) -> bool:  # noqa: ARG002 - the type decides alone
         """Return whether one place holds 32 bits, which is so for a decimal number in steps of its factor."""
         return type == "s32"
 
@@ -167,11 +167,11 @@ class EiDialect(Dialect):
         """Return the reply with a value."""
         return Value(mnemonic=request.mnemonic, data=self._data(words[0], self.place_of(request.mnemonic)))
 
-    def taken(self, request: Any) -> Message:  # noqa: ARG002 - it names nothing
+    def taken(self, request: Any) -> Message:  # noqa: ARG002 - ACK names nothing
         """Return ACK."""
         return Answer(kind="ack")
 
-    def refused(self, request: Any, code: int) -> Message:  # noqa: ARG002 - EE tells it
+    def refused(self, request: Any, code: int) -> Message:  # noqa: ARG002 - EE holds the code
         """Return EOT to an enquiry, and NAK to a selection."""
         return Answer(kind="end" if request.kind == "enquiry" else "nak")
 

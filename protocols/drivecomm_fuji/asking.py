@@ -134,7 +134,7 @@ class Asking:
             self._memory.forget()
         return seen
 
-    def send(self, step: Step, *, urgent: bool) -> Exchange[None]:  # noqa: ARG002 - the word tells
+    def send(self, step: Step, *, urgent: bool) -> Exchange[None]:  # noqa: ARG002 - the word decides
         """Change the bits of S06 that belong to the step, or send the command in its place.
 
         RST is cleared again if it is unknown whether the word arrived.

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
 
 REFUSE = "raise ValueError"
-"""Statement for invalid input; the declared schema then finds out what is wrong."""
+"""Statement for invalid input; the declared schema then finds the fault."""
 
 
 class Code:
@@ -111,7 +111,7 @@ def _meanings(read: Callable[[bytes], Any]) -> dict[int, Any]:
     for byte in range(256):
         try:
             meanings[byte] = read(bytes([byte]))
-        except Exception:  # noqa: BLE001, S112 - as the leaf itself refuses it
+        except Exception:  # noqa: BLE001, S112 - the leaf itself refuses it as well
             continue
     return meanings
 

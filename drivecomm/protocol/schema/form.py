@@ -75,7 +75,7 @@ class Form(Generic[M]):
             return self.parse_compiled(data)
         except Fault as found:
             fault = found
-        except Exception:  # noqa: BLE001 - whatever it was, the declared schema finds it again and names it
+        except Exception:  # noqa: BLE001 - the declared schema repeats the work and names the fault
             return self.parse_declared(data)
         raise self._error(fault)
 
@@ -83,7 +83,7 @@ class Form(Generic[M]):
         """Return the bytes that carry this message. Raises TelegramError for a field that does not fit."""
         try:
             return self.build_compiled(message)
-        except Exception:  # noqa: BLE001 - as above
+        except Exception:  # noqa: BLE001 - the declared schema repeats the work and names the fault
             return self.build_declared(message)
 
     @cached_property
@@ -109,7 +109,7 @@ class Form(Generic[M]):
                 return self._message(container)
             except TelegramError:
                 raise
-            except Exception as error:  # noqa: BLE001 - a function of a package that takes no such value
+            except Exception as error:  # noqa: BLE001 - a function of a package rejects the value
                 faults.append(Fault("field", str(error)))
         raise self._error(min(faults, key=lambda found: GRAVITY.index(found.category)))
 

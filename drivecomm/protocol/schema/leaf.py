@@ -22,7 +22,7 @@ GRAVITY: tuple[Category, ...] = ("length", "framing", "checksum", "field")
 """Categories of faults in a telegram, the gravest first, so that noise is never reported as a wrong value."""
 
 
-class Fault(Exception):  # noqa: N818 - never leaves this package, the form turns it into a TelegramError
+class Fault(Exception):  # noqa: N818 - internal, the form turns it into a TelegramError
     """Failure to read or write one leaf.
 
     field: the name of the leaf, empty if it has none.
@@ -118,7 +118,7 @@ class Leaf(_Construct):
             raise cut_off(size, found)
         try:
             return self._parse_found(found)
-        except Exception as error:  # noqa: BLE001 - whatever a leaf of a package stumbles over is no value of it
+        except Exception as error:  # noqa: BLE001 - any error of a leaf means an invalid value
             raise Fault(self.category, str(error)) from None
 
     def fault_at(self, place: int, size: int, data: bytes) -> Fault | None:
@@ -129,14 +129,14 @@ class Leaf(_Construct):
             return fault
         return None
 
-    def write_behind(self, before: bytes, value: Any, context: Any = None) -> bytes:  # noqa: ARG002 - checks need it
+    def write_behind(self, before: bytes, value: Any, context: Any = None) -> bytes:  # noqa: ARG002 - check leaves use it
         """Return the characters for a value. Raises Fault.
 
         before: the characters of the leaves before this one. context: the values of all leaves.
         """
         try:
             written = self._write(value)
-        except Exception as error:  # noqa: BLE001 - a text where a number belongs, say
+        except Exception as error:  # noqa: BLE001 - for example a text in place of a number
             raise Fault("field", "it is missing" if value is None else str(error)) from None
         if self.values is not None and self.words is not None:
             meant = self.words.get(written)

@@ -34,7 +34,7 @@ class LengtheningTelegrams(Telegrams):
         self._further = further
         self.forms |= further.forms
         for side, kinds in self._kinds.items():
-            kinds += [each for each in further._kinds[side] if each not in kinds]  # noqa: SLF001 - of its own kind
+            kinds += [each for each in further._kinds[side] if each not in kinds]  # noqa: SLF001 - an object of the same class
 
     def measure(self, head: bytes, direction: Direction) -> int:
         """Return the length of the telegram that begins with these bytes, see `Codec.measure`."""

@@ -49,7 +49,7 @@ def words_as(values: object) -> str:
 
 
 def bits_as(values: object) -> str:
-    """Return bits as characters, the first one lowest; the last character is filled up with zeros."""
+    """Return bits as characters, the lowest bit first; the last character is filled up with zeros."""
     bits = numbers(values, 1)
     data = bytearray((len(bits) + 7) // 8)
     for place, bit in enumerate(bits):

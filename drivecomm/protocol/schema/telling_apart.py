@@ -28,7 +28,7 @@ Step: TypeAlias = Callable[[bytes], Any]
 
 
 class Spot(NamedTuple):
-    """A deciding place: where it begins and ends."""
+    """A deciding place: its start and its end."""
 
     start: int
     end: int
