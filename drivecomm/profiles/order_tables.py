@@ -30,10 +30,10 @@ reverse_ordered: the ordered direction, which the motor may not have yet. always
 SAID = (
     "running", "started", "fault", "ready", "stopping", "warning", "at_reference", "reverse", "remote", *ONLY_SHOWN,
 )  # fmt: skip
-"""Entries of a status. started: the drive obeys a start, if that is more than a turning motor shows."""
+"""Entries of a status. started: the drive obeys a start, if a turning motor alone does not prove that."""
 
 TRIPPED = "tripped"
-"""Place in which a look at a drive notes whether it has a fault, by its status or by the code of the fault."""
+"""Place that shows whether a drive has a fault, as found from its status or from the code of the fault."""
 
 _IS_TRIPPED = Condition(place=TRIPPED, mask=1, values=(1,))
 _IS_HEALTHY = Condition(place=TRIPPED, mask=1, values=(0,))

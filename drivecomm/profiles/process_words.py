@@ -101,7 +101,7 @@ class ProcessWords:
         return self._profile()
 
     def ask(self, *, acts: bool = False, attempts: int | None = None, **task: Any) -> Exchange[Any]:
-        """Send a task, or request the status; the words command nothing or, if the drive needs them, are in force."""
+        """Send a task, or request the status, with no command or, if the drive needs it, the word in force."""
         held = (self.memory.word or self.memory.idle) if self._frames.needs_words else 0
         if held:
             try:
@@ -153,7 +153,7 @@ class ProcessWords:
         return reply
 
     def says(self, bit: str) -> bool:
-        """Return whether the last status says this, such as "running"."""
+        """Return whether a statement, such as "running", is true in the last status."""
         return bool(self.profile.says(bit, {ONLY: self.seen}))
 
     @property

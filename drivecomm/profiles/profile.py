@@ -25,7 +25,7 @@ MotorDoes: TypeAlias = Literal["off", "run", "ramp", "quick", "dc_brake", "hold"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Condition:
-    """Condition on bits of a word: under the mask it is one of the values."""
+    """Condition on bits of a word: the masked word is one of the values."""
 
     mask: int
     values: tuple[int, ...]
@@ -41,9 +41,9 @@ class Condition:
 class Step:
     """One control word in a sequence.
 
-    unless: the step is left out if one of these conditions holds before. until: conditions of which one is awaited
-    after the step. repeats: whether the word may be sent again if no reply came; not so for a word that starts a motor
-    or has an edge. mask: the bits that a drive examines. pause_s: pause before the step.
+    unless: the step is left out if one of these conditions holds at the start of the sequence. until: conditions of
+    which one is awaited after the step. repeats: whether the word may be sent again if no reply came; not so for a word
+    that starts a motor or has an edge. mask: the bits that a drive examines. pause_s: pause before the step.
     """
 
     word: int
@@ -174,7 +174,7 @@ class ControlProfile:
         return next((state for state in self.states if state.known_by.holds(words)), None)
 
     def says(self, bit: str, words: Words) -> bool | None:
-        """Return whether status words make a statement, such as "running"; None if they do not show it."""
+        """Return whether a statement, such as "running", is true in status words; None if they do not show it."""
         given = self.bits.get(bit)
         return None if given is None else any(each.holds(words) for each in given)
 

@@ -51,8 +51,7 @@ class References:
     def hz_for(self, percent: Value | float) -> Exchange[Decimal]:
         """Return a reference in per cent as a frequency.
 
-        Raises StateError if the maximum frequency of the drive is not above 0, ValueRefusedError for a reference above
-        it.
+        Raises StateError if the maximum frequency of the drive is not above 0, ValueRefusedError for a result above it.
         """
         share, maximum = exact(percent, "reference"), None
         if self._maximum:

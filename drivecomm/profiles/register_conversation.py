@@ -28,7 +28,7 @@ _TRIES = 3
 class RegisterConversation:
     """Reads and writes of one drive's registers, or writes to those of all drives at the broadcast address.
 
-    is_there: whether the drive has sent a reply that the echo of an adapter cannot be.
+    is_there: whether the drive has sent a reply that cannot be the echo of an adapter.
     """
 
     def __init__(self, dialect: Dialect, memory: OrderMemory) -> None:
@@ -60,7 +60,7 @@ class RegisterConversation:
     def words_of(self, places: Iterable[str]) -> Exchange[dict[str, int]]:
         """Read registers by the names of their places.
 
-        Registers that one telegram always reads completely are read at the same moment.
+        If one telegram always reads all registers of a kind, their values are from the same moment.
         """
         told: dict[str, int] = {}
         for name in places:
@@ -128,7 +128,7 @@ class RegisterConversation:
             waited += _POLL_S
 
     def _reason(self, code: int) -> Exchange[int]:
-        """Return the code of the last refusal from the drive's register for it, or this code if that cannot be read."""
+        """Return the reason of a refusal from the drive's register for it, or `code` if that cannot be read."""
         place = self._dialect.reason
         if place is None:
             return code

@@ -21,7 +21,7 @@ _ORDER = (
 
 
 def own_truth(motor: Motor) -> dict[str, bool]:
-    """Return by name which statements hold now that do not follow from a state."""
+    """Return the statements that do not follow from a state, and whether each holds now, by name."""
     return {
         "remote": True,
         "reverse": motor.output_hz < 0,
@@ -32,7 +32,7 @@ def own_truth(motor: Motor) -> dict[str, bool]:
 
 
 def motor_truth(motor: Motor) -> dict[str, bool]:
-    """Return by name which statements hold now that follow from a state, for a drive without states."""
+    """Return the statements that follow from a state, and whether each holds now, for a drive without states."""
     return {
         "always": True,
         "ready": not motor.fault,

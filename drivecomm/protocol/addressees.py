@@ -1,4 +1,4 @@
-"""The drives that a request is for, found in every protocol from its field `address` or `broadcast`."""
+"""Addressing in all protocols: the field `address` or `broadcast` of a request says for which drives it is."""
 
 from __future__ import annotations
 

@@ -96,7 +96,7 @@ class Memory(Interface):
     """
 
     def forget(self) -> None:
-        """Forget the last command, which must not be sent again: a stop was called, or the drive was away."""
+        """Forget the last command, which must not be sent again: a stop was called, or the drive was unreachable."""
 
     def watch(self, silence_s: float | None) -> None:
         """Set the number of seconds for which the drive's watchdog waits; None if the watchdog is off or unknown.

@@ -23,7 +23,7 @@ LONGEST_DELAY_S = 60.0
 """The longest reply delay of a drive, in seconds."""
 
 _LONGEST_ADDRESS = 9
-"""Digits; Python refuses to convert a text of some thousands of digits."""
+"""Maximum digits of an address; Python refuses to convert a text of some thousands of digits."""
 
 _MAY_BE_ZERO = frozenset(["ramp_up_s", "ramp_down_s", "quick_ramp_s", "load", "ambient_c"])
 

@@ -35,7 +35,7 @@ class Ask:
       repeated: an edge, a start, a relative command.
     - prepared: without a reply, the request is not repeated, since the request before it, such as the choice of a page,
       would have to be repeated first.
-    - acts: the drive acts on the request, so that a missing reply leaves open whether it did.
+    - acts: the drive acts on the request, so that without a reply it is unknown whether it did.
     - unseen: only the reply shows whether the drive acted, so a reply that may be a late one to another request is not
       trusted. DoubtfulReplyError is thrown in if the request must not be repeated.
     - nameless: the reply does not say which request it answers, so a late one could be mistaken for the reply to the
@@ -44,9 +44,9 @@ class Ask:
       replies.
     - anonymous: the reply does not name a drive either, so a late reply of any drive of its protocol could be mistaken
       for it.
-    - mirrored: the reply is the request itself, byte for byte, and so is an echo. The reply is trusted only after an
-      echo, or if nothing that was sent through this port has come back; an unanswered `Tell` before the request shows
-      that.
+    - mirrored: the reply is the request itself, byte for byte, so an echo of the adapter could be mistaken for it. It
+      is trusted only after an echo, or if nothing that was sent through this port has come back, which an unanswered
+      `Tell` before the request shows.
     - urgent: the request stops a motor and does not wait for a late reply that may still come. It is sent immediately,
       and once more when its own reply can be trusted.
     - command: whether the request carries a command from which the drive's watchdog counts: "new" or "repeated". A

@@ -152,11 +152,11 @@ class Framer:
 
 
 def begins_again(data: bytes) -> bool:
-    """Return whether a telegram starts again in its middle, with all bytes before that or as many as there is room for.
+    """Return whether everything before some byte of a telegram is repeated from that byte on, as far as it fits.
 
-    If a telegram breaks off and is sent again immediately, the two parts can have the right length together, and often
+    If a telegram breaks off and is sent again immediately, the two parts together can have the right length, and often
     the right BCC: anything that occurs twice cancels out of an exclusive-or. The words would be read from the second
-    head. A telegram that the drive really sent like this has to match at least 24 bits by chance.
+    head. A valid telegram looks like this only if at least 24 bits match by chance.
     """
     # A repetition begins with the first three bytes.
     first = data.find(data[:3], 3)

@@ -16,7 +16,7 @@ T = TypeVar("T")
 def maker(kind: Callable[P, T]) -> Callable[P, T]:
     """Return a faster replacement for the constructor of a frozen dataclass with slots.
 
-    The replacement takes keyword arguments only, and a third of the time. The constructor of a frozen dataclass
+    The replacement takes keyword arguments only, and needs a third of the time. The constructor of a frozen dataclass
     bypasses the guard against changes for each field. This function fills in the fields of a class without a guard and
     then changes the class of the value to the frozen one. A field with a default factory must be given. Raises
     TypeError for a class with `__post_init__`.

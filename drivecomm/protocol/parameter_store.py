@@ -1,6 +1,7 @@
 """Parameter values of a virtual drive in RAM and in EEPROM, and the refusals of access to them.
 
-A key names a parameter, and a place one of its values: a number, and a number with a data set or an index, for example.
+A key names a parameter, for example by a number. A place names one of its values, for example by a number with a data
+set or an index.
 """
 
 from __future__ import annotations

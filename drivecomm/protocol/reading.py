@@ -113,7 +113,7 @@ _LARGEST_REFERENCE = 200
 
 
 def exact(value: Value | float, parameter: str) -> Decimal:
-    """Return the decimal number that a caller means: 10.1 is ten and one tenth, although a binary float is not.
+    """Return the decimal number that a caller means: the float 10.1 becomes exactly ten and one tenth.
 
     Raises ValueRefusedError for text that is not a number, for infinities, and for numbers that no drive can hold.
     """

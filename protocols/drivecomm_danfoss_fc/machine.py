@@ -1,7 +1,7 @@
 """Reaction of an FC drive to control words: its motor, its status word, its functions, its watchdog.
 
-Specification, section 12. Where the manuals leave the order of stops open, it is the order in which section 14 names
-the words. The status word is determined before a command is obeyed (VLT 5000 Design Guide p. 95).
+Specification, section 12. Where the manuals leave the order of stops open, the order in which section 14 names the
+words is used. The status word is determined before a command is obeyed (VLT 5000 Design Guide p. 95).
 """
 
 from __future__ import annotations
@@ -148,7 +148,7 @@ class Machine:
         return max(-(2**15), min(2**15 - 1, round(share * self.full)))
 
     def reference_percent(self) -> float:
-        """Return the reference in force: bus reference and preset, added or one instead of the other."""
+        """Return the reference in force: the sum of bus reference and preset, or one of them."""
         percent = self.reference * 100 / self.full + self._caught_up
         if not self.profidrive and self._allowed("gate_preset"):
             place = self.word & 0b11

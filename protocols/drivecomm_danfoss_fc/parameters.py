@@ -149,8 +149,8 @@ def reading_of(wanted: Target, reply: ParameterReply) -> Reading:
     """Return the reading from the reply to a read or a write.
 
     AK decides the width. Of a word only PWE low counts, whatever type the model gives, because small drives keep some
-    parameters in 16 bits and the FC guides print a word for 3-41 (specification, sections 6.2 and 16). A signed word
-    counts as a word in a double word, too, with or without the sign in the high word.
+    parameters in 16 bits and the FC guides print a word for 3-41 (specification, sections 6.2 and 16). A signed word is
+    read as a word even from a double word, with or without the sign in the high word.
     """
     bits = 16 if reply.ak == 1 else 32
     raw = reply.pwe & 0xFFFF if bits == 16 else reply.pwe

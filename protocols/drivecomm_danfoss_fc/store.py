@@ -126,7 +126,7 @@ class Store(ParameterStore[int, tuple[int, int], int | str]):
         return value if isinstance(value, str) else value % 2 ** bits_of(self._infos[number].type)
 
     def poke(self, number: int, index: int | None, value: int | str) -> None:
-        """Set a value in RAM and EEPROM; a measured one is no longer measured. Raises Refusal."""
+        """Set a value in RAM and EEPROM, which also replaces the measurement of the parameter. Raises Refusal."""
         place = self._place(number, index)
         of = self._infos[number].type
         self.put(place, value if isinstance(value, str) else counted(value, of, bits_of(of)))

@@ -24,7 +24,7 @@ NOT_SUPPORTED = 253
 
 @cache
 def table(name: str) -> dict[int, Any]:
-    """Return a table by its name, with numbers as keys; the file is read on first use, which is never a stop."""
+    """Return a table by its name, with numbers as keys; the file is read on first use, but never for a stop."""
     return {int(number): each for number, each in tables_beside(__file__, "tables.toml")[name].items()}
 
 

@@ -278,6 +278,6 @@ def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
 
 
 def titled_forms() -> dict[str, Form[Any]]:
-    """Return the forms of all telegrams by their titles for people, with twelve bits of PNU."""
+    """Return the forms of all telegrams by their human-readable titles, with twelve bits of PNU."""
     sides: Any = zip(REQUESTS + REPLIES, ["master"] * 3 + ["drive"] * 3, strict=True)
     return {f"{message.kind.capitalize()} block, {side}": _FORMS_12[message] for message, side in sides}

@@ -84,7 +84,7 @@ class VirtualDanfossFcDrive(DriveRepr):
             return self.store.peek(wanted.pnu, wanted.index)
 
     def poke(self, parameter: str, raw: int | str) -> None:
-        """Set the value of a parameter; a measured one is no longer measured."""
+        """Set the value of a parameter, which also replaces its measurement."""
         wanted = target(parameter, self._model, self._options)
         with looked_into(parameter):
             self.store.poke(wanted.pnu, wanted.index, raw)

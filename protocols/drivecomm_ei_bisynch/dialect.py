@@ -157,7 +157,7 @@ class EiDialect(Dialect):
         if request.kind == "enquiry":
             return Access(place=place)
         if place == ERRORS:
-            return Access(place=place, words=(NO_ERROR,))  # writing any value to it has this effect
+            return Access(place=place, words=(NO_ERROR,))  # any write to it has this effect
         word = self._word(request.data, place)
         if word is None and self.model is not None:
             raise RegisterRefusal("limits")

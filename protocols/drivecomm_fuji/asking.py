@@ -38,9 +38,9 @@ _NEAR_PU = 10
 class FujiMemory:
     """State that a master keeps about one inverter, shared by all its users on a bus.
 
-    word: the last S06 that was commanded here, because it carries terminals and run command together; FWD and REV only
-    while they are confirmed. s01_beats: whether the S01 last written by a plain write from here is not zero, which only
-    leads to a note.
+    word: the last S06 that was commanded here, kept because it carries terminals and run command together; FWD and REV
+    only while they are confirmed. s01_beats: whether the S01 last written by a plain write from here is not zero, which
+    only leads to a note.
     """
 
     word: int = 0
@@ -190,7 +190,7 @@ class Asking:
         if self._profile.s05_is_frequency:
             yield from self.write(FREQUENCY, 0)
         yield from self.write(FREQUENCY_PU, data % 0x10000)
-        # An inverter that keeps hundredths of a hertz shows them in steps of its maximum frequency.
+        # Allow a difference: some inverters keep hundredths of a hertz, and show steps of the maximum frequency.
         yield from self._confirm(words.FINAL_PU, abs(data), _NEAR_PU, words.STEP_PU, "%")
 
     def _confirm(self, function: str, meant: int, near: int, scale: Decimal, unit: str) -> Exchange[None]:

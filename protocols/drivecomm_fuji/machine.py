@@ -210,7 +210,7 @@ class SilenceWatch:
         self._trip_at: float | None = None
 
     def heard(self, now: float) -> None:
-        """Record a good frame to this inverter or to all; a trip that was due earlier must have been fetched before."""
+        """Record a good frame to this inverter or to all. Call `trip_due` first, or an earlier trip may be lost."""
         self._heard_at = now
 
     def overheard(self, now: float) -> None:

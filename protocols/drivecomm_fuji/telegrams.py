@@ -216,7 +216,7 @@ COMMAND_REFUSED = Form(
 
 
 def titled_forms() -> dict[str, Form[Any]]:
-    """Return the forms of all telegrams by their titles for people."""
+    """Return the forms of all telegrams by their human-readable titles."""
     return {**telegrams().forms, "NAK of a command that does not exist": COMMAND_REFUSED}
 
 

@@ -2,7 +2,7 @@
 
 The functions accept only valid telegrams. The reading function checks graver faults first, so that the leaf that
 refuses names the fault. If the gravest fault cannot be known there, and for all writing, the declared schema does the
-work once more and names the fault. Vectors and random telegrams check that both agree
+work once more and names the fault. Tests with all vectors and with random telegrams check that both agree
 (`drivecomm.testing.checks.schemas`).
 """
 

@@ -23,14 +23,18 @@ M = TypeVar("M", bound="Message")
 class Form(Generic[M]):
     """One telegram form: the schema of a telegram, declared once for reading and writing.
 
-    leaves: in their order, named by construct's `/`. message: the dataclass that the named fields fill. If leaves and
-    fields do not match one to one: reads: functions that compute fields of the message from leaves, by the name of the
-    field, or by several names separated by spaces. The parameters of a function have the names of the leaves that it
-    takes; it returns the value, or one value for each name. writes: functions that compute leaves from the message, by
-    name in the same way; each takes the message. check: raises TelegramError for a message whose fields contradict each
-    other, before anything is written. when: returns whether a message is written in this form, if several forms share a
-    message class. None of these functions may depend on anything but its arguments. A field without a leaf is refused
-    unless it has its default.
+    - leaves: in their order, named by construct's `/`.
+    - message: the dataclass that the named fields fill.
+    - reads: functions that compute fields of the message that do not match one leaf, by the name of the field, or by
+      several names separated by spaces. The parameters of a function have the names of the leaves that it takes; it
+      returns the value, or one value for each name.
+    - writes: functions that compute leaves that do not match one field, by name in the same way; each takes the
+      message.
+    - check: raises TelegramError for a message whose fields contradict each other, before anything is written.
+    - when: returns whether a message is written in this form, if several forms share a message class.
+
+    None of these functions may depend on anything but its arguments. A field without a leaf is refused unless it has
+    its default.
 
     Reading is strict: all bytes must be used, and all must be valid. If there are several faults, a wrong constant at
     the beginning is reported first, and so is a wrong constant after characters that a length field announces.

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 class Telegrams:
     """Codec of some forms: measure, decode, encode, and messages from fields, as in `drivecomm.protocol.Codec`.
 
-    requests, replies: the forms by their titles for people. Each form has a message class of its own, or shares it with
-    others that differ in deciding fields or in `when`. alike: codecs with equal values read alike. Raises UsageError
-    for telegrams that cannot be distinguished.
+    requests, replies: the forms by their human-readable titles. Each form has a message class of its own, or shares it
+    with others that differ in deciding fields or in `when`. alike: codecs with equal values read alike. Raises
+    UsageError for telegrams that cannot be distinguished.
 
     A telegram with invalid content at a deciding place is read as the form of its length, or as the first form, which
     then reports the fault.

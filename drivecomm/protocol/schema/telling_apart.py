@@ -98,7 +98,7 @@ def _by_word(spot: Spot, live: Sequence[Shape]) -> dict[bytes, list[Shape]]:
 
 
 _FEW = 4
-"""Up to this number of contents, they are compared one after the other; more are looked up."""
+"""Maximum number of contents that are compared one after the other; more are looked up in a table."""
 
 
 def _function(say: Callable[[Code, Sequence[Shape]], str], live: Sequence[Shape]) -> Step:
