@@ -135,7 +135,7 @@ class Dialect:
         return "u16" not in self.types
 
     def control_defaults(self) -> Mapping[str, Any]:
-        """Return entries of the table [control] that override the model's, such as `plain_write` by an option."""
+        """Return entries of the table [control] that override those of the model, such as `plain_write`."""
         return {}
 
     # Methods for a master

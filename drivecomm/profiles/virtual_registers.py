@@ -57,7 +57,7 @@ class VirtualRegisterDrive(DriveRepr):
         self._machine.live(now)
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
-        """Act on a telegram; stay silent for one to another drive, and for an unanswerable damaged one."""
+        """Act on a telegram; silent for one to another drive, and for damage that the protocol does not answer."""
         self.follow(now)
         if now < self._deaf_until:
             return None
