@@ -233,7 +233,7 @@ def control_entries(model: Model, place_of: Callable[[str], Place]) -> dict[str,
     status = status_of(given.get("status", {}), spot_of)
     for key in CONTROL_PARAMETERS:
         if key in given and model.find(given[key]) is None:
-            raise UsageError(f"[control] {key}: {given[key]!r} is no parameter of the model")
+            raise UsageError(f"[control] {key}: {given[key]!r} is not a parameter of the model")
     turning = model.find(given.get("direction", ""))
     if turning is not None and turning.type not in SIGNED:
         raise UsageError(f"[control] direction: parameter {turning.address} is {turning.type or 'u16'}, without a sign")

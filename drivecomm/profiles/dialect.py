@@ -260,7 +260,7 @@ class Dialect:
         info = info or self.places.get(place)
         kind = type or (info.type if info else "") or ("" if "u16" in self.types else self.types[0])
         if kind and kind not in self.types:
-            raise UsageError(f"{kind!r} is no type of a {self.title} parameter; types are {', '.join(self.types)}")
+            raise UsageError(f"{kind!r} is not a type of a {self.title} parameter; types are {', '.join(self.types)}")
         extra = info.extra if info else {}
         low_first = extra.get("word_order", getattr(self.options, "word_order", "high")) == "low"
         size = (int(extra.get("characters", 2)) + 1) // 2 if kind == "string" else 2 if kind.endswith("32") else 1

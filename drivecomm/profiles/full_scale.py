@@ -44,7 +44,7 @@ def full_scale_of(model: Model) -> FullScale | None:
     for address in found.addresses:
         info = model.find(address)
         if info is None:
-            raise UsageError(f"[control] full_scale: {address!r} is no parameter of the model")
+            raise UsageError(f"[control] full_scale: {address!r} is not a parameter of the model")
         if info.unit != "Hz":
             raise UsageError(f"[control] full_scale: parameter {address} is in {info.unit or 'no unit'}, not in Hz")
     if not model.control.get("reference_percent"):

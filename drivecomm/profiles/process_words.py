@@ -230,7 +230,7 @@ class ProcessWords:
         """Raise StateError if repeating the last command, with an addition, would start the motor."""
         if not (yield from self.holds()):
             raise StateError(
-                f"{verb} would send the start again to a motor that does not run, or that somebody else commands by "
+                f"{verb} would send the start again to a motor that does not run, or that another program commands by "
                 "now; start it anew, or stop it first"
             )
 

@@ -60,7 +60,7 @@ class References:
             reading = (yield from unless_refused(found)) if self._highest is not None else (yield from found)
             maximum = None if reading is None else exact(reading.value, "maximum frequency")
         if maximum is not None and maximum <= 0:
-            raise StateError(f"the maximum frequency is {maximum} Hz, so a share of it is no reference; use hertz")
+            raise StateError(f"the maximum frequency is {maximum} Hz, so a share of it is not a reference; use hertz")
         highest = maximum if self._highest is None else self._highest
         hz = share * (highest or 0) / 100
         if maximum is not None and abs(hz) > maximum:

@@ -80,7 +80,7 @@ class RegisterOperations:
         if not self._control.status:
             if self._model is None:
                 raise NotSupported(f"{self._dialect.title} has no status word of its own; name the drive's model")
-            raise NotSupported(f"model {self._model.name} knows no status, so nothing tells whether the motor runs")
+            raise NotSupported(f"model {self._model.name} has no status, so nothing shows whether the motor runs")
         profile, seen = self._control.profile, (yield from self._carrier.look())
         running = any(profile.says(each, seen) for each in ("running", "stopping")) and not profile.says("fault", seen)
         further: dict[str, Any] = {"running": running}

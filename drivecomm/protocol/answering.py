@@ -32,7 +32,7 @@ class _AnsweredVerb(Generic[Self, P, R]):
 
         @wraps(verb)
         def refusing(_self: Self, /, *_args: P.args, **_kwargs: P.kwargs) -> R:
-            raise NotSupported(f"{name} needs an answer, and nobody answers a broadcast")
+            raise NotSupported(f"{name} needs an answer, and no drive answers a broadcast")
 
         self._verb, self._refusing = verb, refusing
 

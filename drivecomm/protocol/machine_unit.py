@@ -84,7 +84,7 @@ class MachineUnit:
         turns = self.unit in _TURNS
         if not turns and not _A_MINUTE.search(self.unit):
             raise UsageError(
-                f"poles give a speed a minute, and {self.unit} is none; write a unit such as m/min, or per_hz"
+                f"poles give a speed a minute, and {self.unit} is not one; write a unit such as m/min, or per_hz"
             )
         if turns == (self.per_turn is not None):
             raise UsageError(
@@ -160,7 +160,7 @@ class MachineUnit:
         runs_on = self.unit[0].isdigit() and number[-1:].isdigit()
         if number == text or runs_on:
             raise ValueRefusedError(
-                f"{shortened(value)} is no reference in {self.unit}, the unit of this machine; write 10 {self.unit}"
+                f"{shortened(value)} is not a reference in {self.unit}, the unit of this machine; write 10 {self.unit}"
             )
         return exact(number.strip(), "reference")
 

@@ -82,7 +82,7 @@ class Reading:
         try:
             unit = registry.Unit(_PINT_UNITS.get(self.unit, self.unit))
         except (pint.errors.UndefinedUnitError, pint.errors.DefinitionSyntaxError) as error:
-            raise UsageError(f"{self.parameter} is in {self.unit!r}, which is no physical unit: {error}") from error
+            raise UsageError(f"{self.parameter} is in {self.unit!r}, which is not a physical unit: {error}") from error
         return registry.Quantity(self.value, unit)
 
     def at(self, time_s: float) -> Reading:
@@ -119,13 +119,13 @@ def exact(value: Value | float, parameter: str) -> Decimal:
     """
     # Decimal also accepts lists, of sign, digits and exponent.
     if isinstance(value, list | tuple) or (isinstance(value, str) and not is_plain(value)):
-        raise ValueRefusedError(f"{shortened(value)} for parameter {parameter} is no number")
+        raise ValueRefusedError(f"{shortened(value)} for parameter {parameter} is not a number")
     try:
         number = Decimal(str(value)) if isinstance(value, float) else Decimal(value)
     except (InvalidOperation, TypeError, ValueError) as error:
-        raise ValueRefusedError(f"{shortened(value)} for parameter {parameter} is no number") from error
+        raise ValueRefusedError(f"{shortened(value)} for parameter {parameter} is not a number") from error
     if not number.is_finite() or isinstance(value, bool):
-        raise ValueRefusedError(f"{shortened(value)} for parameter {parameter} is no number")
+        raise ValueRefusedError(f"{shortened(value)} for parameter {parameter} is not a number")
     if number.adjusted() > _LARGEST or number.as_tuple().exponent < _SMALLEST:  # type: ignore[operator]
         raise ValueRefusedError(f"{shortened(value)} for parameter {parameter} is beyond what any drive holds")
     return number
@@ -153,7 +153,7 @@ def unscaled(physical: Decimal, factor: Decimal, parameter: str, unit: str = "")
         whole = False
     if not whole:
         shown = f"{factor} {unit}".rstrip()
-        raise ValueRefusedError(f"{physical} for parameter {parameter} is no multiple of {shown}; it is not rounded")
+        raise ValueRefusedError(f"{physical} for parameter {parameter} is not a multiple of {shown}; it is not rounded")
     return int(raw)
 
 

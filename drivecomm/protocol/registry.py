@@ -121,7 +121,9 @@ def _load(name: str) -> Protocol:
             "reinstall or uninstall it"
         ) from error
     if not isinstance(protocol, Protocol):
-        raise ProtocolLoadError(f"the entry point {name!r} of {entry.distribution} is no drivecomm.protocol.Protocol")
+        raise ProtocolLoadError(
+            f"the entry point {name!r} of {entry.distribution} is not a drivecomm.protocol.Protocol"
+        )
     if protocol.name != name:
         raise ProtocolLoadError(
             f"the entry point {name!r} of {entry.distribution} brings a protocol named {protocol.name!r}"

@@ -52,7 +52,7 @@ class CtDialect(Dialect):
         """Return the place of a parameter. Raises ParameterAddressError."""
         found = _ADDRESS.fullmatch(address) if isinstance(address, str) else None
         if not found:
-            raise ParameterAddressError(f"{address!r} is no parameter; write menu and parameter, 01.21 or 1.21")
+            raise ParameterAddressError(f"{address!r} is not a parameter; write menu and parameter, 01.21 or 1.21")
         return Place("", int(found[1]) * 100 + int(found[2]))
 
     def address_at(self, place: Place) -> str:

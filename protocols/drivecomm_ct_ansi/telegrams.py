@@ -85,11 +85,11 @@ def _form(message: type[Any], kind: str, *leaves: Any) -> Form[Any]:
 
     def check(given: Any) -> None:
         if given.kind != kind:
-            raise schema.wrong_field("kind", f"{given.kind!r} is no telegram")
+            raise schema.wrong_field("kind", f"{given.kind!r} is not a telegram")
         if kind in ("read", "write") and given.unit and not given.group:
             raise schema.wrong_field("group", "it is 0 only together with the unit, for all drives")
         if kind == "read" and not given.unit:
-            raise schema.wrong_field("unit", "drives that are asked together talk over each other (MP p. 209)")
+            raise schema.wrong_field("unit", "drives that are read together answer over each other (MP p. 209)")
 
     writes = {"text": lambda given: _checked(given.data, kind)} if has_data else {}
     return Form(message, *leaves, reads=reads, writes=writes, check=check, when=lambda given: given.kind == kind)

@@ -151,5 +151,5 @@ def _answer(
             f'the drive answered parameter {wanted.address} with AK 0, "no response": it did not process the command'
         )
     raise UnexpectedReplyError(
-        f"the drive answered parameter {wanted.address} with AK {reply.ak}, which answers nothing"
+        f"the drive answered parameter {wanted.address} with AK {reply.ak}, which is not a known response code"
     )

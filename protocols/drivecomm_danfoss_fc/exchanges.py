@@ -302,5 +302,5 @@ def _told(message: Message) -> Exchange[None]:
 def _in_ind(number: int, allowed: range, what: str) -> int:
     """Return a number for IND. Raises ParameterAddressError for one that is not allowed there."""
     if type(number) is not int or number not in allowed:
-        raise ParameterAddressError(f"{number!r} is no {what}: they are {allowed.start} to {allowed.stop - 1}")
+        raise ParameterAddressError(f"there is no {what} {number!r}; they are {allowed.start} to {allowed.stop - 1}")
     return number

@@ -104,7 +104,7 @@ def target(
     match = _ADDRESS.fullmatch((known.address if known else name) + opening + rest)
     if match is None:
         remedy = f"nor a name of model {model.name}" if model else "such as 16-14, 3-10[3] or 520"
-        raise ParameterAddressError(f"{parameter!r} is no FC parameter address {remedy}")
+        raise ParameterAddressError(f"{parameter!r} is not an FC parameter address {remedy}")
     pnu = int(match["number"] or match["group"] + match["member"])
     if pnu >= 2**options.pnu_bits:
         raise ParameterAddressError(
@@ -126,7 +126,7 @@ def target(
         )
     chosen = type or (known.type if known else "")
     if chosen not in ("", *TYPES):
-        raise UsageError(f"{chosen!r} is no type of the FC protocol; they are {', '.join(TYPES)}")
+        raise UsageError(f"{chosen!r} is not a type of the FC protocol; they are {', '.join(TYPES)}")
     plain = str(pnu) if match["number"] else f"{int(match['group'])}-{match['member']}"
     return Target(pnu=pnu, name=known.address if known else plain, index=index, type=chosen, info=known)
 
@@ -141,7 +141,7 @@ def number_of(address: str) -> int:
     """Return the PNU of a model's address: 4-14 is 414, 001 is 1. Raises ParameterAddressError."""
     match = _ADDRESS.fullmatch(address)
     if match is None or match["index"]:
-        raise ParameterAddressError(f"the model's {address!r} is no FC parameter address such as 16-14 or 520")
+        raise ParameterAddressError(f"the model's {address!r} is not an FC parameter address such as 16-14 or 520")
     return int(match["number"] or match["group"] + match["member"])
 
 
@@ -222,7 +222,7 @@ def raw_for(wanted: Target, value: Value | float) -> int:
 def text_for(wanted: Target, value: Value | float, longest: int) -> str:
     """Return the characters to write, without padding. Raises ValueRefusedError unless it is a text that fits."""
     if not isinstance(value, str):
-        raise ValueRefusedError(f"{value!r} for parameter {wanted.address} is no text")
+        raise ValueRefusedError(f"{value!r} for parameter {wanted.address} is not a text")
     if wanted.info is not None:
         longest = int(wanted.info.extra.get("characters", longest))
     if len(value) > longest:

@@ -80,7 +80,7 @@ def _adr(*, broadcast_allowed: bool) -> Leaf:
         if broadcast and not broadcast_allowed:
             raise ValueError(f"ADR {found[0]:02X} is the broadcast, and no drive answers with that")
         if not broadcast and address not in _addresses(layout):
-            raise ValueError(f"ADR {found[0]:02X} is no address")
+            raise ValueError(f"ADR {found[0]:02X} is not an address")
         return layout, broadcast, None if broadcast else address
 
     def write(adr: tuple[str, bool, int | None]) -> bytes:
@@ -90,7 +90,7 @@ def _adr(*, broadcast_allowed: bool) -> Leaf:
         if broadcast is not (address is None):
             raise ValueError("it is missing, or this is a broadcast, which has none")
         if not broadcast and (type(address) is not int or address not in _addresses(layout)):
-            raise ValueError(f"{address!r} is no address of format {layout}")
+            raise ValueError(f"{address!r} is not an address of format {layout}")
         number = address or 0
         return bytes([0x80 | number if layout == FORMAT_126 else number | (0x20 if broadcast else 0)])
 
@@ -188,16 +188,16 @@ def _check_pke(message: OfParameter, pnu_bits: int, direction: Direction) -> Non
     if asks and message.ak in _NEVER_SENT:
         raise wrong_field("ak", f"AK {message.ak} is in no command table of the FC protocol and is not sent")
     if type(message.ind) is not int:
-        raise wrong_field("ind", f"{message.ind!r} is no number")
+        raise wrong_field("ind", f"{message.ind!r} is not a number")
     if is_text(message.ak, message.ind, direction) is not (message.kind == "text"):
         raise wrong_field(
-            "ak", f"AK {message.ak} with IND {message.ind:04X} in a {direction} is no {message.kind} block"
+            "ak", f"AK {message.ak} with IND {message.ind:04X} in a {direction} is not a {message.kind} block"
         )
 
 
 def _length(text: object) -> int:
     if not isinstance(text, str):
-        raise wrong_field("text", f"{text!r} is no text")
+        raise wrong_field("text", f"{text!r} is not a text")
     if len(text) > LONGEST_TEXT:
         raise wrong_field("text", f"{len(text)} characters are more than the {LONGEST_TEXT} that LGE can count")
     return len(text)
@@ -256,7 +256,7 @@ class DanfossFcCodec:
             return self._parse(parameter, data)
         message = self._parse(texts, data)
         if not of_text:
-            raise TelegramError("length", f"LGE {lge} fits a text block only, and AK {data[3] >> 4} is none here")
+            raise TelegramError("length", f"LGE {lge} fits only a text block, which AK {data[3] >> 4} is not")
         return message
 
     def encode(self, message: Message) -> bytes:

@@ -69,7 +69,7 @@ class EiDialect(Dialect):
     def place_of(self, address: str) -> Place:
         """Return the place of a parameter. Raises ParameterAddressError."""
         if not isinstance(address, str) or len(address) != 2 or not all("!" <= each <= "~" for each in address):
-            raise ParameterAddressError(f"{address!r} is no mnemonic of two characters, such as II or 0F")
+            raise ParameterAddressError(f"{address!r} is not a mnemonic of two characters, such as II or 0F")
         number = number_of(address)
         return Place(_KINDS[self._types.get(number) or "s32"], number)
 
@@ -87,7 +87,7 @@ class EiDialect(Dialect):
         place = self.place_of(info.address if info else parameter)
         kind = type or self._types.get(place.start) or "s32"
         if kind not in _KINDS:
-            raise UsageError(f"{kind!r} is no type of an EI Bisynch parameter; types are {', '.join(_KINDS)}")
+            raise UsageError(f"{kind!r} is not a type of an EI Bisynch parameter; types are {', '.join(_KINDS)}")
         found = replace(super().target(parameter, kind), place=Place(_KINDS[kind], place.start))
         return found if found.info or kind != "s32" else replace(found, format=replace(found.format, scale=LEAST))
 

@@ -61,7 +61,7 @@ class FujiCodec:
         elif direction == "reply" and data[:5] == self._in_stream:
             decoded = COMMAND_REFUSED.parse(data)
         else:
-            raise TelegramError("field", f"{chr(data[4])!r} is no command", field="command")
+            raise TelegramError("field", f"{chr(data[4])!r} is not a command", field="command")
         if SOH in data[1:]:
             raise TelegramError("field", "SOH stands only in front of a telegram, not among its data", field="data")
         return decoded
@@ -86,7 +86,7 @@ class FujiCodec:
         if command == "m" and message.data != 0:
             raise TelegramError("field", "the data of m are zero", field="data")
         if to_all and command in "ARghijk":
-            raise TelegramError("field", f"{command} cannot go to all stations: nobody would answer", field="address")
+            raise TelegramError("field", f"{command} cannot go to all stations, which do not answer", field="address")
         if to_all and function and not (profile.takes_from_all(function) if profile else function[0] == "S"):
             raise TelegramError("field", f"{function} cannot be written to all stations at once", field="function")
         if profile is not None and command not in profile.all_commands:

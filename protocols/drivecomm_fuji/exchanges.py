@@ -114,7 +114,7 @@ class FujiOperations:
         word = 0
         for name, state in states.items():
             if name not in ("Y1", "Y2", "Y3", "Y4", "Y5"):
-                raise UsageError(f"{name!r} is no output; they are Y1 to Y5")
+                raise UsageError(f"{name!r} is not an output; they are Y1 to Y5")
             word |= bool(state) << int(name[1]) - 1
         return self.write("S07", word, format="[15]")
 

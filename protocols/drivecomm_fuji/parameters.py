@@ -37,7 +37,7 @@ def target(parameter: str, model: Model | None, options: FujiOptions, format: st
     function = known.address if known else parameter
     if function not in FUNCTIONS:
         remedy = f"nor a name of model {model.name}" if model else "such as S05, M09 or F03"
-        raise ParameterAddressError(f"{parameter!r} is no Fuji function code {remedy}")
+        raise ParameterAddressError(f"{parameter!r} is not a Fuji function code {remedy}")
     reason = options.generation.refusal_of(function, number_check=options.number_check)
     if reason:
         raise ParameterAddressError(f"{function}: {reason}", says="number_check=False")
@@ -62,7 +62,9 @@ def reading_of(
     try:
         value = form.value(data, negative=negative)
     except ValueError as error:
-        raise UnexpectedReplyError(f"parameter {wanted.function} is no value of format {form.name}: {error}") from error
+        raise UnexpectedReplyError(
+            f"parameter {wanted.function} has no value of format {form.name}: {error}"
+        ) from error
     faults = model.faults if model else {}
     text = word_text(form.name, data, options.generation, faults)
     return new_reading(
@@ -114,7 +116,7 @@ def _plain(number: Decimal, function: str) -> int:
         raise ValueRefusedError(f"{number} for parameter {function} does not fit into four hexadecimal digits")
     if number != int(number):
         raise ValueRefusedError(
-            f"{number} for parameter {function} is no whole number, and its format is not known; "
+            f"{number} for parameter {function} is not a whole number, and its format is not known; "
             "name a model or give format="
         )
     return int(number) % 0x10000

@@ -110,7 +110,7 @@ _MESSAGES: dict[str, type[Any]] = {
 
 
 def _never_written(text: object) -> bytes:
-    raise ValueError(f"{text!r} is no command, and a NAK of one is only read")
+    raise ValueError(f"{text!r} is not a command, and a NAK of such a command is only read")
 
 
 _CONTROL = {"request": ENQ, "ack": ACK, "nak": NAK}
@@ -143,7 +143,7 @@ TAIL = (constant(ETX, "ETX"), Check(2, 1, hex_sum, meaning="sum from the station
 def _echoed(function: str | None, error_code: int | None) -> str | None:
     """Return the function of a standard NAK; NAKs with some codes need not repeat it, or repeat an unknown one."""
     if function is None and error_code not in _UNECHOED:
-        raise ValueError("the refused function is no function")
+        raise ValueError("the refused function does not exist")
     return function
 
 

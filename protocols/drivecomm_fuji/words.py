@@ -148,7 +148,7 @@ def format_named(name: str | int, *, e11s: bool) -> Format:
         return PLAIN
     shown = text if e11s or text.startswith("[") else f"[{text}]"
     if shown not in FORMATS:
-        raise UsageError(f"{text!r} is no data format; they are {', '.join(FORMATS)}")
+        raise UsageError(f"{text!r} is not a data format; they are {', '.join(FORMATS)}")
     return FORMATS[shown]
 
 
@@ -216,14 +216,14 @@ def _steps(value: Decimal, factor: Decimal, allowed: range) -> int | None:
 
 def _whole(value: Decimal) -> int:
     if not 0 <= value < _WORD or value != int(value):
-        raise ValueError("it is no whole number from 0 to 65535")
+        raise ValueError("it is not a whole number from 0 to 65535")
     return int(value)
 
 
 def _poles_raw(value: Decimal) -> int:
     number = _whole(value)
     if number % 2:
-        raise ValueError("it is no even number, and poles come in pairs")
+        raise ValueError("it is not an even number, and poles come in pairs")
     return number
 
 

@@ -62,7 +62,7 @@ def numbers(values: object, highest: int, name: str = "values") -> Sequence[int]
     if values is None:
         raise wrong_field(name, "they are missing")
     if not isinstance(values, tuple) or any(type(each) is not int or not 0 <= each <= highest for each in values):
-        raise wrong_field(name, f"{values!r} is no list of numbers from 0 to {highest}")
+        raise wrong_field(name, f"{values!r} is not a list of numbers from 0 to {highest}")
     return values
 
 
@@ -76,7 +76,7 @@ def bytes_as(text: object, name: str, most: int) -> str:
     try:
         data = bytes.fromhex(str(text))
     except ValueError:
-        what = "they are missing" if text is None else f"{text!r} are no hexadecimal bytes"
+        what = "they are missing" if text is None else f"{text!r} does not consist of hexadecimal bytes"
         raise wrong_field(name, what) from None
     if len(data) > most:
         raise wrong_field(name, f"{len(data)} bytes are more than fit")

@@ -65,7 +65,7 @@ class Telegrams:
     def decode(self, data: bytes, direction: Direction) -> Message:
         """Return the content of one telegram. Raises TelegramError."""
         if not data:
-            raise TelegramError("length", "nothing is no telegram")
+            raise TelegramError("length", "there is nothing to decode")
         message: Message = self._read[direction](data)
         return message
 
@@ -73,7 +73,7 @@ class Telegrams:
         """Return the bytes of one telegram. Raises TelegramError for a field that does not fit or is superfluous."""
         write = self._write.get(type(message))
         if write is None:
-            raise TelegramError("field", f"{type(message).__name__} is no telegram of this protocol")
+            raise TelegramError("field", f"{type(message).__name__} is not a telegram of this protocol")
         return write(message)
 
     def message(self, given: Mapping[str, Any], direction: Direction) -> Message:
