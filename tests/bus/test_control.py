@@ -167,7 +167,7 @@ def test_a_value_is_written_by_its_text_and_read_back():
         held = drive.write_and_read("10", "9600 baud")
         assert (held.value, held.text) == (3, "9600 baud")
         assert drive.write_and_read("481", 12.5).value == Decimal("12.50")
-        with pytest.raises(ValueRefusedError, match="is no number"):
+        with pytest.raises(ValueRefusedError, match="is not a number"):
             drive.write("10", "9601 baud")
 
 
@@ -182,7 +182,7 @@ def test_the_text_of_an_option_is_found_in_any_capitals_and_never_guessed(tmp_pa
     with bus:
         drive = bus.drive("vabus", 1, model=str(own))
         assert drive.write_and_read("baud_rate", "9600 BAUD").value == 3
-        with pytest.raises(ValueRefusedError, match="is no number"):
+        with pytest.raises(ValueRefusedError, match="is not a number"):
             drive.check_write("twofold", "on")
 
 

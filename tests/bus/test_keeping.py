@@ -201,7 +201,7 @@ def test_hold_without_a_known_watchdog_looks_at_nothing(face, protocol, model):
         (("fuji", "frenic"), {"policy": "trip", "on_leaving": "coast"}, NotSupported, "it can by ramp"),
         (("fuji", "frenic"), {"policy": "trip", "on_leaving": "fall"}, UsageError, "unknown policy 'fall'"),
         (("vabus", "agile"), {"policy": "trip", "watchdog_s": 0.5}, UsageError, "steps of 1 s"),
-        (("vabus", "agile"), {"policy": "trip", "watchdog_s": "x"}, UsageError, "no number"),
+        (("vabus", "agile"), {"policy": "trip", "watchdog_s": "x"}, UsageError, "not a number"),
     ],
 )
 def test_what_cannot_be_is_refused_before_anything_is_sent(face, drive, options, error, sentence):

@@ -164,7 +164,7 @@ def test_an_action_that_is_no_policy_is_said_in_the_drives_words():
         (("vabus", "agile"), "trip", 10001, ValueRefusedError, "cannot wait 10001 s"),
         (("vabus", "agile"), "trip", 0, ValueRefusedError, "cannot wait 0 s"),
         (("vabus", "agile"), "trip", -1, ValueRefusedError, "cannot wait -1 s"),
-        (("vabus", "agile"), "trip", "soon", ValueRefusedError, "no number"),
+        (("vabus", "agile"), "trip", "soon", ValueRefusedError, "not a number"),
         (("danfoss-fc", "fc300"), "ramp", "0.25", ValueRefusedError, "steps of 0.1 s"),
     ],
 )

@@ -36,7 +36,7 @@ posix = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and sign
         (["vabus:1", "--link-loss", "trip"], "has no model"),
         (["vabus:1", "-m", "agile", "--link-loss", "ramp"], "cannot ramp; it can hold or trip"),
         (["vabus:1", "-m", "agile", "--link-loss", "trip", "--watchdog", "2.5"], "steps of 1 s"),
-        (["vabus:1", "-m", "agile", "--link-loss", "trip", "--watchdog", "soon"], "no number"),
+        (["vabus:1", "-m", "agile", "--link-loss", "trip", "--watchdog", "soon"], "not a number"),
         (["vabus:1", "--link-loss", "hold", "--watchdog", "3"], "leave --watchdog out"),
         (["vlt3500:5", "-m", "vlt3500", "--link-loss", "trip"], "has no watchdog"),
     ],

@@ -66,8 +66,8 @@ def test_reference_is_given_in_the_unit_of_the_machine(shell, hall, words):
     [
         (("belt", "12.5m/s"), "'12.5m/s' is not a reference in %, Hz, rpm or m/min; write 12.5%, 12.5Hz, 12.5rpm or"),
         (("belt", "12.5"), "12.5rpm or 12.5m/min"),
-        (("belt", "--machine", "12.5 m/s"), "is no reference in m/min, the unit of this machine; write 10 m/min"),
-        (("belt", "--machine", "fast"), "is no reference in m/min"),
+        (("belt", "--machine", "12.5 m/s"), "is not a reference in m/min, the unit of this machine; write 10 m/min"),
+        (("belt", "--machine", "fast"), "is not a reference in m/min"),
         (("belt", "63 m/min"), "a reference of 50.40 Hz is above 50.00 Hz"),
         (("belt", "--machine", "12.5", "--hz", "10"), "one of percent, hz, rpm and machine"),
         (("belt", "10Hz", "--machine", "12.5"), "10Hz and --machine 12.5 exclude each other"),

@@ -241,7 +241,7 @@ class TestRestore:
                 "419[1] maximum_frequency: 5000.00 for parameter 419 is out",
             ),
             ({MAXIMUM: MAXIMUM.replace("50.00", "50.001")}, "not rounded"),
-            ({MAXIMUM: MAXIMUM.replace("50.00", '"fast"')}, "no number"),
+            ({MAXIMUM: MAXIMUM.replace("50.00", '"fast"')}, "not a number"),
             ({MAXIMUM: f"{MAXIMUM}, colour = 1"}, "unknown key 'colour'"),
         ],
     )

@@ -17,7 +17,7 @@ def test_numbers_that_only_python_reads_are_not_written(shell, number):
     for words in (["write", "vabus:1", "481", number, "-m", "agile"], ["reference", "vabus:1", f"{number}%"]):
         assert shell(*words) == 2
         assert f"'{number}' for parameter" in shell.err
-        assert "is no number" in shell.err
+        assert "is not a number" in shell.err
     for words in (["read", "vabus:1", "481", "--timeout", number], ["read", "vabus:1", "481", "--attempts", number]):
         assert shell(*words) == 2
         assert f"cannot be '{number}'; write a" in shell.err
@@ -32,7 +32,7 @@ def test_numbers_that_only_python_reads_are_not_written(shell, number):
         ("10Hx", "'10Hx' is not a reference in %, Hz or rpm; write 10%, 10Hz or 10rpm"),
         ("-10.5", "'-10.5' is not a reference in %, Hz or rpm; write -10.5%, -10.5Hz or -10.5rpm"),
         ("fast", "'fast' is not a reference; write a number and its unit, such as 50%, 25Hz or 1450rpm"),
-        ("nanHz", "'nan' for parameter reference is no number"),
+        ("nanHz", "'nan' for parameter reference is not a number"),
     ],
 )
 def test_references_that_cannot_be(shell, value, sentence):

@@ -395,7 +395,7 @@ def test_nothing_is_written_where_nobody_knows_whether_the_motor_runs(case):
         saved = back_up(drive)
         assert case.change(virtual, Random(3))
         changed = case.held(virtual)
-        with pytest.raises(NotSupported, match=f"model {case.model.name} knows no status"):
+        with pytest.raises(NotSupported, match=f"model {case.model.name} has no status, so"):
             carry_out_plan(drive, plan_restore(drive, saved))
     assert case.held(virtual) == changed
 

@@ -183,7 +183,7 @@ def test_a_finding_names_file_line_and_key(tmp_path):
         (HEAD + PARAMETER.replace("481", "4x8"), 7, "address", "is not a VABus parameter address"),
         (HEAD + PARAMETER.replace("481", "1600"), 7, "address", "is beyond 1599"),
         (HEAD + PARAMETER.replace("long", "longish"), 9, "type", "longish"),
-        (HEAD + PARAMETER + "factor = '0.1'\nstart = '0.05'\n", 11, "start", "is no multiple of 0.1"),
+        (HEAD + PARAMETER + "factor = '0.1'\nstart = '0.05'\n", 11, "start", "is not a multiple of 0.1"),
     ],
 )  # fmt: skip
 def test_each_mistake_is_found_where_it_is(check, text, line, key, what):
@@ -254,7 +254,7 @@ def test_formats_are_types(check):
     assert [(line, key) for line, key, _ in found] == [(9, "address")], "numbers of this generation end at 49"
     found = check(head + parameter.replace("F99", "F40"))
     assert [(line, key) for line, key, _ in found] == [(11, "type")]
-    assert "is no data format" in found[0][2]
+    assert "is not a data format" in found[0][2]
 
 
 def altered(**how) -> Protocol:

@@ -52,7 +52,7 @@ def test_a_unit_of_the_makers_becomes_the_common_one(line, tmp_path):
         plain = drive.read("ramp")
         same = replace(plain, name="acceleration_time", value=Decimal("1.5"), unit="s", time_s=told.time_s)
         assert told == same
-        with pytest.raises(drivecomm.ValueRefusedError, match="no multiple of 10 ms"):
+        with pytest.raises(drivecomm.ValueRefusedError, match="not a multiple of 10 ms"):
             drive.write("acceleration_time", "0.001")
 
 
@@ -121,7 +121,7 @@ def test_readings_as_pint_quantities():
     assert reading.quality == "good"
     with pytest.raises(UsageError, match="only numbers have a unit"):
         Reading(parameter="1", value="text", raw="text").to_pint()
-    with pytest.raises(UsageError, match="no physical unit"):
+    with pytest.raises(UsageError, match="not a physical unit"):
         Reading(parameter="1", value=1, raw=1, unit="reference unit").to_pint()
 
 

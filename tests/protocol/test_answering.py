@@ -30,7 +30,7 @@ def test_where_a_drive_answers_nothing_is_different():
 
 @pytest.mark.parametrize(("verb", "given"), [("status", ()), ("set_reference_percent", (2,))])
 def test_where_nobody_answers_it_is_refused_when_it_is_called(verb, given):
-    with pytest.raises(NotSupported, match=rf"^{verb.removesuffix('_percent')} needs an answer, and nobody answers"):
+    with pytest.raises(NotSupported, match=rf"^{verb.removesuffix('_percent')} needs an answer, and no drive answers"):
         getattr(Verbs(answers=False), verb)(*given)
 
 

@@ -150,7 +150,7 @@ def test_number_that_runs_into_the_unit_is_refused():
         ({"unit": "rpm", "poles": 4, "gear": 0}, "gear cannot be 0"),
         ({"unit": "rpm", "poles": 4, "per_turn": 1}, "rpm counts turns itself; leave per_turn out"),
         ({"unit": "m/min", "poles": 4}, "write per_turn"),
-        ({"unit": "m/s", "poles": 4, "per_turn": 1}, "poles give a speed a minute, and m/s is none"),
+        ({"unit": "m/s", "poles": 4, "per_turn": 1}, "poles give a speed a minute, and m/s is not one"),
     ],
 )
 def test_unit_that_cannot_be_is_refused(said, sentence):

@@ -48,7 +48,7 @@ def test_what_a_caller_means(given, meant):
     ],
 )
 def test_what_is_no_number(given):
-    with pytest.raises(ValueRefusedError, match="for parameter 481 is no number"):
+    with pytest.raises(ValueRefusedError, match="for parameter 481 is not a number"):
         exact(given, "481")
 
 
@@ -60,7 +60,7 @@ def test_physical_to_raw():
 
 @pytest.mark.parametrize(("physical", "factor"), [("10.001", "0.01"), ("0.5", "1"), ("5", "10"), ("1", "3")])
 def test_nothing_is_rounded(physical, factor):
-    with pytest.raises(ValueRefusedError, match=f"is no multiple of {factor} Hz; it is not rounded"):
+    with pytest.raises(ValueRefusedError, match=f"is not a multiple of {factor} Hz; it is not rounded"):
         unscaled(Decimal(physical), Decimal(factor), "481", "Hz")
 
 
@@ -93,7 +93,7 @@ def test_the_whole_number_that_carries_a_value():
     ("value", "says"),
     [
         (400.1, "400.1 for parameter 12 is above 400 Hz"),
-        (12.55, "12.55 for parameter 12 is no multiple of 0.1 Hz; it is not rounded"),
+        (12.55, "12.55 for parameter 12 is not a multiple of 0.1 Hz; it is not rounded"),
         (25.6, "25.6 for parameter 12 is above 25.5 Hz, the highest value that uint8 holds"),
     ],
 )

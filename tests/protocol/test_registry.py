@@ -85,7 +85,7 @@ def test_a_name_is_known_before_its_package_is_imported(fresh, tmp_path):
         ("def (", r"cannot be loaded \(SyntaxError"),
         ("other = 1", r"cannot be loaded \(AttributeError"),
         (None, r"cannot be loaded \(ModuleNotFoundError"),
-        ("protocol = 'vabus'", "is no drivecomm.protocol.Protocol"),
+        ("protocol = 'vabus'", "is not a drivecomm.protocol.Protocol"),
         (RENAMED.replace("'stranger'", "'other'"), "brings a protocol named 'other'"),
     ],
 )

@@ -135,7 +135,7 @@ def test_encode_refuses_odd_fields_by_its_own_errors(name, odd):
 
 
 def test_encode_refuses_what_is_no_telegram():
-    with pytest.raises(TelegramError, match="str is no telegram"):
+    with pytest.raises(TelegramError, match="str is not a telegram"):
         CODECS["lecom"].encode("telegram")
 
 

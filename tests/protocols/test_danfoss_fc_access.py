@@ -426,7 +426,7 @@ class TestBroadcast:
         ],
     )
     def test_what_needs_an_answer(self, verb):
-        with pytest.raises(NotSupported, match="nobody answers"):
+        with pytest.raises(NotSupported, match="no drive answers"):
             verb(operations(address=0))
 
 

@@ -122,7 +122,7 @@ def test_a_parameter_that_does_not_exist():
 
 
 def test_a_broadcast_tells_nothing():
-    with pytest.raises(NotSupported, match="nobody answers"):
+    with pytest.raises(NotSupported, match="no drive answers"):
         DanfossFcOperations(0, DanfossFcOptions(), None).describe("8-04")
 
 

@@ -46,7 +46,7 @@ class TestAddresses:
         "text", ["", "16-1", "16_14", "16-14-1", "16-14[", "16-14[x]", "48x", "-14", "16-14 ", "٣"]
     )
     def test_what_is_no_address(self, text):
-        with pytest.raises(ParameterAddressError, match="no FC parameter address"):
+        with pytest.raises(ParameterAddressError, match="not an FC parameter address"):
             target(text, None, OPTIONS)
 
     def test_an_unknown_name_says_which_model_lacks_it(self):
@@ -69,7 +69,7 @@ class TestAddresses:
             target("3-10[2]", None, OPTIONS, index=3)
 
     def test_types_are_those_of_the_protocol(self):
-        with pytest.raises(UsageError, match="no type of the FC protocol"):
+        with pytest.raises(UsageError, match="not a type of the FC protocol"):
             target("3-10", None, OPTIONS, type="long")
 
     def test_a_model_with_a_strange_address_is_named(self):
@@ -174,7 +174,7 @@ class TestValues:
             text_for(display, "x" * 26, 245)
         with pytest.raises(ValueRefusedError, match="8859"):
             text_for(display, "5 €", 245)
-        with pytest.raises(ValueRefusedError, match="no text"):
+        with pytest.raises(ValueRefusedError, match="not a text"):
             text_for(display, 5, 245)
 
 

@@ -655,9 +655,9 @@ def test_broadcasts_never_use_high_speed_writes():
 def test_what_cannot_be_broadcast():
     everybody = drive(address=99)
     for verb in (everybody.status, everybody.start, everybody.probe, everybody.identify):
-        with pytest.raises(NotSupported, match="nobody answers"):
+        with pytest.raises(NotSupported, match="no drive answers"):
             verb()
-    with pytest.raises(NotSupported, match="nobody answers"):
+    with pytest.raises(NotSupported, match="no drive answers"):
         everybody.read("M09")
     for function in ("F15", "S08"):
         with pytest.raises(NotSupported, match="all stations"):

@@ -154,7 +154,7 @@ def test_numbers_of_formats_follow_the_generation():
     assert format_named("4", e11s=True).name == "4"
     assert format_named("[5]", e11s=True).name == "[5]"
     for wrong in ("[13]", "zz"):
-        with pytest.raises(UsageError, match="no data format"):
+        with pytest.raises(UsageError, match="not a data format"):
             format_named(wrong, e11s=False)
 
 

@@ -159,7 +159,7 @@ def test_frame_and_zeros_of_m_are_implied():
 
 
 def test_messages_that_are_none_of_ours():
-    with pytest.raises(TelegramError, match="no telegram"):
+    with pytest.raises(TelegramError, match="not a telegram"):
         codec().encode(object())
     with pytest.raises(TelegramError, match="is none of"):
         codec().encode(Select(kind="request", address=1, command="R"))

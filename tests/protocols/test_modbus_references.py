@@ -194,7 +194,7 @@ def test_range_of_the_options_is_refused_when_it_is_empty(drive_of, options):
     [
         ({"maximum": "0x0100"}, "write { maximum"),
         ({"maximum": "0x0100", "source": ""}, "write { maximum"),
-        ({"maximum": "0x7777", "source": "manual p. 1"}, "'0x7777' is no parameter"),
+        ({"maximum": "0x7777", "source": "manual p. 1"}, "'0x7777' is not a parameter"),
         ({"maximum": "0x2101", "source": "manual p. 1"}, "0x2101 is in no unit, not in Hz"),
         ({"maximum": "0x0100", "source": "manual p. 1"}, "reference_percent, which is missing"),
     ],

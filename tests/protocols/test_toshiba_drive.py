@@ -379,7 +379,7 @@ def test_vf_s15_is_monitored_only(command):
 def test_vf_s15_tells_no_status_and_whether_it_is_tripped():
     talk = Talk("vf-s15")
     with talk.bus:
-        with pytest.raises(NotSupported, match="knows no status"):
+        with pytest.raises(NotSupported, match="has no status, so"):
             talk.drive.status()
         assert talk.drive.read("FD00.tripped").raw == 0
         talk.virtual.between = lambda _heard, reply: type(reply)(data=b"(01rFD001770&DA)\r", delay_s=0.01)

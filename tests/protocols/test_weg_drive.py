@@ -186,7 +186,7 @@ def test_nothing_that_moves_a_motor_is_sent(model, command):
 
 
 def test_status_is_not_made_of_bits_from_memory(talk):
-    with pytest.raises(NotSupported, match="knows no status"):
+    with pytest.raises(NotSupported, match="has no status, so"):
         talk.drive.status()
     for bit in range(8, 16):
         assert talk.drive.model.parameters[f"V02.{bit}"].sure == "unconfirmed"

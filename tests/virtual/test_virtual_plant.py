@@ -410,7 +410,7 @@ def test_a_condition_is_true_for_its_time_of_the_process_without_a_break(speed):
 
 
 def test_a_condition_that_cannot_be():
-    for parameter, sentence in (("none", "none"), ("12345", "12345"), ("1", "is no number|1")):
+    for parameter, sentence in (("none", "none"), ("12345", "12345"), ("1", "is not a number|1")):
         with pytest.raises(UsageError, match=sentence):
             planted(TripStep(drive="pump", code=5, when=Condition(parameter=parameter, above=1)))
 
