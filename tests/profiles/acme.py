@@ -93,7 +93,7 @@ class AcmeDialect(Dialect):
     title = "Acme"
     broadcast_address = 0
     probe, identity = Place("", 122), {"software": "19"}
-    repeats = {"": ("register",), "write": ("data",)}  # noqa: RUF012 - never changed
+    repeats = {"": ("register",), "write": ("data",)}  # noqa: RUF012 - never mutated
     refusals = {SUM_ERROR: "wrong sum", BUSY: "busy", UNKNOWN: "no such register", LIMITS: "limits", MODE: "mode"}  # noqa: RUF012
     codes = {"unknown": UNKNOWN, "read only": UNKNOWN, "running": MODE, "limits": LIMITS, "not set up": MODE}  # noqa: RUF012
     busy = (BUSY,)

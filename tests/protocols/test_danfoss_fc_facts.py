@@ -1,4 +1,4 @@
-"""Facts of Danfoss FC drives that once were wrong or missing, over both of their protocols."""
+"""Facts of Danfoss FC drives that were once wrong or missing, over both of their protocols."""
 
 import pytest
 
@@ -30,7 +30,7 @@ def address_of(protocol, parameter):
         ("16-16", 263, "26.3"),
         ("16-17", 1450, "1450"),
         ("16-10", 550, "5.50"),
-        # the same program
+        # from the same program
         ("1-20", 400, "4.00"),
         ("1-24", 820, "8.20"),
         ("3-11", 50, "5.0"),
@@ -92,12 +92,12 @@ def test_every_alarm_of_the_operating_guide_has_a_text(protocol, name):
     ]
     printed += [74, 75, *range(78, 85), 88, 90, 91, 99, 104, 122, 164, 166]
     assert not set(printed) - set(model_of(protocol, name).faults)
-    # 7.4.1, 7.4.5, 7.4.6: the drive runs on
+    # 7.4.1, 7.4.5, 7.4.6: the drive continues to run
     assert {1, 5, 6} <= set(model_of(protocol, name).warnings)
     assert not {1, 5, 6} & set(model_of(protocol, name).faults)
 
 
-def test_energy_has_no_common_name_where_its_length_differs_between_drives():
+def test_energy_is_unmapped_because_its_length_differs_between_drives():
     # A program for the FC 101 reads 15-02 as one register, the FC 302 has two.
     model = model_of("modbus", "danfoss-fc")
     assert "energy" not in model.quantities

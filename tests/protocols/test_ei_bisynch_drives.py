@@ -29,7 +29,7 @@ class Answers:
     def __init__(self, *data):
         self.left = list(data)
 
-    def request(self, data, now):  # noqa: ARG002 - as a disturbance is called
+    def request(self, data, now):  # noqa: ARG002 - signature of a disturbance
         return [(0.0, data)]
 
     def reply(self, data, drive, now):  # noqa: ARG002

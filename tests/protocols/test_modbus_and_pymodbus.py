@@ -14,7 +14,7 @@ from drivecomm.virtual import Server, parse_listen, virtual_drive
 
 pymodbus = pytest.importorskip("pymodbus", reason="pymodbus is not installed; it comes with the extra bench")
 
-from pymodbus import FramerType  # noqa: E402 - after it is known to be there
+from pymodbus import FramerType  # noqa: E402 - after the check that pymodbus is installed
 from pymodbus.client import ModbusTcpClient  # noqa: E402
 from pymodbus.server import ModbusTcpServer  # noqa: E402
 from pymodbus.simulator import DataType, SimData, SimDevice  # noqa: E402

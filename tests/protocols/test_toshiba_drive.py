@@ -277,7 +277,7 @@ def test_stop_of_all_drives_stops_them_though_00_answers():
     class Answering:
         """Drive 00 answers `**`, as VF-AS1 manual E6581315 p. 11 has it for binary telegrams."""
 
-        def request(self, data, now):  # noqa: ARG002 - as a disturbance is called
+        def request(self, data, now):  # noqa: ARG002 - signature of a disturbance
             return [(0.0, data)]
 
         def reply(self, data, drive, now):  # noqa: ARG002
