@@ -123,7 +123,7 @@ class TestRead:
         with pytest.raises(ParameterAddressError):
             operations().read("480", dataset=11)
 
-    def test_unknown_type(self):
+    def test_read_with_an_unknown_type_is_refused(self):
         with pytest.raises(UsageError, match="uint"):
             operations().read("480", type="float")
 
@@ -260,7 +260,7 @@ class TestWrite:
     def test_floats_mean_what_they_show(self):
         play(operations(model=AGILE).write("480", 10.1), told(480, "000003F2", 5))
 
-    def test_unknown_type(self):
+    def test_write_without_a_known_type_is_refused(self):
         with pytest.raises(UsageError, match="type="):
             operations().write("480", 1)
 

@@ -132,7 +132,7 @@ class TestWriting:
         with pytest.raises(NotSupported, match="whether 516 is kept without mains is not known"):
             drive().write("516", 1, store=True)
 
-    def test_broadcast(self) -> None:
+    def test_broadcast_write_returns_no_reading(self) -> None:
         request = Update(address=0, parameter=516, value=Decimal(5), decimals=0)
         assert play(drive(address=0).write("516", 5), [(request, None)]) is None
 
@@ -263,7 +263,7 @@ class TestStopping:
             play(drive().stop(), [(word(0x043F), status(0x0D07))])
         play(drive().stop(Stop.QUICK), [(word(0x047B), status(RUNNING)), (word(0), status(0x0E20))])
 
-    def test_broadcast(self) -> None:
+    def test_broadcast_stop_sends_one_control_telegram(self) -> None:
         play(drive(address=0).stop(), [(Control(address=0, control_word=0x043F), None)])
 
 
@@ -332,7 +332,7 @@ class TestReference:
         with pytest.raises(ValueRefusedError, match="minimum"):
             drive(maximum_hz=50, minimum_hz=10, reference_span="span").set_reference_hz(5)
 
-    def test_broadcast(self) -> None:
+    def test_broadcast_reference_waits_for_no_reply(self) -> None:
         request = Update(address=0, parameter=516, value=Decimal(0), decimals=0)
         play(drive(address=0).set_reference_percent(0), [(request, None)])
 
