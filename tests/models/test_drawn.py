@@ -1,4 +1,4 @@
-"""Facts drawn at random from the packaged models: each has a source, and none behind a command lacks a page."""
+"""Facts drawn at random from the packaged models: each has a source, and those behind commands also have a page."""
 
 import json
 
@@ -50,7 +50,7 @@ def test_same_seed_draws_the_same_distinct_facts():
         ("modbus/powerflex-4", "8192", ("a command",)),
     ],
 )
-def test_fact_lists_the_common_names_and_functions_behind_it(model, address, behind):
+def test_fact_lists_the_common_names_and_functions_that_rely_on_it(model, address, behind):
     (fact,) = [fact for fact in facts() if (fact.model, fact.address) == (model, address)]
     assert fact.behind == behind
 

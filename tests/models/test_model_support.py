@@ -1,4 +1,4 @@
-"""Support that a packaged model needs, and the exceptions from it, which may only become fewer."""
+"""Sources and entries of its own that a packaged model needs, and the exceptions, which may only become fewer."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ def test_each_exception_names_a_packaged_model_and_a_reason():
 
 
 @pytest.mark.parametrize("name", sorted(support.exceptions()))
-def test_exception_is_still_needed(name):
+def test_listed_exception_is_still_needed(name):
     allowed = support.exceptions()[name]
     listed = {(kind, each) for kind in support.KINDS for each in allowed.get(kind, ())}
     assert listed - lacking(*FILES[name]) == set(), "take these out of drivecomm/models/exceptions.toml"

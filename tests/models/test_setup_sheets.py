@@ -170,7 +170,7 @@ WATCHDOG = Watchdog(time="813", action="812", actions={"ramp": 2, "trip": 5}, of
         (LinkLossPolicy(policy="hold"), ("", "any, with hold"), "0"),
     ],
 )
-def test_link_loss_is_made_from_the_policy_of_the_drive(policy, action, time):
+def test_link_loss_setting_follows_the_policy_of_the_drive(policy, action, time):
     row = filled("link_loss", link_loss=policy, watchdog=WATCHDOG)
     assert (row.value, row.made_of) == action
     assert filled("watchdog_s", link_loss=policy, watchdog=WATCHDOG, unit="ms").value == time

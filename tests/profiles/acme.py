@@ -24,7 +24,7 @@ RESET = 121
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AcmeMessage:
-    """One telegram."""
+    """A message of the Acme protocol."""
 
     kind: str
     address: int
@@ -88,7 +88,7 @@ class AcmeCodec:
 
 
 class AcmeDialect(Dialect):
-    """Registers of a page have the kind p."""
+    """The dialect of Acme drives; registers of a page have the place kind p."""
 
     title = "Acme"
     broadcast_address = 0
@@ -172,7 +172,10 @@ def _in_page(place):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AcmeOptions:
-    """writes: where a write goes, "stored" or "volatile". end: how many characters follow each telegram."""
+    """Options of an Acme drive.
+
+    writes: storage of a plain write, "stored" or "volatile". end: number of carriage returns after each telegram.
+    """
 
     writes: str = "stored"
     end: int = 0

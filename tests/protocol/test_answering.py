@@ -14,7 +14,7 @@ class Verbs:
 
     @needs_answer
     def status(self):
-        """Ask for the status."""
+        """Read the status."""
         return (yield)
 
     @needs_answer
@@ -35,5 +35,5 @@ def test_verb_that_needs_an_answer_is_refused_without_answers(verb, given):
 
 
 def test_decorated_verb_keeps_its_docstring_and_signature():
-    assert Verbs.status.__doc__ == "Ask for it."
+    assert Verbs.status.__doc__ == "Read the status."
     assert list(inspect.signature(Verbs(answers=True).set_reference_percent).parameters) == ["percent", "twice"]

@@ -72,7 +72,7 @@ def test_missing_counts_the_bytes_until_the_telegram_is_whole(framer):
     assert not framer.begun
 
 
-def test_cut_telegram_takes_bytes_of_the_telegram_behind_it(framer):
+def test_cut_telegram_consumes_bytes_of_the_next_one(framer):
     assert framer.feed(b"<4ab") == []
     assert shape(framer.feed(b"<1a")) == [("Framed", b"<4ab<1"), ("Noise", b"a")]
 
@@ -88,7 +88,7 @@ def test_noise_around_telegrams_is_returned_in_order(framer):
     ]
 
 
-def test_search_resumes_behind_the_first_byte_of_a_damaged_telegram(framer):
+def test_search_resumes_after_the_first_byte_of_a_damaged_telegram(framer):
     found = framer.feed(b"<4AB<1a")
     assert shape(found) == [("Damaged", b"<4AB<1"), ("Noise", b"<4AB"), ("Framed", b"<1a")]
     assert found[0].error.category == "field"
@@ -261,7 +261,7 @@ def test_empty_framer_waits_for_the_shortest_telegram(name, request_length, repl
         assert framer.missing == length
 
 
-def test_telegram_longer_than_the_first_look_is_framed():
+def test_telegram_longer_than_the_first_chunk_examined_is_framed():
     class Long(Letters):
         def measure(self, head, _):
             return 2 + 1000 if head[:1] == b"<" else 0
@@ -277,7 +277,7 @@ def test_telegram_longer_than_the_first_look_is_framed():
     ]
 
 
-def test_length_field_behind_the_first_look_is_found():
+def test_length_field_beyond_the_first_chunk_examined_is_found():
     class Late(Letters):
         """A codec of 600 letters, a digit n, and n thousand further letters."""
 

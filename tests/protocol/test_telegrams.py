@@ -185,12 +185,12 @@ def test_leaf_without_its_end_is_given_up_at_its_maximum_length():
     assert codec.measure(STX + b"46" + 21 * b"1" + ETX, "reply") == 0
 
 
-def test_measure_of_a_telegram_that_is_the_start_of_a_longer_one():
+def test_measure_waits_for_more_only_if_a_longer_telegram_may_follow():
     codec = CODECS["counted"]
     assert [codec.measure(head, "request") for head in (b"#", b"#O", b"#?", b"#M\x00", b"#M\x09")] == [2, 5, 1, 1, 1]
 
 
-def test_missing_constant_behind_a_sized_leaf_is_a_framing_error():
+def test_missing_constant_after_a_sized_leaf_is_a_framing_error():
     form = Form(
         A,
         *(constant(b"<"), "size" / decimal_number(1), "value" / characters(this.size), constant(b">")),
@@ -262,7 +262,7 @@ def test_declaration_of_indistinguishable_telegrams_is_refused(forms, text):
         Telegrams(titled, REPLIES)
 
 
-def test_constant_distinguishes_a_form_from_one_with_digits_there():
+def test_constant_and_digits_at_the_same_place_distinguish_forms():
     codec = Telegrams(
         {"A": Form(A, constant(b"<"), DIGIT), "B": Form(B, constant(b"<"), constant(b"-"), DIGIT)}, REPLIES
     )

@@ -86,7 +86,7 @@ def test_vlt_3500_index_starts_at_0_or_1_or_is_a_pair():
     assert [run[0] for run in runs[:4]] == ["502[0]", "502[1]", "502[0,0]", "502[1,0]"]
 
 
-def test_danfoss_fc_array_may_have_up_to_255_elements():
+def test_danfoss_fc_array_is_searched_for_elements_1_to_254():
     for code in (None, 3):
         found = space_of("danfoss-fc").elements("3-10", code)
         assert (found.runs[0][0], found.runs[0][-1], found.beyond) == ("3-10[1]", "3-10[254]", "3-10[255]")

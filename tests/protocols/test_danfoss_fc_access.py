@@ -323,7 +323,7 @@ class TestWrite:
         script = [(ask(2, 310, 1, 0xFB1E), answer(1, 310, 1, 0xFFFFFB1E))]
         assert play(operations("fc300").write("3-10[1]", -12.5), script).value == Decimal("-12.5")
 
-    def test_write_by_type_without_a_model(self):
+    def test_write_by_type_needs_no_model(self):
         script = [(ask(2, 415, 0, 20), answer(1, 415, 0, 20))]
         assert play(operations().write("415", 20, type="uint8"), script).value == 20
 

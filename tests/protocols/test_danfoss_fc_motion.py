@@ -42,7 +42,7 @@ def unanswered(word, reference=0):
 
 
 LOOK = sent(0, status=RUNNING)
-"""The look at a running motor: a process block that commands nothing, and its reply."""
+"""A status request to a running motor: a process block that commands nothing, and its reply."""
 
 
 def read(status=RUNNING):
@@ -62,7 +62,7 @@ def started(profile="fc", reference=0, **options):
 
 
 def repeats(drive, word, reference=0, status=RUNNING):
-    """Play a status request: it first looks at the drive, then repeats this word."""
+    """Play a call of status: it first requests the status, then repeats this word."""
     play(drive.status(), [sent(0, status=status), sent(word, reference, status)])
 
 
@@ -122,7 +122,7 @@ class TestAnotherMaster:
 
     @pytest.mark.parametrize("word", [0x047C, 0, 0x0078, None])
     def test_start_is_repeated_if_the_drive_shows_one_of_our_words_or_none(self, word):
-        """Some drives may show the last word received, which is the one of the look; others show none."""
+        """Some drives may show the last word received, which is that of the status request; others show none."""
         drive = started(control_word_parameter="16-85")
         play(drive.status(), [LOOK, shows(word), sent(0x047C, status=RUNNING)])
 

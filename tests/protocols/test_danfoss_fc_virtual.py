@@ -110,10 +110,10 @@ class TestParameters:
         ("element", "value"),
         [(1, 0x4003), (2, 8), (4, 0xFE18), (7, 0xD8F0), (8, 10000), (20, 0)],
     )
-    def test_description_elements_of_an_array(self, bench, element, value):
+    def test_array_has_its_description_elements(self, bench, element, value):
         assert bench.drive.read("3-10", element=element).raw == value
 
-    def test_description_elements_of_options_texts_and_words(self, bench):
+    def test_options_texts_and_words_have_description_elements(self, bench):
         assert bench.drive.read("8-04", element=1).text == "data type 5, option texts available"
         bench.drive.write("8-04", 2)
         assert "differs" in bench.drive.read("8-04", element=1).text
@@ -170,7 +170,7 @@ class TestFaults:
         self.refused(bench, lambda drive: drive.write("1-23", 50), 17)
         bench.drive.write("3-41", 5)
 
-    def test_refusal_codes_without_bus_access_and_in_factory_set_up(self, bench):
+    def test_access_without_bus_rights_or_in_factory_set_up_is_refused(self, bench):
         bench.virtual.store.without_bus_access.add(341)
         self.refused(bench, lambda drive: drive.read("3-41"), 130)
         bench.virtual.store.factory_set_up = True

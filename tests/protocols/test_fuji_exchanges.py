@@ -75,7 +75,7 @@ def test_read_with_a_model_returns_the_physical_value():
     assert (found.value, found.unit, found.raw, found.type) == (Decimal("-60.00"), "Hz", -6000, "[5]")
 
 
-def test_read_by_parameter_name():
+def test_parameter_is_read_by_its_name():
     found = play(drive(FRENIC).read("operation_status"), [(asked("M14"), value("M14", 0x1221))])
     assert found.text == "FWD, NUV, ACC, RL"
 
@@ -632,7 +632,7 @@ def test_identify_reads_type_code_and_rom_version():
 # All stations
 
 
-def test_broadcast_verbs_yield_tells():
+def test_broadcast_verbs_wait_for_no_reply():
     everybody = drive(address=99)
     assert commands(everybody.write("S05", 3000), []) == [Tell(message=written("S05", 3000, address=99))]
     assert commands(everybody.stop(), []) == [Tell(message=written("S06", 0, address=99))]

@@ -48,7 +48,7 @@ def test_h32_of_vg_makes_a_forced_stop_with_0():
 @pytest.mark.parametrize(
     ("code", "sign"), [(42, "Erd"), (47, "ErE"), (53, "ErP"), (57, "ECF"), (59, "dbA"), (17, "OH1")]
 )
-def test_alarm_has_its_text(protocol, name, code, sign):
+def test_alarm_code_has_its_text(protocol, name, code, sign):
     # Omron M1 user manual I669 p. 8-37
     assert model_of(protocol, name).faults[code].startswith(sign)
 

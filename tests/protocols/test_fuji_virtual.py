@@ -629,7 +629,7 @@ def test_foreign_telegrams_are_ignored():
         assert drive.read("M25").value == 1200
 
 
-def test_reply_of_another_inverter_is_read_by_the_codec_only_as_a_reply():
+def test_codec_of_the_inverter_reads_a_reply_as_the_protocol_codec():
     inverter, _, _ = meet()
     find = Framer(inverter.codec, "reply").feed(frame(b"\x0101\x06f\x03"))[0]
     assert isinstance(find, Framed)

@@ -9,7 +9,7 @@ from drivecomm.protocol import Framed, Framer, installed
 
 CODEC = installed["lecom"].codec(None)
 ENDS = {0x02: "12", 0x03: "13", 0x04: "14", 0x05: "15", 0x06: "16", 0x15: "12.9"}
-"""Values of C46 whose BCC is this control character."""
+"""Values of C46, by the control character that is their BCC."""
 NUMBERS = st.integers(-(1 << 31), (1 << 31) - 1).map(lambda steps: f"{steps / 10000:.4f}".rstrip("0").rstrip("."))
 WORDS = st.sampled_from([2, 4, 8]).flatmap(lambda size: st.text("0123456789ABCDEF", min_size=size, max_size=size))
 OCTETS = st.binary(min_size=1, max_size=120).map(lambda octets: "O" + octets.hex().upper())
@@ -30,7 +30,7 @@ def written(direction, **fields):
     ("code", "characters"),
     [(11, b"11"), (46, b"46"), (68, b"68"), (135, b"=5"), (150, b"?0"), (790, b"0:"), (1103, b"O="), (6229, b"u\x7f")],
 )
-def test_code_number_follows_the_formula(code, characters):
+def test_code_number_is_encoded_by_the_formula_of_the_manual(code, characters):
     assert written("request", kind="receive", address=1, code=code) == b"\x0401" + characters + b"\x05"
 
 

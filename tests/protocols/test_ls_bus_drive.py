@@ -329,7 +329,7 @@ def test_y_reads_the_registers_of_x_until_a_power_cycle(talk):
     assert talk.say(monitor) == summed(b"\x1501YIA")
 
 
-def test_no_verb_sends_x_or_y(talk):
+def test_no_verb_sends_command_x_or_y(talk):
     for parameter in talk.drive.model.parameters:
         talk.drive.read(parameter)
     talk.drive.status()

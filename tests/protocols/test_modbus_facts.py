@@ -54,7 +54,7 @@ def drive_of(model):
         ("fuji-frenic", "01 17 08 09 00 01 07 05 00 01 02 00 00", "01 97 01"),
         ("fuji-frenic", "01 04 08 09 00 01", "01 84 01"),
         ("fuji-frenic", "01 01 00 50 00 01", "01 81 02"),
-        # Vacon: ID 2101 to 2104, by function 04 as well
+        # Vacon: ID 2101 to 2104, which function 04 reads as well
         ("vacon10", "01 04 08 34 00 04", "01 04 08 00 01 00 01 00 00 00 00"),
         # Yaskawa: the printed telegram, and two refusals that show the limits
         ("yaskawa", "01 03 00 20 00 04", "01 03 08 00 04 00 00 00 00 00 00"),
@@ -63,7 +63,7 @@ def drive_of(model):
         ("yaskawa", "01 08 00 01 00 00", "01 88 01"),
         # Delta: the telegram of common masters
         ("delta", "01 03 21 00 00 04", "01 03 08 00 00 04 00 00 00 00 00"),
-        # Bonfiglioli: one parameter at a time, 32 bits by 03 as well (ACU manual p. 28, 44)
+        # Bonfiglioli: one parameter per request, 32-bit values also by function 03 (ACU manual p. 28, 44)
         ("bonfiglioli", "01 03 01 74 00 02", "01 83 04"),
         ("bonfiglioli", "01 03 01 74 00 01", "01 03 02 05 AA"),
         ("bonfiglioli", "01 03 01 E1 00 02", "01 03 04 00 00 03 E8"),
@@ -75,7 +75,7 @@ def drive_of(model):
         ("siemens-v20", "01 01 00 00 00 01", "01 81 01"),
         # ATV212: the printed examples of S1A53844 p. 33
         ("schneider-atv212", "01 03 FD 00 00 02", "01 83 03"),
-        # Optidrive: Plus knows 03 and 06 only
+        # Optidrive: Plus has functions 03 and 06 only
         ("optidrive-plus", "01 10 00 00 00 01 02 00 01", "01 90 01"),
         ("optidrive-e3", "01 10 00 00 00 01 02 00 00", "01 10 00 00 00 01"),
     ],
@@ -86,7 +86,7 @@ def test_request_gets_the_documented_reply(model, request_, answer):
 
 def test_danfoss_drive_is_commanded_by_coils():
     drive = drive_of("danfoss-fc")
-    # REF 4000H, CTW 047C: the lowest bit in the first coil
+    # REF 4000H and CTW 047C as coils, the lowest bit in the first coil
     assert told(drive, "01 0F 00 10 00 10 02 00 40") == "01 0F 00 10 00 10"
     assert told(drive, "01 0F 00 00 00 10 02 7C 04") == "01 0F 00 00 00 10"
     drive.follow(60.0)

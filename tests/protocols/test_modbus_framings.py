@@ -33,7 +33,7 @@ def test_ascii_ends_with_the_lrc_of_all_bytes():
     assert codec("ascii").encode(reading(count=4)) == b":010321000004D7\r\n"
 
 
-def test_ascii_telegram_is_found_behind_a_cut_one():
+def test_ascii_telegram_is_found_after_a_cut_one():
     whole = codec("ascii").encode(reading())
     finds = Framer(codec("ascii"), "request").feed(whole[:9] + whole)
     assert [find.data for find in finds if isinstance(find, Framed)] == [whole]

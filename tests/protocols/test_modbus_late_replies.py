@@ -32,7 +32,7 @@ class Deaf:
 
 
 def late(deaf):
-    """Return a disturbance that delays the reply to the first counted write until its caller has given up."""
+    """Return a function that schedules replies: that to the first counted write comes after its caller has given up."""
 
     def say(request, reply):
         is_first = deaf.counting and request[1] in WRITES and deaf.writes == 1

@@ -1,4 +1,4 @@
-"""Stops of drives whose control word may act as contacts, so that a stop by the state machine would start the motor."""
+"""Stops of drives whose control word may act as contacts, where a stop by the state machine could start the motor."""
 
 import pytest
 

@@ -295,7 +295,7 @@ def test_reverse_and_reset_of_an_actech_drive_are_refused():
         assert sent == []
 
 
-# Dialects of one register
+# Series that use the bits of a register differently
 
 
 def test_eaton_drive_reverses_by_bit_1_which_its_reset_leaves_clear():

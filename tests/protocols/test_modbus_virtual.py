@@ -62,7 +62,7 @@ def test_refusal_has_the_exception_code_of_its_cause(gs2, request_, answer):
         ("yaskawa", "01 10 00 02 00 01 02 C3 50", "01 90 21"),  # 500 Hz
         ("yaskawa", "01 10 00 4B 00 01 02 00 00", "01 90 22"),  # read only
         ("yaskawa", "01 06 00 02 17 70", "01 86 01"),  # the series has only functions 03, 08 and 10
-        ("fuji-frenic", "01 03 08 00 00 7D", "01 83 02"),  # a count that is not allowed
+        ("fuji-frenic", "01 03 08 00 00 7D", "01 83 02"),  # invalid count
         ("fuji-frenic", "01 03 08 00 00 00", "01 83 02"),
         ("hitachi-wj200", "01 06 12 00 FF FF", "01 86 21"),
         ("vacon10", "01 04 08 34 00 01", "01 04 02 00 01"),  # the series answers 04 as 03
@@ -319,7 +319,7 @@ def test_reset_without_effect_raises_state_error(model, monkeypatch):
 
 
 def test_reset_waits_for_a_drive_that_restarts():
-    """WJ200 drives are silent for about a second."""
+    """WJ200 drives are silent for about a second after a reset."""
     drive = virtual_drive("modbus", 1, model="hitachi-wj200")
     line = VirtualLine([drive])
     drive.trip(7, 0.0)

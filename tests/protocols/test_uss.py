@@ -1,4 +1,4 @@
-"""USS by bytes and numbers printed in manuals, against mistakes that master and virtual drive could share."""
+"""USS checked against printed bytes and numbers, to catch mistakes that master and virtual drive share."""
 
 from decimal import Decimal
 

@@ -14,7 +14,7 @@ ADDRESS = 3
 
 
 def telegram(*content):
-    """Return STX, LGE, these bytes and BCC."""
+    """Return a telegram with these bytes: STX, LGE, the bytes and BCC."""
     data = bytes([2, len(content) + 1, *content])
     check = 0
     for byte in data:
@@ -113,7 +113,7 @@ class TestReports:
 class Working:
     """A drive that needs time for each new task (C-15).
 
-    Meanwhile it sends the reply to the task before, or that to no task.
+    Meanwhile it sends the reply to the previous task, or to no task.
     """
 
     def __init__(self, virtual, replies, *, before):

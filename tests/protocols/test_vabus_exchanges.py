@@ -135,7 +135,7 @@ class TestRead:
         script = [(enquiry(210, sys=7), value(210, "0001", sys=7)), EOT]
         assert play(operations(sys=7).read("210", type="uint"), script).value == 1
 
-    def test_read_without_a_trailing_eot(self):
+    def test_trailing_eot_of_a_read_can_be_disabled(self):
         script = [(enquiry(210), value(210, "0001"))]
         assert play(operations(trailing_eot=False).read("210", type="uint"), script).value == 1
 

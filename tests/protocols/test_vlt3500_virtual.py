@@ -459,7 +459,7 @@ class TestReplies:
         assert ask(virtual, "01I@@@@0602+001021").value == 8
 
 
-def test_silence_behind_an_echo_suggests_the_option_idle_word() -> None:
+def test_silence_after_an_echo_suggests_the_option_idle_word() -> None:
     line = VirtualLine([], echo=True)
     with drivecomm.open_bus(line.port) as bus:
         with pytest.raises(NoReplyError, match="idle_word=0x000F"):
