@@ -289,7 +289,7 @@ def test_broadcast_of_another_verb_than_stop_is_refused(name):
 @pytest.mark.parametrize("name", COMMANDED)
 def test_stop_is_urgent_and_may_be_repeated(name):
     drive = operations_of(name, 1)
-    # Bonfiglioli drives are first read to find out how they would take any other stop.
+    # Any stop of a Bonfiglioli drive but a coast starts with a read of its control mode.
     stop = next(drive.stop(Stop.COAST if name == "bonfiglioli" else Stop.RAMP))
     assert stop.urgent
     assert stop.attempts is None

@@ -143,7 +143,7 @@ def test_older_delta_carries_out_the_action_of_09_02_when_the_time_expires(actio
         )
 
 
-def test_watchdog_with_time_zero_never_acts():
+def test_watchdog_that_is_off_never_acts():
     virtual = virtual_drive("modbus", 1, model="delta-vfd-b")
     virtual.poke("0x0902", 2)
     line = VirtualLine([virtual])

@@ -96,7 +96,7 @@ def test_virtual_drive_shows_the_status_words_of_its_standard(name, plant):
     def shown():
         return drive.peek(status, line.time) & mask
 
-    # At first the control word is 0000, which is OFF2; that of a V20 starts with another value.
+    # Bit 4 means no OFF2. The first control word 0000 is OFF2; that of a V20 starts with another value.
     assert shown() == (0x40 if name in WORDS else 0x31)
     one.start()
     line.advance(10)
