@@ -110,7 +110,7 @@ def test_capture_cut_off_anywhere_is_read_up_to_the_cut(tmp_path, suffix):
             continue
         found = read_capture(cut)
         kept = max((count for end, count in ends.items() if end <= length), default=0)
-        # A last line is complete without its line end, and an interface may be complete without its packet.
+        # The last JSON line may be complete without its line end, and a pcapng interface without its packet.
         assert found.pieces in (PIECES[:kept], PIECES[: kept + 1])
         assert found.provenance == ABOUT
         clean = length in ends or found.pieces != PIECES[:kept]
@@ -335,7 +335,7 @@ def test_packet_flags_outrank_event_types(tmp_path):
     assert [piece.source for piece in file.read(tmp_path).pieces] == ["unknown", "drive", "master", "drive"]
 
 
-def test_omitted_packets_are_remarked(tmp_path):
+def test_omitted_packets_are_listed_in_the_remarks(tmp_path):
     file = Foreign(section=b"\x01\x00\x05\x00hello\x00\x00\x00").interface().interface(link_type=1)
     file.packet(0, b"a").packet(1, b"b", number=1).add(3, struct.pack("<I", 4) + b"abcd")
     found = file.read(tmp_path)

@@ -50,7 +50,7 @@ def shell(capsys, monkeypatch):
     def port_opener(port, **_):
         return (lambda: one.open(port)) if isinstance(port, str) else port
 
-    # Other modules take the name from the package, the bus takes it from `opening`.
+    # Commands import `port_opener` from the package, the bus imports it from `opening`: replace both.
     for place in (drivecomm.bus, drivecomm.bus.opening):
         monkeypatch.setattr(place, "port_opener", port_opener)
     return one

@@ -176,7 +176,7 @@ def reads_only(command):
     return command.partition(" ")[0] in READING
 
 
-# Commands that act, and do not only read.
+# Commands that do more than read
 DOING = [command for command in CALLS if not reads_only(command)]
 
 

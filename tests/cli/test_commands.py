@@ -188,7 +188,7 @@ class TestDemo:
         return code, capsys.readouterr().out
 
     @pytest.mark.soak
-    def test_the_tour_works_and_ends_with_a_served_plant(self, capsys):
+    def test_tour_works_and_ends_with_a_served_plant(self, capsys):
         code, printed = self.toured(capsys)
         assert code == 0
         assert "failed" not in printed
@@ -214,7 +214,7 @@ class TestDemo:
         assert len(steps) > 20
 
     @pytest.mark.soak
-    def test_a_failed_step_fails_the_tour(self, capsys, monkeypatch):
+    def test_failed_step_fails_the_tour(self, capsys, monkeypatch):
         def deaf(protocol, address):
             drive = virtual_drive(protocol, address)
             drive.hear = lambda *_: None
@@ -225,7 +225,7 @@ class TestDemo:
         assert code == 1
         assert "failed" in printed
 
-    def test_demo_on_a_line_only_reads(self, shell):
+    def test_demo_only_reads_on_a_given_line(self, shell):
         line = shell.line(virtual_drive("vabus", 2))
         sent = []
         transmit = line.transmit

@@ -53,7 +53,7 @@ def test_record_names_identity_motor_link_loss_and_changed_settings(shell, line)
     assert text[-1].startswith("recorded by Anna 2")
 
 
-def test_record_says_how_the_drive_compares_with_its_baseline(shell, line):
+def test_record_compares_the_drive_with_its_baseline(shell, line):
     assert shell("baseline", "accept", "fan", "--by", "Bert", port=None) == 0
     assert report(shell, "fan") == 0
     assert any(text.startswith("approved set as approved by Bert on 2") for text in rows(shell))

@@ -1,4 +1,4 @@
-"""The option start --link-loss: required, set before the start, kept until Ctrl-C, left to the drive by SIGKILL."""
+"""The option start --link-loss: required, set before the start, renewed until Ctrl-C, in force after SIGKILL."""
 
 import json
 import os

@@ -109,7 +109,7 @@ def test_import_emits_json_and_writes_nothing_without_yes(imported, shell, tmp_p
         ("g.csv", "Address,Name,Offset\n1,Temperature,5\n", "names no register that can be read (line 2: offset 5"),
     ],
 )
-def test_file_that_cannot_be_imported_is_named(imported, shell, name, text, says):
+def test_file_that_cannot_be_imported_is_refused_with_the_reason(imported, shell, name, text, says):
     Path(name).write_text(text, encoding="utf-8")
     assert imported(name, "--yes") == 2
     assert says in shell.err

@@ -56,7 +56,7 @@ def test_series_alone_is_filled_in_with_its_defaults(capsys):
     assert sheet["P0700"] == ("5", "USS/Modbus on RS485")
 
 
-def test_drive_of_the_plant_fills_in_its_values(plant, capsys):
+def test_setup_for_a_plant_drive_uses_the_values_of_the_plant(plant, capsys):
     sheet = rows(capsys, "--for", "pump", "--plant", plant)
     assert sheet["P2010[0]"] == ("7", "19200 baud = 7"), "its line says so"
     assert sheet["P2011[0]"] == ("3", "address 3")

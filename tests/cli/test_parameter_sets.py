@@ -363,7 +363,7 @@ class TestCutOff:
         assert shell.err.endswith("drivecomm: interrupted\n")
         assert shell("restore", "vabus:1", "pump.toml", "--resume") == 0
 
-    def test_resume_refuses_a_set_that_has_changed_since(self, shell, cut):
+    def test_resume_refuses_a_set_changed_after_the_interruption(self, shell, cut):
         cut.call_at(cut.time + 2.6, lambda: cut.power_off(cut.drives[0]))
         assert shell("restore", "vabus:1", "pump.toml") == 4
         path = Path("pump.toml")

@@ -1,4 +1,4 @@
-"""simulate with a plant file, and the plant commands that control it, in processes and in the test process itself."""
+"""simulate with a plant file, and the plant commands that control it, as processes and within the test process."""
 
 import json
 import subprocess

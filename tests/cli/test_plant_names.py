@@ -160,7 +160,7 @@ def test_port_of_the_plant_is_recognised_by_a_symbolic_link(shell, plant, tmp_pa
         ("", "", False),
     ],
 )
-def test_same_port_compares_port_names(one, other, same):
+def test_same_port_recognises_other_spellings_of_a_port(one, other, same):
     assert same_port(one, other) is same
 
 

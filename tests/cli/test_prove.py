@@ -42,7 +42,7 @@ def proved_text(folder, name="proof-vabus-agile.toml"):
     return (folder / name).read_text(encoding="utf-8")
 
 
-def test_proof_over_a_pty_is_written_and_says_that_the_drive_is_virtual(virtual_drive, folder, capsys):
+def test_proof_over_a_pty_is_written_and_notes_a_virtual_drive(virtual_drive, folder, capsys):
     drive = virtual_drive("vabus:3,model=agile", listen="pty")
     before = {address: drive.holds(address) for address in ("419", "480", "410")}
     assert main(["prove", "vabus:3", "--model", "agile", "--port", drive.port]) == 0
@@ -114,7 +114,7 @@ def test_lost_port_leaves_a_whole_proof(shell, folder):
     assert read_proof(folder / "proof-vabus-agile.toml").interrupted.startswith("at parameter ")
 
 
-def test_short_outage_is_waited_for_and_contradicts_nothing(shell, folder):
+def test_short_outage_neither_ends_nor_contradicts_the_proof(shell, folder):
     line = shell.line(virtual_drive("vabus", 3, model="agile"))
     line.call_at(1.0, lambda: line.power_off(line.drives[0]))
     line.call_at(2.5, lambda: line.power_on(line.drives[0]))

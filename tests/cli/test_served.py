@@ -124,7 +124,7 @@ COMMANDS = {
     "grow a model": ["models", "grow", "fan", "3-41", "3-42", "--write", "{folder}/grown.toml"],
     "compare": ["compare", "pump", "pump"],
 }
-"""Command lines by the name of their case."""
+"""Command lines by the name of the test case."""
 
 TIMES = (
     (re.compile(r"^(ok|note) +time .*", re.MULTILINE), "REPLY TIMES"),

@@ -1,4 +1,4 @@
-"""stop --all on Modbus lines: broadcast only to drives of one series, because it could start those of another."""
+"""stop --all on Modbus lines: broadcast only if all drives are of one series, because it may start another series."""
 
 import pytest
 

@@ -169,7 +169,7 @@ def test_group_of_the_plant_file_outranks_a_drive_of_another_server(place, tmp_p
 
 def test_damaged_group_is_stopped_by_file_and_server_and_exits_with_5(place, capsys):
     with running_server(place.file):
-        # The fan can no longer be read from the file, and only the server knows that its group is wet.
+        # The fan can no longer be read from the file, and only the server knows that it belongs to the group "wet".
         place.file.write_text(place.file.read_text().replace('"danfoss-fc:3"', '"danfoss-fc'))
         assert main(["stop", "wet", "--plant", str(place.file), "--how", "coast"]) == 5
         said = capsys.readouterr()

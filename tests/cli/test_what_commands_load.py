@@ -96,7 +96,7 @@ def test_stop_loads_fewer_modules_than_read(port):
 
 
 @pytest.mark.soak
-def test_stop_of_a_group_loads_no_more_modules_than_that_of_drives(port, tmp_path):
+def test_stop_of_a_group_loads_no_more_modules_than_a_stop_of_drives(port, tmp_path):
     plant = tmp_path / "plant.toml"
     line = f'[[line]]\nname = "hall"\nport = "{port}"\n'
     plant.write_text(f'format = 1\n{line}[[drive]]\nname = "pump"\ndrive = "vabus:1"\ngroups = ["wet"]\n')

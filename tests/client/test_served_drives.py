@@ -200,7 +200,7 @@ def test_hanging_server_raises_server_lost_error(plant):
 
 
 @pytest.mark.soak
-def test_slow_server_is_waited_for(plant):
+def test_client_waits_for_a_slow_server(plant):
     with serving(plant) as server, drivecomm.open_plant(plant) as opened:
         server.takes_s = 3.0
         assert opened.drive("pump").read("480").value == 30

@@ -16,7 +16,7 @@ SOON_S = 1.0
 
 @contextmanager
 def no_thread_left():
-    """Block the only executor thread of the running loop within the block."""
+    """Occupy the only executor thread of the running loop within the block."""
     over = Event()
     threads = ThreadPoolExecutor(1)
     loop = asyncio.get_running_loop()

@@ -44,7 +44,7 @@ class Case:
 
     @property
     def can_be_set(self):
-        """Whether a backup holds a writable value that a restore writes without naming it."""
+        """Whether a backup holds a writable value that a restore writes without being asked for it by name."""
         watchdog = self.model.watchdog
         left = () if watchdog is None else (watchdog.time, watchdog.action)
         return any("w" in info.access and info.address not in left for _, info in self.settings)

@@ -41,7 +41,7 @@ class KilledError(BaseException):
 
 
 class Cut:
-    """Cuts a line at telegram number `after`, in one of the ways of `WAYS`."""
+    """Cut of a line at telegram number `after`, in one of the ways of `WAYS`."""
 
     WAYS = ("unplugged", "wire", "power", "killed")
 

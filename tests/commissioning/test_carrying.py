@@ -109,7 +109,7 @@ def test_watchdog_time_that_is_not_a_number_is_listed_as_missed():
     assert "'soon', which is no number" in plan.missed[0].reason
 
 
-def test_set_of_a_model_without_a_watchdog_switches_none_on():
+def test_set_of_a_model_without_a_watchdog_switches_no_watchdog_on():
     entry = Entry(address="206", value=5, unit="s", name="ramp_up_time", common="link_timeout")
     saved = ParameterSet(protocol="danfoss-fc", drive="danfoss-fc:3", model="vlt6000", entries={"206": entry})
     saw = Site(SAW, {"y08": 0, "y02": 0})

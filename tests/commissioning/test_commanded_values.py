@@ -89,7 +89,7 @@ def test_watchdog_that_a_bus_switched_on_is_restored_only_if_named():
     with drivecomm.open_bus(line.port) as bus:
         pump(bus).write("413", 5)
         assert "413" in back_up(pump(bus)).not_read
-        # As left by a bus that was killed: the next program does not know of the write.
+        # The state after a bus was killed: the next program does not know of its write.
         line.drives[0].poke("413", "0005")
         with drivecomm.open_bus(line.port) as later:
             saved = back_up(pump(later))

@@ -371,7 +371,7 @@ def test_backup_without_a_model_is_refused():
 
 @pytest.mark.parametrize("case", cases_with_settings(), ids=repr)
 def test_backup_restores_its_own_drive_completely(case):
-    """This includes inverters of unknown rating, and so of an unknown scale of their currents."""
+    """This includes inverters of unknown rating, whose currents have an unknown scale."""
     virtual = case.type.new() if case.plugin.name != "fuji" else virtual_drive("fuji", 1, model=case.model)
     with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
         drive = bus.drive(case.plugin.name, case.address, model=case.model, confirmed=case.model.name)
@@ -472,7 +472,7 @@ def test_unwritable_value_that_holds_already_is_not_missed():
         assert "reading texts only" in missed.reason
 
 
-def test_values_missing_from_the_backup_are_remarked():
+def test_values_missing_from_the_backup_are_listed_in_the_remarks():
     lacking = replace(a_set(_104=1), not_read={"103": "no bus access"})
     assert "not in the set, because it could not be read: 103" in plan_restore(Drive(), lacking).remarks
 

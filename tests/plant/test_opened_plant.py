@@ -56,7 +56,7 @@ PLANT = Plant(
 
 
 class Served:
-    """Virtual plant that a master has opened; notes sent telegrams and opened lines."""
+    """Virtual plant that a master has opened; records the sent telegrams and the opened lines."""
 
     def __init__(self, plant=PLANT):
         self.virtual = VirtualPlant(plant)

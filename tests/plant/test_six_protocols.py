@@ -23,7 +23,7 @@ DRIVES = {
     "ls-bus:11": 'model = "ig5a"',
     "ct-ansi:12": 'model = "unidrive-sp"',
     "toshiba:13": 'model = "vf-s11"',
-    # Otherwise Danfoss drives use 8E1, and a scan asks only with the usual settings of a protocol.
+    # With parity N a scan finds this drive: it asks with the usual settings of a protocol, not with Danfoss's 8E1.
     "modbus:6": 'model = "danfoss-fc", parity = "N"',
 }
 HEAD = '[[drive]]\nname = "d{1}"\ndrive = "{0}:{1}"\nline = "hall"\narmed = true\noptions = {{ {2} }}\n'

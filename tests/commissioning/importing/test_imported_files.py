@@ -1,4 +1,4 @@
-"""Ten register files of other programs: all are imported, omissions are listed, and drives monitored by them."""
+"""Ten register files of other programs: each is imported, omissions are listed, and a drive is monitored by it."""
 
 from decimal import Decimal
 
