@@ -176,7 +176,7 @@ class TestGrow:
         assert shell(*grow, "-o", "option_texts=0") == 0
         text = Path("own.toml").read_text(encoding="utf-8")
         assert 'source = "read from the drive, AK 4"\nsure = "field"\n' in text
-        # 518 is the output frequency here, and the DC link voltage on a VLT 6000; 213 calls itself jog frequency.
+        # 518 is the output frequency of this drive, the DC link voltage of a VLT 6000; 213 calls itself jog frequency.
         assert [finding.key for finding in check_model(Path("own.toml"))] == ["dc_link_voltage", "name"]
 
     @pytest.mark.usefixtures("line")
