@@ -138,7 +138,7 @@ class Threads(Face):
         def run():
             try:
                 future.set_result(getattr(drive, verb)(*arguments))
-            except BaseException as error:  # noqa: BLE001 - whoever asks for the result is told
+            except BaseException as error:  # noqa: BLE001 - raised again in `result`
                 future.set_exception(error)
 
         threading.Thread(target=run, daemon=True).start()

@@ -22,7 +22,7 @@ class LosesOne:
     def __init__(self, number):
         self.left = number
 
-    def request(self, data, now):  # noqa: ARG002 - as a disturbance is called
+    def request(self, data, now):  # noqa: ARG002 - signature of a disturbance
         return [(0.0, data)]
 
     def reply(self, data, drive, now):  # noqa: ARG002

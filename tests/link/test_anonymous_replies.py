@@ -17,7 +17,7 @@ class Late:
     def __init__(self):
         self.delays_s = []
 
-    def request(self, data, now):  # noqa: ARG002 - as a disturbance is called
+    def request(self, data, now):  # noqa: ARG002 - signature of a disturbance
         return [(0.0, data)]
 
     def reply(self, data, drive, now):  # noqa: ARG002

@@ -31,7 +31,7 @@ class Replies:
         self.keeps = False
         self.in_front = b""
 
-    def request(self, data, now):  # noqa: ARG002 - as a disturbance is called
+    def request(self, data, now):  # noqa: ARG002 - signature of a disturbance
         return [(0.0, data)]
 
     def reply(self, data, drive, now):  # noqa: ARG002
@@ -240,7 +240,7 @@ class Replaced:
         self.replies = list(replies)
         self.own = []
 
-    def request(self, data, now):  # noqa: ARG002 - as a disturbance is called
+    def request(self, data, now):  # noqa: ARG002 - signature of a disturbance
         return [(0.0, data)]
 
     def reply(self, data, drive, now):  # noqa: ARG002
@@ -319,7 +319,7 @@ class Instead:
         self.line, self.begins, self.said, self.number = line, begins, said, number
         self.asked = 0
 
-    def request(self, data, now):  # noqa: ARG002 - as a disturbance is called
+    def request(self, data, now):  # noqa: ARG002 - signature of a disturbance
         self.asked += data.startswith(self.begins)
         if self.asked != self.number or not data.startswith(self.begins):
             return [(0.0, data)]

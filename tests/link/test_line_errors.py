@@ -20,7 +20,7 @@ class Refusing:
         self.codes = list(codes)
         self.asked = 0
 
-    def request(self, data, now):  # noqa: ARG002 - as a disturbance is called
+    def request(self, data, now):  # noqa: ARG002 - signature of a disturbance
         self.asked += 1
         return [(0.0, data)]
 

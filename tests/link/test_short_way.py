@@ -123,7 +123,7 @@ class Mishaps:
         self._replies = list(replies)
         self._before = b""
 
-    def request(self, data, now):  # noqa: ARG002 - as a disturbance is called
+    def request(self, data, now):  # noqa: ARG002 - signature of a disturbance
         mishap = self._requests.pop(0) if self._requests else None
         return mishap.arrivals(data, b"") if mishap else [(0.0, data)]
 

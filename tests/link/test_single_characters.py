@@ -16,7 +16,7 @@ class Among:
         self.before, self.behind = before, behind
         self.asked = 0
 
-    def request(self, data, now):  # noqa: ARG002 - as a disturbance is called
+    def request(self, data, now):  # noqa: ARG002 - signature of a disturbance
         self.asked += 1
         return [(0.0, data)]
 

@@ -60,7 +60,7 @@ class Stranger:
     def measure(self, head, direction):
         return self.codec.measure(head, "reply") if direction == "request" else 0
 
-    def decode(self, data, direction):  # noqa: ARG002 - measured are requests only
+    def decode(self, data, direction):  # noqa: ARG002 - only requests are measured
         return self.codec.decode(data if data[10] == 7 else wrong(data), "reply")
 
 

@@ -218,7 +218,7 @@ class TestControl:
                     guest.sendall(piece)
                     time.sleep(0.02)
                 assert b'"ok": true' in guest.recv(100_000)
-                with pytest.raises(ConnectionError):  # noqa: PT012 - the end may come at either call
+                with pytest.raises(ConnectionError):  # noqa: PT012 - either call may find the closed connection
                     for _ in range(20):
                         guest.sendall(b"x" * LONGEST_ORDER)
                         time.sleep(0.01)
@@ -250,7 +250,7 @@ class TestControl:
             place = parse_place(server.control)
             with socket.create_connection((place.host, place.port), timeout=5) as guest:
                 guest.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-                with pytest.raises(OSError, match=r"."):  # noqa: PT012 - which of them is the first to fail is chance
+                with pytest.raises(OSError, match=r"."):  # noqa: PT012 - any of the calls may be the first to fail
                     for _ in range(2000):
                         guest.sendall(b'{"order": "show"}\n' * 10)
                         time.sleep(0.001)

@@ -110,7 +110,7 @@ class Campaign:
                     for _ in range(self._in_a_row):
                         if not self._stop.is_set():
                             self._turn(number, talker)
-        except Exception as error:  # noqa: BLE001 - whatever it is, the test tells it
+        except Exception as error:  # noqa: BLE001 - the test reports any error
             self.errors.append(f"{line[0].name}: {type(error).__name__}: {error}")
 
     def _turn(self, number: int, talker: Talker) -> None:
