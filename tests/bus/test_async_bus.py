@@ -79,7 +79,7 @@ def public(kind):
 
 
 @EACH_TWIN
-def test_blocking_and_async_classes_have_the_same_names(blocking, awaited):
+def test_blocking_and_async_classes_have_the_same_public_names(blocking, awaited):
     assert list(public(blocking)) == list(public(awaited))
     entering = {"__enter__", "__exit__"} <= set(vars(blocking))
     assert entering == ({"__aenter__", "__aexit__"} <= set(vars(awaited)))

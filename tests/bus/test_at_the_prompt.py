@@ -160,7 +160,7 @@ def test_unreadable_data_set_error_names_the_readable_one(drive):
     assert "did you mean" not in str(caught.value)
 
 
-def test_value_beyond_its_type_is_refused_in_its_unit():
+def test_value_beyond_its_type_is_refused_with_the_limit_in_its_unit():
     line = VirtualLine([virtual_drive("modbus", 1, model="optidrive-plus")])
     with drivecomm.open_bus(line.port) as bus, pytest.raises(drivecomm.ValueRefusedError) as caught:
         bus.drive("modbus", 1, model="eaton-dc1").set_reference(hz=-500)

@@ -119,7 +119,7 @@ def test_exchange_of_many_telegrams_has_one_deadline(line, bus, recorder):
 
     with pytest.raises((DeadlineError, NoReplyError)):
         bus.run(Job(drive.peer, many()))
-    # The reply that was cut off may end: the drive's gap.
+    # The gap of the drive is added, in which the interrupted reply may end.
     assert line.time <= 0.1 + drive.facts.gap_s + 0.003
     assert 3 <= len(sent_at(recorder)) <= 5
     # The next call has its own deadline.

@@ -75,7 +75,7 @@ def test_motor_turns_until_the_keep_block_ends(make, protocol, model, policy):
 
 
 @pytest.mark.parametrize(("protocol", "model", "policy"), EVERYBODY)
-def test_drive_handles_silence_by_its_watchdog(make, protocol, model, policy):
+def test_watchdog_of_a_kept_drive_acts_on_silence(make, protocol, model, policy):
     bench = make(protocol, model)
     with keep_on(bench.drive, policy, watchdog_s=3):
         bench.drive.start()

@@ -148,7 +148,7 @@ def test_danfoss_family_model_commands_series_that_extend_it():
     assert drive.motor.command is Command.RUN
 
 
-def test_identity_of_a_model_with_its_own_words_cannot_be_overridden():
+def test_confirmed_model_with_its_own_identity_rules_is_still_checked():
     model = replace(load_model("drivecomm_modbus", "modbus", "yaskawa"), identified_by={"product": "A1"})
     drive = virtual_drive("modbus", 1, model="yaskawa")
     bus, _, _ = opened(drive)

@@ -84,7 +84,7 @@ def test_callers_are_served_by_rank_and_then_in_order(queue):
 
 
 @pytest.mark.usefixtures("owner")
-def test_place_behind_lets_all_others_of_its_rank_go_first(queue):
+def test_place_with_behind_comes_after_all_others_of_its_rank(queue):
     asked(queue, Caller(Rank.STOP, "dead", behind=True), Caller(Rank.STOP, "runs"), Caller(Rank.READ, "read"))
     assert served(queue) == ["runs", "dead", "read"]
 

@@ -1,4 +1,4 @@
-"""How tasks wait for a port: by its descriptor, in a thread, or in virtual time; and how they are cancelled."""
+"""Waiting for a port in tasks: by its descriptor, in a thread, or in virtual time; and its cancellation."""
 
 import asyncio
 import threading

@@ -1,4 +1,4 @@
-"""A late reply that names no drive must not count as a reply of another drive of its protocol, after any delay."""
+"""A late reply that names no drive never counts as the reply of another drive of its protocol, however late."""
 
 import pytest
 

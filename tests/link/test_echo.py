@@ -108,7 +108,7 @@ class TestFilter:
         echo.sent(b"stop", mirrored=True)
         assert echo.take(b"stop") == (b"stop", b"")
         assert not echo.doubted
-        # This does not settle the question.
+        # The copy has not decided whether there is an echo.
         echo.sent(b"ask")
         assert (echo.missing, echo.take(b"rep")) == (0, (b"", b"rep"))
         echo.answered(0)

@@ -33,7 +33,7 @@ def test_repeated_reply_is_not_decoded_again(decoded):
         drive = bus.drive("vabus", 1, model="agile")
         first, *others = [drive.read("480") for _ in range(5)]
         assert {each.value for each in others} == {first.value}
-        # The first exchange on a line takes the full path.
+        # The first exchange on a line takes the long path.
         master = [data for data in decoded if len(data) > 3]
         drive.write("480", first.value + 1)
         assert drive.read("480").value == first.value + 1
@@ -56,7 +56,7 @@ def test_each_drive_object_decodes_the_same_bytes_itself(decoded):
     with drivecomm.open_bus(line.port) as bus:
         for drive in [bus.drive("vabus", 1), bus.drive("vabus", 1)] * 3:
             drive.read("480")
-    # One decode per object; the first exchange on a line takes the full path and stores nothing.
+    # One decode per object; the first exchange on a line takes the long path and stores nothing.
     assert len([data for data in decoded if len(data) > 3]) == 3
 
 
@@ -85,7 +85,7 @@ def test_known_replies_have_a_limit():
 
 
 class Replayed:
-    """Replays the latest reply of a drive to any request while `instead` is set."""
+    """A disturbance that replaces each reply by `instead` if that is set. latest: the reply sent last."""
 
     latest = b""
     instead = b""

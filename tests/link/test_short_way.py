@@ -382,7 +382,7 @@ def test_ctrl_c_between_two_pieces_leaves_the_same_state_on_both_paths(protocol)
 @EACH_PROTOCOL
 @pytest.mark.parametrize("delay_s", [0.005, 0.02, 0.04, 0.045, 0.06])
 def test_slow_bytes_have_the_same_outcome_on_both_paths(protocol, delay_s):
-    """No gap ends, while the time of the longest telegram does."""
+    """No gap is long enough to end the telegram, but the time for the longest telegram runs out."""
     pieces = (None, *[Mishap("byte by byte", 0, delay_s)] * 4)
     assert_same(protocol, Course(calls=(("read", 0),) * 3, replies=pieces))
 

@@ -309,7 +309,7 @@ def test_replay_leaves_commands_out():
     assert not any(outcome.differs for outcome in outcomes if not outcome.sent)
 
 
-def test_replay_sends_commands_if_told_to_send_everything():
+def test_replay_sends_commands_with_sending_everything():
     def start(bus):
         drive = bus.drive("danfoss-fc", 3)
         drive.set_reference(percent=50)

@@ -39,7 +39,7 @@ def characters(pieces, size):
 
 
 @pytest.mark.soak
-def test_hour_of_mixed_traffic_with_noise_is_understood():
+def test_sniffer_finds_telegrams_in_an_hour_of_mixed_noisy_traffic():
     traffic = plant(3600, seed=1, rate=0.01, pauses=(0.0, 0.03, 0.4, 1.5, 3.0))
     found = sniffed(traffic.pieces())
     sound = heard(found)
@@ -118,7 +118,7 @@ WORD = encode("danfoss-fc", {**FC, "ak": 2, "pwe": 0, "status_word": 0x607, "mai
 
 
 def known_line():
-    """Return traffic after which the times of both senders are known, but no reply of this drive was heard."""
+    """Return an exchange that settles the directions on the line; it holds no reply to a parameter request."""
     process = {"kind": "process", "address_format": "1-126", "address": 3}
     request = encode("danfoss-fc", {**process, "control_word": 0x47C, "reference": 0}, direction="request")
     reply = encode("danfoss-fc", {**process, "status_word": 0xF07, "main_actual": 0}, direction="reply")

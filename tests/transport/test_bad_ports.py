@@ -25,7 +25,7 @@ def refusal(url):
 
 
 def hang_up(server, after=0):
-    """Accept one master, and disconnect it after it has sent `after` bytes at most."""
+    """Accept one master, and disconnect it after its first bytes, or immediately if `after` is 0."""
     master, _ = server.accept()
     if after:
         master.recv(after)
@@ -95,7 +95,7 @@ class TestOpening:
 
 class TestVanishing:
     @pytest.mark.soak
-    def test_adapter_that_accepts_no_more_bytes_is_a_lost_link(self, monkeypatch, terminal):
+    def test_adapter_that_accepts_no_more_bytes_raises_link_down_error(self, monkeypatch, terminal):
         monkeypatch.setattr("drivecomm.transport.serial_port._STUCK_S", 0.05)
         port = SerialPort(terminal)
 
@@ -107,7 +107,7 @@ class TestVanishing:
             chatter()
         port.close()
 
-    def test_server_that_accepts_no_more_bytes_is_a_lost_link(self, monkeypatch):
+    def test_server_that_accepts_no_more_bytes_raises_link_down_error(self, monkeypatch):
         monkeypatch.setattr("drivecomm.transport.serial_port._STUCK_S", 0.05)
         monkeypatch.setattr("drivecomm.protocol.line.LineSettings.character_s", 0.0)
         with socket.create_server(("127.0.0.1", 0)) as server:

@@ -32,7 +32,7 @@ def peer(request):
 def port(peer):
     opened = SerialPort(peer.url)
     if isinstance(peer, Terminal):
-        # Hold back on this machine at any measured speed.
+        # Force holding back, which a slow machine would switch off.
         opened._channel._holds_back = sys.platform == "linux"
     opened.configure(LineSettings())
     peer.send(b"")
@@ -95,14 +95,14 @@ class TestHoldingBack:
         assert port.read(0.0, 1) == b"abc"
         assert port.read(0.0, 1) == b""
 
-    def test_read_of_more_bytes_than_can_be_held_back(self, port, peer):
+    def test_read_returns_more_bytes_than_can_be_held_back(self, port, peer):
         whole = bytes(range(256)) * 4
         thread = threading.Thread(target=lambda: [peer.send(whole[at : at + 100]) for at in range(0, 1024, 100)])
         thread.start()
         assert port.read(port.now() + 5, 1024) == whole
         thread.join()
 
-    def test_read_of_more_bytes_than_can_be_held_back_in_pieces(self, port, peer):
+    def test_read_returns_more_bytes_than_can_be_held_back_in_pieces(self, port, peer):
         def speak():
             for _ in range(4):
                 peer.send(b"x" * 256)
@@ -113,7 +113,7 @@ class TestHoldingBack:
         assert port.read(port.now() + 5, 1024) == b"x" * 1024
         thread.join()
 
-    def test_read_of_every_length_after_every_other(self, port, peer):
+    def test_reads_of_any_lengths_follow_each_other(self, port, peer):
         for first in (1, 2, 14, 254, 255, 256, 300):
             for second in (1, 13, 255, 256):
                 peer.send(b"x" * first)

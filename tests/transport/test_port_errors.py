@@ -132,7 +132,7 @@ def test_adapter_that_refuses_a_format_raises_port_error(real_terminal, monkeypa
     assert real_terminal.apply(LineSettings(baudrate=19200)) == ""
 
 
-def test_adapter_that_disappears_while_it_is_configured_is_a_lost_link():
+def test_adapter_lost_during_configuration_raises_link_down_error():
     with closing(Terminal()) as made:
         port = SerialPort(made.url)
         made.end()

@@ -169,7 +169,7 @@ class TestOptions:
 
 @linux
 class TestReport:
-    def test_report_of_an_adapter(self, monkeypatch, sysfs):
+    def test_report_describes_an_adapter(self, monkeypatch, sysfs):
         monkeypatch.setattr(port_report.list_ports, "comports", lambda: [FTDI])
         monkeypatch.setattr(port_report, "stable_name", lambda _: "/dev/serial/by-id/usb-FTDI-A1")
         report = local_report(Driver(monkeypatch), "/dev/ttyUSB0", pseudo=False, sysfs=sysfs)
@@ -194,7 +194,7 @@ class TestReport:
         assert str(report.usb) == "1a86:7523 USB Serial"
         assert "no serial number" in report.notes[-1]
 
-    def test_report_of_an_on_board_port(self, monkeypatch, sysfs):
+    def test_report_describes_an_on_board_port(self, monkeypatch, sysfs):
         monkeypatch.setattr(port_report.list_ports, "comports", lambda: [FTDI])
         report = local_report(Driver(monkeypatch, flags=0x2000, rs485=1), "/dev/ttyS0", pseudo=False, sysfs=sysfs)
         assert (report.driver, report.usb, report.low_latency, report.rs485) == ("serial8250", None, "on", "on")
@@ -208,7 +208,7 @@ class TestReport:
         assert [note for note in report.notes if "the kernel writes its messages" in note] == list(report.notes)
         assert len(report.notes) == notes
 
-    def test_report_of_a_port_missing_in_sysfs(self, monkeypatch, tmp_path):
+    def test_port_missing_in_sysfs_has_a_report_with_unknowns(self, monkeypatch, tmp_path):
         monkeypatch.setattr(port_report.list_ports, "comports", list)
         report = local_report(Driver(monkeypatch), "/dev/ttyS9", pseudo=False, sysfs=tmp_path)
         assert (report.driver, report.low_latency, report.latency_timer_ms) == ("", "unknown", None)

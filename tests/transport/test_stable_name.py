@@ -20,7 +20,7 @@ def machine(tmp_path):
     return tmp_path, by_id
 
 
-def test_adapter_with_names_has_the_first_one(machine):
+def test_adapter_with_several_names_gets_the_first_one(machine):
     folder, by_id = machine
     assert stable_name(str(folder / "ttyUSB0"), by_id) == str(by_id / "usb-A-if00")
 

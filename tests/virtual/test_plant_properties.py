@@ -178,7 +178,7 @@ REQUESTS = st.sampled_from([
 @pytest.mark.soak
 @settings(deadline=None, max_examples=60)
 @given(st.lists(st.tuples(st.floats(0, 0.1), REQUESTS), max_size=12))
-def test_line_followed_at_its_deadlines_sends_the_master_the_same_bytes(pieces):
+def test_served_line_followed_only_at_deadlines_sends_the_same_bytes(pieces):
     (came, last), (should, at) = heard_when("deadline", pieces), heard_when("due", pieces)
     assert came == should
     # Bytes that met another transmission are delivered in the pieces in which they were examined.

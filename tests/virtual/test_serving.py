@@ -135,7 +135,7 @@ class TestPlaces:
             assert answered(master)[:-1] == VALUE
 
     @pytest.mark.parametrize("listen", ["tcp::0", "rfc2217::0", "pty:line"])
-    def test_listener_does_nothing_while_it_is_closed(self, listen, tmp_path, monkeypatch):
+    def test_closed_listener_does_nothing(self, listen, tmp_path, monkeypatch):
         monkeypatch.chdir(tmp_path)
         listener = parse_listen(listen)
         assert listener.receive(0.0) == b""
@@ -171,7 +171,7 @@ class TestTcp:
                 third.sendall(ENQUIRY)
                 until_answered(third)
 
-    def test_bytes_of_a_gone_master_are_sent_before_the_next_one_is_served(self):
+    def test_bytes_of_a_disconnected_master_are_sent_before_the_next_is_served(self):
         with running("tcp::0") as server:
             heard = []
             server.line.monitors.append(lambda sent: heard.append(sent.data))

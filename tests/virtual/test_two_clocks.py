@@ -294,7 +294,7 @@ def test_hours_of_traffic_take_no_memory(extent):
     assert sum(disturbance.happened for disturbance in plant.disturbances) > 20 * extent
     assert objects[-1] - objects[1] < 50, objects
     if sys.gettrace() is None:
-        # A coverage tool allocates notes of its own.
+        # A coverage tool would allocate memory of its own.
         assert taken[-1] - taken[1] < 5_000, taken
 
 

@@ -210,7 +210,7 @@ def test_wrong_parity_is_not_noticed():
     assert heard(ENQUIRY, even, odd) == ENQUIRY
 
 
-def test_seven_even_received_as_eight_none_has_the_parity_in_bit_eight():
+def test_bytes_sent_at_7e1_and_received_at_8n1_have_the_parity_in_bit_7():
     received = heard(ENQUIRY, LineSettings(bytesize=7, parity="E"), LineSettings(bytesize=8))
     assert bytes(byte & 0x7F for byte in received) == ENQUIRY
     assert received != ENQUIRY

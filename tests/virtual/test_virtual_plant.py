@@ -278,7 +278,7 @@ def test_fault_of_one_drive_spares_the_others():
         assert answers(bus.drive("vabus", 2, attempts=1), 1, lambda drive: drive.read("480")) == [False]
 
 
-def test_fault_of_writes_needs_a_protocol_that_tells_them_from_reads(monkeypatch):
+def test_fault_of_writes_needs_a_protocol_that_separates_reads_and_writes(monkeypatch):
     monkeypatch.setattr(type(installed["vabus"]), "__setattr__", object.__setattr__)
     monkeypatch.setattr(installed["vabus"], "intent", None)
     with pytest.raises(UsageError, match="fault 1: the package of vabus does not distinguish reading from writing"):
