@@ -65,7 +65,7 @@ class Conversation:
         return EmulatedLine(bits=self.bits, baudrate=self.baudrate, delay_s=delays, answers=answers, whole=whole)
 
 
-def learn(protocol: str, baudrate: int, **options: Any) -> Conversation:
+def record_conversation(protocol: str, baudrate: int, **options: Any) -> Conversation:
     """Read twice from a virtual drive, and return the recorded telegrams."""
     parameter = READS[protocol]
     events: list[drivecomm.TraceEvent] = []

@@ -8,7 +8,7 @@ from statistics import median
 from typing import TYPE_CHECKING
 
 from clients import reading, run_reference
-from conversation import READS, learn
+from conversation import READS, record_conversation
 from lines import mostly, undisturbed
 from report import Figure, Section
 from yardstick import waking_slowness
@@ -77,7 +77,7 @@ def measure(equipment: Equipment) -> list[Section]:
     for protocol in READS:
         for options in ({}, {"turnaround_s": 0.0}) if protocol in _OWN_PAUSE else ({},):
             for baudrate in equipment.extent.baudrates:
-                _one(equipment, learn(protocol, baudrate, **options), efficiency, gap, cost)
+                _one(equipment, record_conversation(protocol, baudrate, **options), efficiency, gap, cost)
     return [efficiency, gap, cost]
 
 

@@ -27,11 +27,11 @@ from drivecomm.errors import UsageError
 from drivecomm.line import STATUS
 from drivecomm.plant import Plant, PlantLine
 from drivecomm.protocol import DriveConfig, Reading
-from drivecomm.server import CurrentValue, DriveState
+from drivecomm.server import CurrentValue, DriveSnapshot
 from drivecomm.server.broker import BROKER_KEYS, broker_settings
-from drivecomm.server.fleet import Fleet, Following
+from drivecomm.server.fleet import Fleet, FleetSubscription
 from drivecomm.server.mqtt import mqtt_door, name_of
-from drivecomm.tomlfile import Table
+from drivecomm.tomlfile import TomlTable
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Collection, Iterator, Mapping, Sequence
@@ -56,9 +56,9 @@ class PlayedPlant:
         )
         lines = tuple(PlantLine(name=each.line) for each in played)
         self.plant = Plant(lines=lines, drives=played, file=f"/nowhere/{name}.toml")
-        self._drives = [DriveState(config=each, line=each.line, reachability="answers") for each in played]
+        self._drives = [DriveSnapshot(config=each, line=each.line, reachability="answers") for each in played]
 
-    def drives(self) -> Sequence[DriveState]:
+    def drives(self) -> Sequence[DriveSnapshot]:
         """Return all drives."""
         return self._drives
 
@@ -183,16 +183,16 @@ def _usage(pid: int) -> tuple[float, float]:
 
 async def _measure(url: str, pid: int, given: argparse.Namespace) -> None:
     plants = [PlayedPlant(f"plant {number}", given.drives) for number in range(given.gateways)]
-    table = Table({"broker": url, "messages": "drives"}, "here")
+    table = TomlTable({"broker": url, "messages": "drives"}, "here")
     doors = [mqtt_door(table) for _ in plants]
     running = [asyncio.create_task(plant.play(given.period)) for plant in plants]
     began = time.monotonic()
     for door, plant in zip(doors, plants, strict=True):
         running.append(asyncio.create_task(door.run(plant, lambda: None)))  # type: ignore[arg-type]
-    settings = broker_settings(Table({"broker": url}, "here"), Table({"broker": url}, "here").take(BROKER_KEYS))
+    settings = broker_settings(TomlTable({"broker": url}, "here"), TomlTable({"broker": url}, "here").take(BROKER_KEYS))
     watched = Fleet()
     heard = _Counting(watched)
-    running.append(asyncio.create_task(Following(settings, heard).run()))  # type: ignore[arg-type]
+    running.append(asyncio.create_task(FleetSubscription(settings, heard).run()))  # type: ignore[arg-type]
     all_drives = given.gateways * given.drives
     while sum(each.summary.running for each in watched.plants.values()) < all_drives:
         if time.monotonic() - began > 20 * given.period + 60:
@@ -211,7 +211,7 @@ async def _measure(url: str, pid: int, given: argparse.Namespace) -> None:
         f"{1000 * ages[int(0.99 * len(ages))]:.0f} ms"
     )
     fresh, began = Fleet(), time.monotonic()
-    await Following(settings, fresh).known()
+    await FleetSubscription(settings, fresh).known()
     known = sum(len(each.shown) for each in fresh.plants.values())
     print(f"a new fleet view knows {known} drives {time.monotonic() - began:.1f} s after it connects")
     for task in running:

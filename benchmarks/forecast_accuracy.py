@@ -10,7 +10,7 @@ from lines import EmulatedLine
 from report import Figure, Section
 
 import drivecomm
-from drivecomm.line import Plan, PollItem
+from drivecomm.line import PollItem, PollPlan
 from drivecomm.models import load_model
 from drivecomm.protocol import DriveConfig
 from drivecomm.virtual import VirtualLine, forecast, virtual_drive
@@ -58,7 +58,7 @@ def measure(equipment: Equipment) -> list[Section]:
     return [section]
 
 
-def _plan(baudrate: int) -> Plan:
+def _plan(baudrate: int) -> PollPlan:
     reads = []
     for protocol, addresses in _ADDRESSES.items():
         plugin = drivecomm.protocols()[protocol]
@@ -66,7 +66,7 @@ def _plan(baudrate: int) -> Plan:
             options = {"baudrate": baudrate, "bytesize": 8, "parity": "N", "stopbits": 1, "model": plugin.default_model}
             drive = DriveConfig(protocol=protocol, address=address, options=options, reply_delay_s=_DELAY_S)
             reads += [PollItem(drive=drive, parameter=parameter) for parameter in _readable(protocol, address)]
-    return Plan(reads=tuple(reads))
+    return PollPlan(reads=tuple(reads))
 
 
 def _readable(protocol: str, address: int) -> list[str]:
@@ -87,7 +87,7 @@ def _readable(protocol: str, address: int) -> list[str]:
     return found
 
 
-def _spoken(plan: Plan) -> dict[bytes, bytes]:
+def _spoken(plan: PollPlan) -> dict[bytes, bytes]:
     """Return the request and reply of each read on a virtual line; an empty reply for a telegram without one."""
     spoken: dict[bytes, bytes] = {}
     asked = b""
@@ -109,13 +109,13 @@ def _spoken(plan: Plan) -> dict[bytes, bytes]:
     return spoken
 
 
-def _ask(plan: Plan, bus: Any) -> None:
+def _ask(plan: PollPlan, bus: Any) -> None:
     drives = {drive: bus.drive(drive.protocol, drive.address, **drive.options) for drive in plan.drives}
     for read in plan.reads:
         drives[read.drive].read(read.parameter)
 
 
-def _round_s(plan: Plan, path: str) -> float:
+def _round_s(plan: PollPlan, path: str) -> float:
     with drivecomm.open_bus(path) as bus:
         drives = {drive: bus.drive(drive.protocol, drive.address, **drive.options) for drive in plan.drives}
         rounds = []

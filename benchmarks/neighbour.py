@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from clients import reading
 from compiling import CannotMeasureError
-from conversation import learn
+from conversation import record_conversation
 from lines import mostly
 from report import Figure, Section
 
@@ -30,7 +30,7 @@ def measure(equipment: Equipment) -> list[Section]:
         ),
         head=("way", "switch interval", "share of a quiet process"),
     )
-    conversation = learn("vlt3500", 19200, turnaround_s=0.0)
+    conversation = record_conversation("vlt3500", 19200, turnaround_s=0.0)
     seconds = max(0.5, equipment.extent.seconds)
     cases = {"5 ms (Python's own)": None, "0.1 ms (recommended)": RECOMMENDED_S}
     for way in ("blocking", "asyncio"):

@@ -13,7 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from conversation import READS, learn
+from conversation import READS, record_conversation
 from cores import on_client_core, on_emulator_core
 from lines import MeasurementError
 from report import Figure, Section
@@ -146,7 +146,7 @@ def _plant() -> str:
 def _spoken_on(plant: VirtualPlant, name: str, protocol: str) -> _Spoken:
     """Read each drive of a line once in virtual time, and return the exchanges without a master's pauses."""
     line = plant.line(name)
-    closing = learn(protocol, BAUDRATE).closing
+    closing = record_conversation(protocol, BAUDRATE).closing
     events: list[drivecomm.TraceEvent] = []
     with drivecomm.open_bus(line.port, baudrate=BAUDRATE, trace=events.append) as bus:
         for address in range(1, DRIVES_ON_A_LINE + 1):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from canned_port import CannedPort
 from clients import reading
-from conversation import READS, learn
+from conversation import READS, record_conversation
 from report import Figure, Section
 from yardstick import yardstick_us
 
@@ -50,7 +50,7 @@ def measure(equipment: Equipment) -> list[Section]:
     )  # fmt: skip
     yardsticks = []
     for protocol in READS:
-        conversation = learn(protocol, 19200)
+        conversation = record_conversation(protocol, 19200)
         costs: dict[str, list[float]] = defaultdict(list)
         for _ in range(equipment.extent.repetitions):
             for name, cost in _costs(conversation).items():

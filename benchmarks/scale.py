@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from clients import reading
 from compiling import CannotMeasureError
-from conversation import Conversation, learn
+from conversation import Conversation, record_conversation
 from lines import MeasurementError, mostly, undisturbed
 from report import Figure, Section
 
@@ -52,7 +52,7 @@ def measure(equipment: Equipment) -> list[Section]:
     )  # fmt: skip
     for count in equipment.extent.line_counts:
         for baudrate in (19200, 115200):
-            _one(equipment, section, count, learn("fuji", baudrate, turnaround_s=0.0))
+            _one(equipment, section, count, record_conversation("fuji", baudrate, turnaround_s=0.0))
     return [section]
 
 

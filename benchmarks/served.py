@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from clients import run_reference
-from conversation import READS, learn
+from conversation import READS, record_conversation
 from cores import on_emulator_core
 from lines import MeasurementError
 from report import Figure, Section
@@ -44,7 +44,7 @@ def measure(equipment: Equipment) -> list[Section]:
         head=("protocol", "in memory", *(f"{count} served" for count in _LINES)),
     )
     for protocol in READS:
-        conversation = learn(protocol, 115200)
+        conversation = record_conversation(protocol, 115200)
         memory = median(_in_memory(conversation) for _ in range(equipment.extent.repetitions))
         cells = [f"{memory:.0f}"]
         for count in _LINES:

@@ -7,7 +7,7 @@ from statistics import median
 from typing import TYPE_CHECKING
 
 from clients import reading, run_reference
-from conversation import learn
+from conversation import record_conversation
 from lines import mostly, undisturbed
 from report import Figure, Section
 
@@ -44,7 +44,7 @@ def measure(equipment: Equipment) -> list[Section]:
 
 
 def _one(equipment: Equipment, protocol: str, section: Section) -> None:
-    usual = learn(protocol, BAUDRATE, **_NONE_DEMANDED)
+    usual = record_conversation(protocol, BAUDRATE, **_NONE_DEMANDED)
     needed = replace(usual, pause_s=NEEDED_S)
     line = needed.line()
     line = replace(line, answers={**line.answers, **_probed(protocol)}, deaf_s=NEEDED_S)

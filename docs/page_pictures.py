@@ -24,7 +24,7 @@ from drivecomm.protocol import Reading
 from drivecomm.server import (
     LOCAL,
     Caller,
-    Command,
+    CommandRequest,
     CurrentValue,
     Role,
     Serving,
@@ -33,7 +33,7 @@ from drivecomm.server import (
     new_token,
     token_hash,
 )
-from drivecomm.server.history import Journal
+from drivecomm.server.history import HistoryWriter
 from drivecomm.testing import ServingThread
 from drivecomm.virtual import ControlClient, PlantServer, VirtualPlant
 
@@ -178,7 +178,7 @@ async def _start(plant: ServedPlant) -> None:
     for drive, percent in _RUNNING.items():
         for verb, arguments in (("set_reference", {"percent": percent}), ("start", {})):
             answer = await plant.command(
-                engineer, Command(drive=drive, verb=verb, arguments=arguments, id=f"{drive} {verb}")
+                engineer, CommandRequest(drive=drive, verb=verb, arguments=arguments, id=f"{drive} {verb}")
             )
             if answer.error is not None:
                 raise answer.error
@@ -198,5 +198,5 @@ def _write_history(file: Path) -> None:
             ):
                 reading = Reading(parameter=name, value=value, raw=0, unit=unit, name=name, time_s=time_s)
                 values.append(CurrentValue(drive=drive, name=name, reading=reading, quality="good", time_s=time_s))
-    with closing(Journal(file)) as journal:
+    with closing(HistoryWriter(file)) as journal:
         journal.add_values(values)

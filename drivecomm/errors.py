@@ -292,27 +292,27 @@ def closest(name: object, known: Iterable[str]) -> str:
     return by_folded[found[0]] if found else ""
 
 
-def near(name: object, known: Iterable[str]) -> str:
+def did_you_mean(name: object, known: Iterable[str]) -> str:
     """Return a "did you mean" question with the most similar known name; empty if none is similar."""
     found = closest(name, known)
     return f"did you mean {found!r}?" if found else ""
 
 
-def meant(name: object, known: Iterable[str], listed: str) -> str:
-    """Return the question of `near`, followed by the list of all known names.
+def suggestion(name: object, known: Iterable[str], listed: str) -> str:
+    """Return the question of `did_you_mean`, followed by the list of all known names.
 
     listed: words before the list, such as "it has".
     """
     names = list(known)
     there = f"{listed} {', '.join(names) or 'none'}"
-    question = near(name, names)
+    question = did_you_mean(name, names)
     return f"{question} {there[0].upper()}{there[1:]}" if question else there
 
 
 def unknown_key(key: str, known: Iterable[str]) -> str:
     """Return the message for an unknown key in a file: a similar key if there is one, otherwise all known keys."""
     names = list(known)
-    return f"unknown key {key!r}; {near(key, names) or 'the keys are ' + ', '.join(names)}"
+    return f"unknown key {key!r}; {did_you_mean(key, names) or 'the keys are ' + ', '.join(names)}"
 
 
 def counted(number: int, noun: str) -> str:

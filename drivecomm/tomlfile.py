@@ -51,7 +51,7 @@ LIST = Kind((list,), 'a list, such as ["one", "two"]')
 TABLES = Kind((list,), "a table of its own each time, under a header in double brackets")
 
 
-class Places:
+class LinePositions:
     """Line numbers of the tables and keys of a file. Inline and multi-line values have the line of their key."""
 
     def __init__(self, text: str) -> None:
@@ -82,7 +82,7 @@ class Places:
         return self._lines.get((table, number, key), whole)
 
 
-class Table:
+class TomlTable:
     """One table of a file; its errors name the file, the line, the table and the key.
 
     content: the keys and values. line_of: returns the line of a key; None for a text without lines. name: name of the
@@ -96,7 +96,7 @@ class Table:
         shown: str,
         line_of: Callable[[str], int] | None = None,
         name: str = "",
-        places: Places | None = None,
+        places: LinePositions | None = None,
         *,
         source: bytes = b"",
     ) -> None:
@@ -131,16 +131,16 @@ class Table:
         """Return the path of a file that this file names: relative to this file's folder, unless it is absolute."""
         return Path(self._shown).parent / path
 
-    def without(self, key: str, name: str = "") -> Table:
+    def without(self, key: str, name: str = "") -> TomlTable:
         """Return the same table without one key. name: its new name in error messages, if any."""
         rest = {each: value for each, value in self.content.items() if each != key}
-        return Table(rest, self._shown, self._line_of, name or self.name, self._places)
+        return TomlTable(rest, self._shown, self._line_of, name or self.name, self._places)
 
-    def replaced(self, key: str, value: object) -> Table:
+    def replaced(self, key: str, value: object) -> TomlTable:
         """Return the same table with another value for a key."""
-        return Table({**self.content, key: value}, self._shown, self._line_of, self.name, self._places)
+        return TomlTable({**self.content, key: value}, self._shown, self._line_of, self.name, self._places)
 
-    def table(self, key: str) -> Table:
+    def table(self, key: str) -> TomlTable:
         """Return the table under a key; an empty one if the key is missing."""
         found = self.content.get(key, {})
         if not isinstance(found, dict):
@@ -148,23 +148,23 @@ class Table:
         name = f"{self.name}, {key}" if self.name else key
         places = self._places
         if places is not None:
-            return Table(found, self._shown, lambda inner: places.of(key, 0, inner) if found else 1, name)
-        return Table(found, self._shown, self._at(key), name)
+            return TomlTable(found, self._shown, lambda inner: places.of(key, 0, inner) if found else 1, name)
+        return TomlTable(found, self._shown, self._at(key), name)
 
-    def tables(self, key: str) -> list[Table]:
+    def tables(self, key: str) -> list[TomlTable]:
         """Return the tables under a key: each [[key]] of a file, or each table of an inline list."""
         found = self.content.get(key, [])
         if not isinstance(found, list) or not all(isinstance(each, dict) for each in found):
             raise self.error(f"write {key} as tables: [[{key}]] and the keys below, for each", key)
         return [self._numbered(key, number, each) for number, each in enumerate(found)]
 
-    def _numbered(self, key: str, number: int, content: Mapping[str, Any]) -> Table:
+    def _numbered(self, key: str, number: int, content: Mapping[str, Any]) -> TomlTable:
         own = content.get("name")
         name = f"{key} {number + 1} ({own})" if isinstance(own, str) and own else f"{key} {number + 1}"
         places = self._places
         if places is not None:
-            return Table(content, self._shown, lambda inner: places.of(key, number, inner), name)
-        return Table(content, self._shown, self._at(key), f"{self.name}, {name}" if self.name else name)
+            return TomlTable(content, self._shown, lambda inner: places.of(key, number, inner), name)
+        return TomlTable(content, self._shown, self._at(key), f"{self.name}, {name}" if self.name else name)
 
     def _at(self, key: str) -> Callable[[str], int] | None:
         line_of = self._line_of
@@ -198,13 +198,13 @@ def _read(path: Path | Traversable, what: str, name: str) -> tuple[bytes, str]:
 
 def read_toml(
     path: Path | Traversable, what: str, *, shown: str = "", parse_float: Callable[[str], Any] = float
-) -> Table:
+) -> TomlTable:
     """Return the top table of a TOML file. Raises FileFormatError as `read_text_file` does."""
     name = shown or str(path)
     source, text = _read(path, what, name)
     content = parse_toml(text, f"{name}: cannot be read as {what}", parse_float=parse_float)
-    places = Places(text)
-    return Table(content, name, lambda key: places.of("", 0, key), places=places, source=source)
+    places = LinePositions(text)
+    return TomlTable(content, name, lambda key: places.of("", 0, key), places=places, source=source)
 
 
 def parse_toml(text: str, refusal: str, *, parse_float: Callable[[str], Any] = float) -> dict[str, Any]:
@@ -245,7 +245,7 @@ def _key(key: object) -> str:
     return tomli_w.dumps({str(key): 0}).removesuffix(" = 0\n")
 
 
-def write_whole(path: Path, text: str, *, mode: int | None = None) -> None:
+def write_atomically(path: Path, text: str, *, mode: int | None = None) -> None:
     """Write a file atomically: after any failure, either the old or the new file is there, complete.
 
     The owner and group stay, if this user may give files away. mode: permission bits; by default those of the old file,
@@ -275,7 +275,7 @@ def write_whole(path: Path, text: str, *, mode: int | None = None) -> None:
 
 
 def must_be_writable(path: Path) -> None:
-    """Raise FileFormatError if `write_whole` could not write this file now. Call it before minutes of work."""
+    """Raise FileFormatError if `write_atomically` could not write this file now. Call it before minutes of work."""
     import tempfile
 
     folder = path.resolve().parent

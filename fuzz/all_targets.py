@@ -15,11 +15,11 @@ from drivecomm.protocol import installed
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from target import Target
+    from target import FuzzTarget
 
 
 @cache
-def all_targets() -> Mapping[str, Target]:
+def all_targets() -> Mapping[str, FuzzTarget]:
     """Return all targets by name; the telegram targets cover the installed protocols."""
     targets = [target for plugin in installed.working() for target in telegram_targets(plugin)]
     targets += [order_target(plugin) for plugin in installed.working()]

@@ -14,10 +14,10 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 from mutation import LONGEST
-from outcome import Flaw, Outcome, keep, known_flaws
+from outcome import Flaw, FuzzResult, known_flaws, store_input
 
 if TYPE_CHECKING:
-    from target import Target
+    from target import FuzzTarget
 
 TITLE = "atheris, led by coverage"
 _PROCESS = Path(__file__).with_name("atheris_process.py")
@@ -25,7 +25,7 @@ _MOST_MEMORY_MIB = 1024
 _LONGEST_INPUT_S = 20
 
 
-def run(target: Target, *, runs: int | None, seconds: float | None, seed: int) -> Outcome:
+def run(target: FuzzTarget, *, runs: int | None, seconds: float | None, seed: int) -> FuzzResult:
     """Run a target up to its limit, or up to the first unknown flaw."""
     known = tuple(known_flaws(target).values())
     with TemporaryDirectory(prefix="drivecomm-fuzz-") as folder:
@@ -49,7 +49,7 @@ def run(target: Target, *, runs: int | None, seconds: float | None, seed: int) -
         flaws = [_flaw(target, path, said) for path in sorted(broken.iterdir())]
     if done.returncode and not flaws:
         raise RuntimeError(f"atheris ended with {done.returncode} for {target.name}: {said[-2000:]}")
-    return Outcome(
+    return FuzzResult(
         target=target.name,
         inputs=_number(said, r"number_of_executed_units: +(\d+)") or _number(said, r"Done (\d+) (?:runs )?in"),
         # If libFuzzer printed its own duration, use that: it excludes loading and instrumenting the code.
@@ -59,12 +59,12 @@ def run(target: Target, *, runs: int | None, seconds: float | None, seed: int) -
     )
 
 
-def _flaw(target: Target, path: Path, said: str) -> Flaw:
+def _flaw(target: FuzzTarget, path: Path, said: str) -> Flaw:
     kind = path.name.partition("-")[0]
     error = re.search(r"Uncaught Python exception: ===\n(.*)", said)
     places = re.findall(r'File "([^"]*)", line (\d+)', said)
     place = f"{Path(places[-1][0]).name}:{places[-1][1]}" if places else ""
-    return Flaw(error=error[1] if error else kind, place=place, kept=keep(target, path.read_bytes()))
+    return Flaw(error=error[1] if error else kind, place=place, kept=store_input(target, path.read_bytes()))
 
 
 def _grown_mib(said: str) -> int:

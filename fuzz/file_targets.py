@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from mutation import mutate_bytes, mutate_json, mutate_toml
-from target import Target, expect
+from target import FuzzTarget, expect
 
 from drivecomm.capture import MAGIC, Capture, JsonLines, Pcapng, Piece, Provenance, capture_in
 from drivecomm.errors import DriveCommError, FileFormatError
@@ -32,20 +32,20 @@ _CAPTURE = Path("capture")
 _MOST_SEEDS = 400
 
 
-def file_targets() -> Iterator[Target]:
+def file_targets() -> Iterator[FuzzTarget]:
     """Yield a target for every reader of files."""
     plugins = list(installed.working())
     yield _toml("vector-files", load_vectors, tuple(_vector_files(plugins)))
     yield _toml("model-files", _read_model, tuple(_model_files(plugins)))
     yield _toml("plant-files", read_plant, (_documented(sys.modules[read_plant.__module__].__doc__),))
     captures = list(_captures(plugins))
-    yield Target(
+    yield FuzzTarget(
         name="capture-json-lines",
         check=_check_json_lines,
         seeds=tuple(_file_of(JsonLines(capture.provenance), capture) for capture in captures),
         mutate=mutate_json,
     )
-    yield Target(
+    yield FuzzTarget(
         name="capture-pcapng",
         check=_check_pcapng,
         seeds=tuple(_file_of(Pcapng(capture.provenance), capture) for capture in captures),
@@ -68,8 +68,8 @@ class _FileReading:
             self._read(self._place)
 
 
-def _toml(name: str, read: Callable[[Path], object], seeds: tuple[bytes, ...]) -> Target:
-    return Target(name=name, check=_FileReading(read).check, seeds=seeds[:_MOST_SEEDS], mutate=mutate_toml)
+def _toml(name: str, read: Callable[[Path], object], seeds: tuple[bytes, ...]) -> FuzzTarget:
+    return FuzzTarget(name=name, check=_FileReading(read).check, seeds=seeds[:_MOST_SEEDS], mutate=mutate_toml)
 
 
 def _vector_files(plugins: list[Protocol]) -> Iterator[bytes]:

@@ -6,7 +6,7 @@ import json
 from typing import TYPE_CHECKING
 
 from mutation import mutate_json
-from target import Target, expect
+from target import FuzzTarget, expect
 
 from drivecomm.models import load_model
 from drivecomm.plant import Plant, PlantLine
@@ -25,7 +25,7 @@ _FAULTS = (
 )
 
 
-def order_target(plugin: Protocol) -> Target:
+def order_target(plugin: Protocol) -> FuzzTarget:
     """Return the target for orders to a plant with one drive of this protocol; each input gets a new plant."""
     # Read the model once: reading it takes a hundred times as long as an order.
     model = load_model(plugin.package, plugin.name, plugin.default_model)
@@ -54,4 +54,4 @@ def order_target(plugin: Protocol) -> Target:
     ]
     written = [json.dumps(order).encode() for order in orders]
     pairs = [one + b"\n" + other for one in written for other in written[:3]]
-    return Target(name=f"{plugin.name}-orders", check=check, seeds=(*written, *pairs), mutate=mutate_json)
+    return FuzzTarget(name=f"{plugin.name}-orders", check=check, seeds=(*written, *pairs), mutate=mutate_json)

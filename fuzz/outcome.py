@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from target import FOUND, PropertyBrokenError
 
 if TYPE_CHECKING:
-    from target import Target
+    from target import FuzzTarget
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,7 +26,7 @@ class Flaw:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
+class FuzzResult:
     """Result of fuzzing one target. slowest_s: the longest duration of one input, None if not measured."""
 
     target: str
@@ -42,7 +42,7 @@ class Outcome:
         return self.inputs / self.seconds if self.seconds else 0.0
 
 
-def keep(target: Target, data: bytes) -> Path:
+def store_input(target: FuzzTarget, data: bytes) -> Path:
     """Store an input that revealed a flaw; return its path."""
     folder = FOUND / target.name
     folder.mkdir(parents=True, exist_ok=True)
@@ -51,7 +51,7 @@ def keep(target: Target, data: bytes) -> Path:
     return place
 
 
-def known_flaws(target: Target) -> dict[tuple[str, str], Flaw]:
+def known_flaws(target: FuzzTarget) -> dict[tuple[str, str], Flaw]:
     """Return the flaws that the stored inputs of a target still reveal, by kind of error and place."""
     known: dict[tuple[str, str], Flaw] = {}
     for data in target.found():
@@ -60,7 +60,7 @@ def known_flaws(target: Target) -> dict[tuple[str, str], Flaw]:
         except Exception as error:  # noqa: BLE001 - any exception is a finding
             kind = kind_of(error)
             said = f"{kind[0]}: {str(error)[:200]}"
-            known.setdefault(kind, Flaw(error=said, place=kind[1], kept=keep(target, data)))
+            known.setdefault(kind, Flaw(error=said, place=kind[1], kept=store_input(target, data)))
     return known
 
 

@@ -6,12 +6,12 @@ from random import Random
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-from outcome import Flaw, Outcome, keep, kind_of, peak_mib
+from outcome import Flaw, FuzzResult, kind_of, peak_mib, store_input
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from target import Target
+    from target import FuzzTarget
 
 TITLE = "the plain random mutator, which sees no coverage"
 # Growth beyond this limit cannot be the interpreter's own, and indicates a leak.
@@ -19,7 +19,7 @@ _MOST_GROWTH_MIB = 256
 _SHRINKING_TRIALS = 400
 
 
-def run(target: Target, *, runs: int | None, seconds: float | None, seed: int) -> Outcome:
+def run(target: FuzzTarget, *, runs: int | None, seconds: float | None, seed: int) -> FuzzResult:
     """Run a target on its seeds, on the inputs found before, and on mutations of both, up to a limit."""
     before, began, slowest, number = peak_mib(), perf_counter(), 0.0, 0
     flaws: dict[tuple[str, str], Flaw] = {}
@@ -38,9 +38,9 @@ def run(target: Target, *, runs: int | None, seconds: float | None, seed: int) -
         if number == runs or (seconds is not None and now - began >= seconds):
             break
         if not number % 4096 and peak_mib() - before > _MOST_GROWTH_MIB:
-            flaws["memory", ""] = Flaw(error="memory grows without end", place="", kept=keep(target, data))
+            flaws["memory", ""] = Flaw(error="memory grows without end", place="", kept=store_input(target, data))
             break
-    return Outcome(
+    return FuzzResult(
         target=target.name,
         inputs=number,
         seconds=perf_counter() - began,
@@ -50,7 +50,7 @@ def run(target: Target, *, runs: int | None, seconds: float | None, seed: int) -
     )
 
 
-def _inputs(target: Target, random: Random) -> Iterator[bytes]:
+def _inputs(target: FuzzTarget, random: Random) -> Iterator[bytes]:
     known = [*target.seeds, *target.found()]
     yield b""
     yield from known
@@ -59,12 +59,12 @@ def _inputs(target: Target, random: Random) -> Iterator[bytes]:
         yield mutate(random, known[int(choose() * size)], known)
 
 
-def _flaw(target: Target, data: bytes, known: tuple[str, str]) -> Flaw:
+def _flaw(target: FuzzTarget, data: bytes, known: tuple[str, str]) -> Flaw:
     data, error = _shrunk(target, data, known)
-    return Flaw(error=f"{type(error).__name__}: {str(error)[:200]}", place=known[1], kept=keep(target, data))
+    return Flaw(error=f"{type(error).__name__}: {str(error)[:200]}", place=known[1], kept=store_input(target, data))
 
 
-def _shrunk(target: Target, data: bytes, known: tuple[str, str]) -> tuple[bytes, BaseException]:
+def _shrunk(target: FuzzTarget, data: bytes, known: tuple[str, str]) -> tuple[bytes, BaseException]:
     """Return the smallest input found that still reveals the same flaw, with its error."""
     error = _error(target, data) or RuntimeError("it does not come again")
     # Shrinking a deep recursion could make it too shallow to fail with another engine.
@@ -85,7 +85,7 @@ def _shrunk(target: Target, data: bytes, known: tuple[str, str]) -> tuple[bytes,
     return data, error
 
 
-def _error(target: Target, data: bytes) -> BaseException | None:
+def _error(target: FuzzTarget, data: bytes) -> BaseException | None:
     try:
         target.check(data)
     except Exception as error:  # noqa: BLE001 - as above

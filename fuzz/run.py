@@ -19,7 +19,7 @@ import plain_engine
 from all_targets import all_targets
 
 if TYPE_CHECKING:
-    from outcome import Outcome
+    from outcome import FuzzResult
 
 _ENGINES = {"atheris": atheris_engine, "plain": plain_engine}
 _SECONDS = 10.0
@@ -57,7 +57,7 @@ def main() -> int:
     return 0 if sound else 1
 
 
-def _line(outcome: Outcome) -> str:
+def _line(outcome: FuzzResult) -> str:
     slowest = "-" if outcome.slowest_s is None else f"{outcome.slowest_s * 1000:.1f} ms"
     return (
         f"{outcome.target:<22}{outcome.inputs:>12,}{outcome.seconds:>9.1f}{outcome.rate:>10,.0f}"

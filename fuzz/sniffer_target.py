@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from mutation import mutate_bytes
-from target import Target, expect
+from target import FuzzTarget, expect
 
 from drivecomm.capture import Piece
 from drivecomm.protocol import installed
@@ -30,7 +30,7 @@ _MOST_HELD = 4096 + 512
 """Limit of undecoded bytes: the sniffer's longest undecided stretch, and the beginning of a telegram after it."""
 
 
-def sniffer_target() -> Target:
+def sniffer_target() -> FuzzTarget:
     """Return the target for the sniffer with all installed protocols."""
     plugins = list(installed.working())
 
@@ -49,7 +49,7 @@ def sniffer_target() -> Target:
         expect(reported == len(fed), f"of {len(fed)} bytes that were heard, {reported} are reported")
         expect(not sniffer.finish(), "something is left behind the end")
 
-    return Target(name="sniffer", check=check, seeds=(*_seeds(), *_floods()), mutate=mutate_bytes)
+    return FuzzTarget(name="sniffer", check=check, seeds=(*_seeds(), *_floods()), mutate=mutate_bytes)
 
 
 def pieces_of(data: bytes) -> Iterator[Piece]:

@@ -20,7 +20,7 @@ class PropertyBrokenError(Exception):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Target:
+class FuzzTarget:
     """One reader of foreign data.
 
     name: as on the command line. check: raises any error outside drivecomm's tree of errors, and PropertyBrokenError.

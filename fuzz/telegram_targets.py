@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from choices import Choices
 from mutation import mutate_bytes
-from target import PropertyBrokenError, Target, expect
+from target import FuzzTarget, PropertyBrokenError, expect
 
 from drivecomm.errors import DriveCommError, TelegramError
 from drivecomm.protocol import Framed, Framer, Noise, fields_of
@@ -37,7 +37,7 @@ class _Reader:
         return self.plugin.codec(self.options)
 
 
-def telegram_targets(plugin: Protocol) -> Iterator[Target]:
+def telegram_targets(plugin: Protocol) -> Iterator[FuzzTarget]:
     """Yield the fuzz targets for the telegrams of a protocol."""
     readers = _readers(plugin)
     sound = _sound(plugin, readers)
@@ -71,7 +71,7 @@ def _sound(plugin: Protocol, readers: list[_Reader]) -> tuple[bytes, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def _decoder(plugin: Protocol, readers: list[_Reader], seeds: tuple[bytes, ...]) -> Target:
+def _decoder(plugin: Protocol, readers: list[_Reader], seeds: tuple[bytes, ...]) -> FuzzTarget:
     # Decoders are reused for all inputs; only framers keep state between inputs.
     codecs = [(reader.codec(), reader.direction) for reader in readers]
 
@@ -102,14 +102,14 @@ def _decoder(plugin: Protocol, readers: list[_Reader], seeds: tuple[bytes, ...])
         expect(read == message, "what was decoded says something else when encoded again")
         expect(codec.encode(read) == written, "a canonical telegram is not encoded as it was")
 
-    return Target(name=f"{plugin.name}-decoder", check=check, seeds=seeds, mutate=mutate_bytes)
+    return FuzzTarget(name=f"{plugin.name}-decoder", check=check, seeds=seeds, mutate=mutate_bytes)
 
 
 def _repeats_its_beginning(telegram: bytes) -> bool:
     return telegram.find(telegram[:3], 1) > 0
 
 
-def _framer(plugin: Protocol, readers: list[_Reader], sound: tuple[bytes, ...]) -> Target:
+def _framer(plugin: Protocol, readers: list[_Reader], sound: tuple[bytes, ...]) -> FuzzTarget:
     def check(data: bytes) -> None:
         if len(data) < 2:
             return
@@ -121,7 +121,7 @@ def _framer(plugin: Protocol, readers: list[_Reader], sound: tuple[bytes, ...]) 
     rows = [seed[:1] + bytes([place]) + seed[1:] * 2 for place, seed in enumerate(sound) if place < 256]
     # A telegram beginning that never ends.
     floods = [seed[:1] + b"\x00" + seed[1:6] + seed[5:6] * 1000 for seed in sound[:3]]
-    return Target(name=f"{plugin.name}-framer", check=check, seeds=(*rows, *floods), mutate=mutate_bytes)
+    return FuzzTarget(name=f"{plugin.name}-framer", check=check, seeds=(*rows, *floods), mutate=mutate_bytes)
 
 
 def _finds(reader: _Reader, stream: bytes, size: int) -> list[Find]:
@@ -150,7 +150,7 @@ def _joined(finds: list[Find]) -> list[tuple[str, bytes]]:
     return joined
 
 
-def _encoder(plugin: Protocol) -> Target:
+def _encoder(plugin: Protocol) -> FuzzTarget:
     """Return the target that encodes changed fields of a vector; the result must decode to the same message."""
     vectors = packaged_vectors(plugin)
     examples = [(each, plugin.options(**each.options)) for each in vectors.vectors if each.valid]
@@ -169,7 +169,7 @@ def _encoder(plugin: Protocol) -> Target:
         _written_and_read(plugin, plugin.codec(options), fields, vector.direction)
 
     seeds = tuple(each.data for each, _ in examples)
-    return Target(name=f"{plugin.name}-encoder", check=check, seeds=seeds, mutate=mutate_bytes)
+    return FuzzTarget(name=f"{plugin.name}-encoder", check=check, seeds=seeds, mutate=mutate_bytes)
 
 
 def _written_and_read(plugin: Protocol, codec: Codec, fields: Mapping[str, Any], direction: Direction) -> None:

@@ -20,7 +20,7 @@ import pytest
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Mapping, Sequence
 
-    from drivecomm.judge import Case
+    from drivecomm.judge import JudgeCase
     from drivecomm.testing import LineMaker, MakesDrive, MakesLine, MakesPlant, MakesServer
 
 __all__ = ["master_tests"]
@@ -91,23 +91,23 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestR
 
 def master_tests(
     drive: str, *, command: Sequence[str], tasks: Mapping[str, str], **order: Any
-) -> Callable[[pytest.FixtureRequest, Case], None]:
+) -> Callable[[pytest.FixtureRequest, JudgeCase], None]:
     """Return a test function that plays every case of `drivecomm judge` as a separate test.
 
         test_driver = master_tests("vabus:1", command=["./mydriver", "{port}"], tasks={"read": "read 481"})
 
     drive: PROTOCOL:ADDRESS with options, or a protocol. tasks: the arguments of each task, as a shell would take them.
-    order: further fields of `drivecomm.judge.Order`. Raises UsageError for an invalid order.
+    order: further fields of `drivecomm.judge.JudgeOrder`. Raises UsageError for an invalid order.
     """
-    from drivecomm.judge import Judge, Order, parse_task
+    from drivecomm.judge import Judge, JudgeOrder, parse_task
     from drivecomm.protocol import installed, parse_drive
 
     named = drive if ":" in drive else f"{drive}:{installed[drive].addresses[0]}"
     told = tuple(parse_task(f"{name}={arguments}") for name, arguments in tasks.items())
-    judge = Judge(Order(drive=parse_drive(named), command=tuple(command), tasks=told, **order))
+    judge = Judge(JudgeOrder(drive=parse_drive(named), command=tuple(command), tasks=told, **order))
 
     @pytest.mark.parametrize("case", judge.cases, ids=[case.name for case in judge.cases])
-    def test_master(request: pytest.FixtureRequest, case: Case) -> None:
+    def test_master(request: pytest.FixtureRequest, case: JudgeCase) -> None:
         verdict = judge.verdict(case)
         request.node.user_properties.append(("drivecomm-seed", str(verdict.seed)))
         if verdict.outcome == "not tried":

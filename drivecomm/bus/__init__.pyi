@@ -1,5 +1,6 @@
 from .async_bus import AsyncBus as AsyncBus, open_bus_async as open_bus_async
 from .bus import Bus as Bus, open_bus as open_bus
+from .call_styles import BlockingCalls as BlockingCalls, RemoteCalls as RemoteCalls
 from .discoverable import Discoverable as Discoverable
 from .drives import (
     AsyncBroadcast as AsyncBroadcast,
@@ -8,18 +9,18 @@ from .drives import (
     Drive as Drive,
 )
 from .exchanges import Exchanges as Exchanges
-from .faces import Blocking as Blocking, Sent as Sent
 from .feeding import Feeding as Feeding
-from .keep_news import KeepNews as KeepNews
 from .keep_policy import (
     LONGEST_LEASE_S as LONGEST_LEASE_S,
     REFRESHES_IN_TIME as REFRESHES_IN_TIME,
     USUAL_WATCHDOG_S as USUAL_WATCHDOG_S,
     lease_s as lease_s,
 )
+from .keep_reports import KeepReports as KeepReports
 from .keeping import WatchdogKeeper as WatchdogKeeper, keep as keep, keep_async as keep_async
 from .likely_settings import LineChoices as LineChoices, likely_settings as likely_settings
-from .line_face import AwaitedLine as AwaitedLine, BlockingLine as BlockingLine, LineFace as LineFace
+from .line_drives import DriveParts as DriveParts, LineDrives as LineDrives
+from .line_interface import AwaitedLine as AwaitedLine, BlockingLine as BlockingLine, LineInterface as LineInterface
 from .line_options import (
     LineOptions as LineOptions,
     check_line_options as check_line_options,
@@ -28,8 +29,8 @@ from .line_options import (
 from .opening import port_opener as port_opener
 from .procedures import (
     Goal as Goal,
+    GoalWait as GoalWait,
     Procedure as Procedure,
-    Waiting as Waiting,
     ask_identity as ask_identity,
     ask_status as ask_status,
     carry_out as carry_out,
@@ -38,19 +39,18 @@ from .procedures import (
     in_ram_only as in_ram_only,
     reaching as reaching,
     read_parameter as read_parameter,
+    reading_speed as reading_speed,
     sleep_until as sleep_until,
     starting as starting,
     starting_by as starting_by,
     stop_motor as stop_motor,
-    telling_speed as telling_speed,
     write_parameter as write_parameter,
 )
 from .read_only import ReadOnly as ReadOnly
-from .roster import Member as Member, Roster as Roster
 from .scanning import (
-    Asking as Asking,
     Found as Found,
-    Question as Question,
+    ScanProbe as ScanProbe,
+    ScanRequest as ScanRequest,
     Search as Search,
     options_of as options_of,
     probe as probe,
@@ -70,7 +70,7 @@ from .stopping_all import (
     stopping_line as stopping_line,
 )
 from .stored_writes import ALLOWED as ALLOWED, StoredWrites as StoredWrites, is_stored as is_stored
-from .valid_options import as_far_as_possible as as_far_as_possible
+from .valid_options import make_despite_errors as make_despite_errors
 from .verbs import BroadcastVerbs as BroadcastVerbs, DriveVerbs as DriveVerbs
 from .watchdog import (
     Setting as Setting,

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from collections.abc import AsyncGenerator, AsyncIterator, Callable, Iterable
 
     from drivecomm.bus.likely_settings import LineChoices
+    from drivecomm.bus.line_drives import LineDrives
     from drivecomm.bus.line_options import LineOptions
-    from drivecomm.bus.roster import Roster
-    from drivecomm.bus.scanning import Question
+    from drivecomm.bus.scanning import ScanRequest
     from drivecomm.bus.stopping_all import OnResult, StopResult
     from drivecomm.line import Job, PollItem, PollResult
     from drivecomm.link import Port
@@ -43,7 +43,7 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
     line: TaskLine
 
     def __init__(
-        self, open_port: Callable[[], Port], roster: Roster, on_close: Callable[[], None] | None = None
+        self, open_port: Callable[[], Port], roster: LineDrives, on_close: Callable[[], None] | None = None
     ) -> None:
         super().__init__(roster)
         self.line = TaskLine(open_port, roster.link, roster.commands, self._was_opened, on_close)
@@ -66,7 +66,7 @@ class AsyncBus(SharedBus[AsyncDrive, AsyncBroadcast]):
             else:
                 each.found = await self._asked(each)
 
-    async def _asked(self, question: Question) -> Found | None:
+    async def _asked(self, question: ScanRequest) -> Found | None:
         """Carry out a request of a scan, and repeat it while a stop goes first."""
         while True:
             try:

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Iterator
 
     from drivecomm.bus.likely_settings import LineChoices
+    from drivecomm.bus.line_drives import LineDrives
     from drivecomm.bus.line_options import LineOptions
-    from drivecomm.bus.roster import Roster
-    from drivecomm.bus.scanning import Found, Question
+    from drivecomm.bus.scanning import Found, ScanRequest
     from drivecomm.bus.stopping_all import OnResult, StopResult
     from drivecomm.line import Engine, EngineLine, Job, PollItem, PollResult
     from drivecomm.link import Port
@@ -40,7 +40,7 @@ class Bus(SharedBus[Drive, Broadcast]):
     line: ThreadLine
 
     def __init__(
-        self, open_port: Callable[[], Port], roster: Roster, on_close: Callable[[], None] | None = None
+        self, open_port: Callable[[], Port], roster: LineDrives, on_close: Callable[[], None] | None = None
     ) -> None:
         super().__init__(roster)
         self.line = ThreadLine(open_port, roster.link, roster.commands, self._was_opened, on_close)
@@ -76,7 +76,7 @@ class Bus(SharedBus[Drive, Broadcast]):
             else:
                 each.found = self._asked(each)
 
-    def _asked(self, question: Question) -> Found | None:
+    def _asked(self, question: ScanRequest) -> Found | None:
         """Carry out a request of a scan, and repeat it while a stop goes first."""
         while True:
             try:

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm.bus.faces import Awaited, Blocking
+from drivecomm.bus.call_styles import AwaitedCalls, BlockingCalls
 from drivecomm.bus.procedures import carry_out, carry_out_async, reaching
 from drivecomm.bus.verbs import BroadcastVerbs, DriveVerbs
 
 if TYPE_CHECKING:
-    from drivecomm.bus.line_face import AwaitedLine, BlockingLine  # noqa: F401 - used as strings in the bases of the classes
+    from drivecomm.bus.line_interface import AwaitedLine, BlockingLine  # noqa: F401 - used as strings in the bases of the classes
     from drivecomm.bus.procedures import Goal
     from drivecomm.protocol import DriveStatus
 
 
-class Drive(DriveVerbs["BlockingLine"], Blocking):
+class Drive(DriveVerbs["BlockingLine"], BlockingCalls):
     """One addressed drive, made by `Bus.drive`: the one interface to drives of every maker.
 
     Every verb is one exchange on the bus. It may raise LinkError (port or line), ReplyError (no believable reply),
@@ -35,11 +35,11 @@ class Drive(DriveVerbs["BlockingLine"], Blocking):
         return carry_out(self, reaching(self.name, goal, timeout_s, self.bus.now))
 
 
-class Broadcast(BroadcastVerbs["BlockingLine"], Blocking):
+class Broadcast(BroadcastVerbs["BlockingLine"], BlockingCalls):
     """All drives of one protocol on a bus at once. They never answer, so their reactions are unknown."""
 
 
-class AsyncDrive(DriveVerbs["AwaitedLine"], Awaited):
+class AsyncDrive(DriveVerbs["AwaitedLine"], AwaitedCalls):
     """One addressed drive, made by `AsyncBus.drive`; every verb is one exchange on the bus, with the errors of `Drive`.
 
     Cancelling a verb leaves the bus usable; whether the drive acted on a cancelled command is unknown.
@@ -50,5 +50,5 @@ class AsyncDrive(DriveVerbs["AwaitedLine"], Awaited):
         return await carry_out_async(self, reaching(self.name, goal, timeout_s, self.bus.now))
 
 
-class AsyncBroadcast(BroadcastVerbs["AwaitedLine"], Awaited):
+class AsyncBroadcast(BroadcastVerbs["AwaitedLine"], AwaitedCalls):
     """All drives of one protocol on a bus at once. They never answer, so their reactions are unknown."""

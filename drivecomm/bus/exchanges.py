@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from drivecomm import models
 from drivecomm.bus.reference_limits import ReferenceLimits
-from drivecomm.bus.references import References
+from drivecomm.bus.references import ReferenceExchanges
 from drivecomm.bus.stored_writes import is_stored
 from drivecomm.errors import (
     NotSupported,
@@ -18,11 +18,11 @@ from drivecomm.errors import (
     StateError,
     UsageError,
     ValueRefusedError,
-    meant,
-    near,
+    did_you_mean,
     shortened,
+    suggestion,
 )
-from drivecomm.protocol import KnowsStarts, exact, misfit, way_to_stop
+from drivecomm.protocol import KnowsStarts, exact, way_to_stop, wrong_argument
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -68,7 +68,7 @@ class Exchanges:
         self._common: dict[str, CommonName] = {}
         self._plausibility = models.Plausibility()
         limits = ReferenceLimits(name, lambda: operations.capabilities, self._maximum_frequency)
-        self.references = References(name, operations, limits, self._read_common, machine)
+        self.references = ReferenceExchanges(name, operations, limits, self._read_common, machine)
 
     def to_read(self, parameter: str, options: Mapping[str, Any]) -> Exchange[Reading]:
         """Read a parameter by its address, its name in the model or a common name."""
@@ -76,9 +76,11 @@ class Exchanges:
             self._must_name(parameter)
         common = None if self._model is None else self._common_name(parameter)
         if common is not None:
-            return self._told(bound(self.operations.read, common.address, **options), common)
+            return self._told(call_checked(self.operations.read, common.address, **options), common)
         try:
-            return bound(self.operations.read, parameter, **options) if options else self.operations.read(parameter)
+            return (
+                call_checked(self.operations.read, parameter, **options) if options else self.operations.read(parameter)
+            )
         except ParameterAddressError as error:
             raise self._unknown(parameter, error) from error
 
@@ -120,15 +122,17 @@ class Exchanges:
         value = self._number_of(parameter, value)
         common = self._common_name(parameter)
         if common is not None:
-            return _confirmed(bound(self.operations.write, common.address, common.given(value), **options), common)
+            return _confirmed(
+                call_checked(self.operations.write, common.address, common.given(value), **options), common
+            )
         try:
-            return bound(self.operations.write, parameter, value, **options)
+            return call_checked(self.operations.write, parameter, value, **options)
         except ParameterAddressError as error:
             raise self._unknown(parameter, error) from error
 
     def to_start(self, *, reverse: bool) -> Exchange[None]:
         """Start the motor."""
-        return bound(self.operations.start, reverse=reverse)
+        return call_checked(self.operations.start, reverse=reverse)
 
     def to_stop(self, how: Stop | StopName) -> Exchange[None]:
         """Stop the motor. Raises UsageError for an unknown way to stop."""
@@ -141,13 +145,13 @@ class Exchanges:
     def _unknown(self, parameter: str, error: ParameterAddressError) -> ParameterAddressError:
         """Return the error for a parameter that the protocol does not know, with a suggestion."""
         if parameter in models.quantities():
-            return models.not_said(parameter, self._model)
+            return models.unmapped_name_error(parameter, self._model)
         known = set(models.quantities())
         if self._model is not None:
             names = {info.name for info in self._model.parameters.values()}
             known = {*self._model.quantities, *self._model.parameters, *names}
         # A known parameter was refused for another reason, such as its data set.
-        question = "" if parameter in known else near(parameter, known)
+        question = "" if parameter in known else did_you_mean(parameter, known)
         return ParameterAddressError(f"{error}; {question}" if question else str(error))
 
     def _number_of(self, parameter: str, value: Value | float) -> Value | float:
@@ -178,7 +182,7 @@ class Exchanges:
 
         The address is the same for every name of the parameter.
         """
-        address: str = bound(self.operations.address_of, self.address_of(parameter), **options)
+        address: str = call_checked(self.operations.address_of, self.address_of(parameter), **options)
         store = bool(options.get("store"))
         return address, is_stored(self.operations.capabilities, self._model, address, store=store)
 
@@ -233,15 +237,15 @@ class Exchanges:
         if verb not in self.operations.extra:
             can = ", ".join(sorted(self.capabilities.verbs)) or "none of them"
             raise NotSupported(f"{self._name} cannot {verb}; of the common verbs it has {can}")
-        return bound(self.operations.extra[verb], **arguments)
+        return call_checked(self.operations.extra[verb], **arguments)
 
     def call(self, verb: str, arguments: Mapping[str, Any]) -> Exchange[Any]:
         """Carry out a verb that only this protocol has."""
         extra = self.operations.extra
         if not isinstance(verb, str) or verb not in extra:
-            known = meant(verb, sorted(extra), "it has")
+            known = suggestion(verb, sorted(extra), "it has")
             raise NotSupported(f"{self._name} has no verb {shortened(verb)}; {known}")
-        return bound(extra[verb], **arguments)
+        return call_checked(extra[verb], **arguments)
 
 
 def _confirmed(exchange: Exchange[Reading | None], common: CommonName) -> Exchange[Reading | None]:
@@ -271,9 +275,9 @@ def setting_up(operations: Operations, writes: Mapping[str, Any]) -> Exchange[No
         yield from operations.write(parameter, value)
 
 
-def bound(operation: Callable[..., T], *values: Any, **options: Any) -> T:
+def call_checked(operation: Callable[..., T], *values: Any, **options: Any) -> T:
     """Call an operation. Raises UsageError for options that are unknown or have a wrong type."""
-    if options and (wrong := misfit(operation, options)):
+    if options and (wrong := wrong_argument(operation, options)):
         name, takes = wrong
         raise UsageError(f"{name} cannot be {shortened(options[name])}; it takes {takes}")
     try:
@@ -291,7 +295,7 @@ def _refuse(operation: Callable[..., Any], values: tuple[Any, ...], options: Map
     name = getattr(operation, "__name__", "it")
     if unknown:
         known = [name for name, one in parameters.items() if one.kind is one.KEYWORD_ONLY or not values]
-        there = meant(unknown[0], known, "it has")
+        there = suggestion(unknown[0], known, "it has")
         raise UsageError(f"{name} has no option {unknown[0]!r} here; {there}") from None
     missing = [
         name

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from drivecomm.bus.faces import Sent
+from drivecomm.bus.call_styles import RemoteCalls
 from drivecomm.bus.feeding import Feeding, WatchdogFeeding
 from drivecomm.bus.keep_policy import REFRESHES_IN_TIME, STOP_TRIES, USUAL_WATCHDOG_S, stop_on_leaving
 from drivecomm.bus.procedures import sleep_until
@@ -43,7 +43,7 @@ class Keeper(Generic[D]):
         self._feeding: Feeding = (
             # The server's own polls feed the drive's watchdog, so it cannot show that this program has died.
             drive.feeding(policy, self._watchdog_s, self._stop)
-            if self._feeds and isinstance(drive, Sent)
+            if self._feeds and isinstance(drive, RemoteCalls)
             else WatchdogFeeding(drive, policy, self._watchdog_s)
         )
         self._every_s = self._feeding.silence_s / REFRESHES_IN_TIME

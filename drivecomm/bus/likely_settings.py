@@ -73,7 +73,7 @@ EVERYTHING_LIKELY = LineChoices()
 
 
 @dataclass(frozen=True, slots=True)
-class Likely:
+class LikelySettings:
     """Line settings, and how unlikely they are for a drive of a protocol: 0 for its default."""
 
     settings: LineSettings
@@ -82,7 +82,7 @@ class Likely:
 
 def likely_settings(
     plugin: Protocol, models: Iterable[Model], choices: LineChoices = EVERYTHING_LIKELY, *, eight_bits: bool = False
-) -> list[Likely]:
+) -> list[LikelySettings]:
     """Return the line settings to try for a protocol, most likely first.
 
     models: models of its package, which name the settings that their drives have. eight_bits: whether its telegrams
@@ -102,7 +102,7 @@ def likely_settings(
         [*(chosen if given else ()), *USUAL_FORMATS],
     )
     found = [
-        Likely(
+        LikelySettings(
             LineSettings(baudrate=rate, bytesize=bits[0], parity=bits[1], stopbits=bits[2]),
             rate_place + _FORMAT_WEIGHT * format_place,
         )

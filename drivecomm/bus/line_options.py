@@ -6,7 +6,7 @@ from inspect import Parameter, signature
 from typing import TYPE_CHECKING, Any, TypedDict, TypeVar
 
 from drivecomm.bus.stored_writes import ALLOWED
-from drivecomm.errors import UsageError, meant
+from drivecomm.errors import UsageError, suggestion
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -77,7 +77,7 @@ def check_line_options(given: Iterable[str], also: Sequence[str] = ()) -> None:
     """Raise UsageError for a name that is not an option of a line. also: further options of the called function."""
     known = (*also, *LineOptions.__annotations__)
     if unknown := sorted(set(given) - set(known)):
-        raise UsageError(f"unknown line setting {unknown[0]!r}; {meant(unknown[0], known, 'use one of')}")
+        raise UsageError(f"unknown line setting {unknown[0]!r}; {suggestion(unknown[0], known, 'use one of')}")
 
 
 def lists_line_options(opens: F) -> F:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from drivecomm.bus.line_drives import LineDrives
 from drivecomm.bus.line_options import check_line_options
-from drivecomm.bus.roster import Roster
 from drivecomm.errors import UsageError, shortened
 
 if TYPE_CHECKING:
@@ -20,14 +20,14 @@ _PORT = ("rs485", "low_latency")
 
 def opened_with(
     port: str | Callable[[], Port], options: Mapping[str, Any]
-) -> tuple[Callable[[], Port], Roster, Callable[[], None] | None]:
+) -> tuple[Callable[[], Port], LineDrives, Callable[[], None] | None]:
     """Return the parts of a bus: a function that opens its port, its drives, and a function that ends its record."""
     check_line_options(options)
     facts = dict(options)
     of_roster, of_port = ({name: facts.pop(name) for name in names if name in facts} for names in (_ROSTER, _PORT))
     record = facts.pop("record", None)
     name = port if isinstance(port, str) else ""
-    roster, opener = Roster(facts, **of_roster, port=name), port_opener(port, **of_port)
+    roster, opener = LineDrives(facts, **of_roster, port=name), port_opener(port, **of_port)
     if record is None:
         return opener, roster, None
     # Imported here, because only recording needs files and their formats.

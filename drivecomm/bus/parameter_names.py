@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import near
+from drivecomm.errors import did_you_mean
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Model, ParameterInfo
@@ -31,7 +31,9 @@ class ParameterNames(Mapping[str, "ParameterInfo"]):
         if name in self._known:
             return name
         why = (
-            near(name, self._known) or "list(drive.parameters) has all of its model" if self._known else "give a model"
+            did_you_mean(name, self._known) or "list(drive.parameters) has all of its model"
+            if self._known
+            else "give a model"
         )
         raise AttributeError(f"no parameter of {self._drive} is named {name}; {why}")
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from copy import copy
 from typing import TYPE_CHECKING, Any, Generic, Protocol, Self, TypeVar
 
+from drivecomm.bus.call_styles import RemoteCalls
 from drivecomm.bus.discoverable import Discoverable
 from drivecomm.bus.exchanges import Exchanges
-from drivecomm.bus.faces import Sent
 from drivecomm.errors import UsageError
 from drivecomm.line import Job, Rank
 
@@ -82,13 +82,13 @@ class PeerVerbs(Discoverable, Generic[B]):
         """Capabilities of the drive."""
         return self._exchanges.capabilities
 
-    def checked(self, check: Callable[[], None]) -> Self:
+    def with_check(self, check: Callable[[], None]) -> Self:
         """Return a copy whose commands are checked again when their turn on the line has come.
 
         check: called right before each command is sent; if it raises, the command is not sent, and the caller gets the
         error. Raises UsageError for a drive of a server, to which no function can be sent.
         """
-        if isinstance(self, Sent):
+        if isinstance(self, RemoteCalls):
             raise UsageError(f"{self!r} is on a line of a server, to which no check of a program's own can be sent")
         other = copy(self)
         other._check = check  # noqa: SLF001 - an object of the same class

@@ -11,14 +11,14 @@ from collections.abc import Callable, Generator, Mapping
 from inspect import isawaitable
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 
-from drivecomm.errors import DriveCommError, NotSupported, OvertakenError, StateError, UsageError, meant, shortened
+from drivecomm.errors import DriveCommError, NotSupported, OvertakenError, StateError, UsageError, shortened, suggestion
 from drivecomm.line import Rank
 from drivecomm.protocol import DriveState, is_duration
 
 if TYPE_CHECKING:
     from decimal import Decimal
 
-    from drivecomm.bus.faces import Awaited, Blocking, Sent
+    from drivecomm.bus.call_styles import AwaitedCalls, BlockingCalls, RemoteCalls
     from drivecomm.protocol import DriveStatus, Model, StateName, Stop, Value
 
 T = TypeVar("T")
@@ -82,7 +82,7 @@ def sleep_until(until: float) -> Action:
     return lambda drive: drive.bus.sleep_until(until)
 
 
-def carry_out(drive: Blocking | Sent | None, procedure: Procedure[T]) -> T:
+def carry_out(drive: BlockingCalls | RemoteCalls | None, procedure: Procedure[T]) -> T:
     """Carry out a procedure with a drive, and return its result.
 
     drive: None for a procedure that names its drives itself.
@@ -103,7 +103,7 @@ def carry_out(drive: Blocking | Sent | None, procedure: Procedure[T]) -> T:
         procedure.close()
 
 
-async def carry_out_async(drive: Awaited | Sent | None, procedure: Procedure[T]) -> T:
+async def carry_out_async(drive: AwaitedCalls | RemoteCalls | None, procedure: Procedure[T]) -> T:
     """Carry out a procedure with a drive, awaiting each step, and return its result.
 
     drive: None for a procedure that names its drives itself.
@@ -164,7 +164,7 @@ def starting_by(verb: str, arguments: Mapping[str, Any], check: Callable[[], Non
     return (yield lambda drive: getattr(drive, verb)(**arguments))
 
 
-def telling_speed(model: Model | None, now: Callable[[], float], *, waits: bool = False) -> Procedure[str]:
+def reading_speed(model: Model | None, now: Callable[[], float], *, waits: bool = False) -> Procedure[str]:
     """Return the speed of a motor that was just started, in words; empty if the drive does not report it.
 
     waits: whether the speed is not a reference, such as a jog speed; the result is then the output frequency that the
@@ -201,7 +201,7 @@ POLL_S = 0.1
 
 def reaching(name: str, goal: Goal, timeout_s: float, now: Callable[[], float]) -> Procedure[DriveStatus]:
     """Poll the status of the drive with this name until it reaches the goal; return that status."""
-    waiting = Waiting(name, goal, timeout_s, now())
+    waiting = GoalWait(name, goal, timeout_s, now())
     while True:
         try:
             status: DriveStatus = yield ask_status()
@@ -216,11 +216,11 @@ def _state(goal: DriveState | StateName) -> DriveState:
     try:
         return DriveState(goal)
     except ValueError:
-        known = meant(goal, [*(state.value for state in DriveState), "at_reference"], "use")
+        known = suggestion(goal, [*(state.value for state in DriveState), "at_reference"], "use")
         raise UsageError(f"cannot wait for {shortened(goal)}; {known}") from None
 
 
-class Waiting:
+class GoalWait:
     """A limited wait for a goal, of `timeout_s` from `now` on. Raises UsageError for an invalid goal or time."""
 
     def __init__(self, name: str, goal: Goal, timeout_s: float, now: float) -> None:

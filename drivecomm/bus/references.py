@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Exchange, MachineUnit, Operations, Reading, Value
 
 
-class References:
+class ReferenceExchanges:
     """Factory of the exchanges that set the reference of one drive.
 
     name: name of the drive. limits: the highest references that it accepts. read: returns an exchange that reads a

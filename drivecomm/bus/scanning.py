@@ -13,7 +13,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus.likely_settings import likely_settings
-from drivecomm.bus.right_drive import fitting
+from drivecomm.bus.series_proof import fitting
 from drivecomm.errors import DriveCommError, NoReplyError, OvertakenError, ReplyError, UsageError, shortened
 from drivecomm.line import Job, Rank
 from drivecomm.models import load_model, model_names
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from drivecomm.bus.likely_settings import LineChoices
-    from drivecomm.bus.roster import Member
+    from drivecomm.bus.line_drives import DriveParts
     from drivecomm.link import Peer
     from drivecomm.protocol import Exchange, LineSettings, Model, Operations, Protocol
 
@@ -71,7 +71,7 @@ class Found:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Asking:
+class ScanProbe:
     """One probe of a scan, at one address and with one choice of line settings.
 
     settings: None for those that the bus has for the protocol. variant: drive options other than the usual ones.
@@ -93,7 +93,7 @@ class Asking:
 
 
 @dataclass(slots=True, eq=False)
-class Question:
+class ScanRequest:
     """A request of a scan. found: its result, which the caller that carries it out fills in.
 
     It waits behind all other calls, and is repeated if a stop goes first.
@@ -126,7 +126,7 @@ class Search:
         plain = _asked(only, addresses)
         self._models: dict[str, Sequence[Model]] = {}
         self._left = deque(
-            [Asking(protocol=plugin.name, address=address, variant=variant) for plugin, variant, address in plain]
+            [ScanProbe(protocol=plugin.name, address=address, variant=variant) for plugin, variant, address in plain]
             if choices is None
             else self._widely(plain, choices)
         )
@@ -136,7 +136,7 @@ class Search:
         self._under_way = 0
         self.done = 0
 
-    def __iter__(self) -> Iterator[Asking]:
+    def __iter__(self) -> Iterator[ScanProbe]:
         """Yield the next probe; earlier results change which probes follow, and their order."""
         while self._left:
             asking, self._under_way = self._left.popleft(), 1
@@ -149,7 +149,7 @@ class Search:
         return self.done + self._under_way + len(self._left)
 
     @property
-    def left(self) -> Sequence[Asking]:
+    def left(self) -> Sequence[ScanProbe]:
         """The probes that are not made yet, in their order."""
         return tuple(self._left)
 
@@ -158,7 +158,7 @@ class Search:
         if self._for_all:
             self._left = deque(each for each in self._left if not foreign(installed[each.protocol]))
 
-    def heard(self, asking: Asking, found: Found | None) -> Found | None:
+    def heard(self, asking: ScanProbe, found: Found | None) -> Found | None:
         """Process the result of a probe; return the drive if it was unknown.
 
         Damage shows that a drive is there with other settings. A wide scan then probes this address at all its settings
@@ -202,7 +202,7 @@ class Search:
         candidates = yield from fitting(plugin, found.address, self._models_of(plugin))
         return replace(found, candidates=candidates)
 
-    def _first(self, wanted: Callable[[Asking], bool]) -> None:
+    def _first(self, wanted: Callable[[ScanProbe], bool]) -> None:
         # A stable sort, so that the likely ones go first among them, too.
         self._left = deque(sorted(self._left, key=lambda each: not wanted(each)))
 
@@ -211,7 +211,9 @@ class Search:
             self._models[plugin.name] = _readable_models(plugin)
         return self._models[plugin.name]
 
-    def _widely(self, plain: Sequence[tuple[Protocol, Mapping[str, Any], int]], choices: LineChoices) -> list[Asking]:
+    def _widely(
+        self, plain: Sequence[tuple[Protocol, Mapping[str, Any], int]], choices: LineChoices
+    ) -> list[ScanProbe]:
         addresses: dict[tuple[str, str], list[int]] = {}
         variants: dict[tuple[str, str], Mapping[str, Any]] = {}
         for plugin, variant, address in plain:
@@ -229,7 +231,10 @@ class Search:
                     later = 0 if counted < FIRST_ADDRESSES else _FURTHER_ADDRESS
                     order = (each.unlikeliness + later, number, place, counted)
                     ranked.append(
-                        (order, Asking(protocol=name, address=address, settings=each.settings, variant=variants[key]))
+                        (
+                            order,
+                            ScanProbe(protocol=name, address=address, settings=each.settings, variant=variants[key]),
+                        )
                     )
         return [asking for _, asking in sorted(ranked, key=lambda one: one[0])]
 
@@ -271,22 +276,22 @@ def _variant(text: str) -> tuple[Protocol, Mapping[str, Any]]:
 
 
 def scanning(
-    search: Search, member_of: Callable[[Asking], Member], progress: Callable[[str, int, int], None] | None
-) -> Iterator[Question | Found]:
+    search: Search, member_of: Callable[[ScanProbe], DriveParts], progress: Callable[[str, int, int], None] | None
+) -> Iterator[ScanRequest | Found]:
     """Yield the requests of a scan, whose results the caller must fill in, and the drives that they find."""
     asking = None
     for asking in search:
         if progress is not None:
             progress(str(asking), search.done, search.total)
         peer, operations, _ = member_of(asking)
-        question = Question(peer, partial(probe, asking, operations, peer.facts.settings))
+        question = ScanRequest(peer, partial(probe, asking, operations, peer.facts.settings))
         yield question
         found = search.heard(asking, question.found)
         if found is not None and found.sound:
-            question = Question(peer, partial(identify, found, operations))
+            question = ScanRequest(peer, partial(identify, found, operations))
             yield question
             found = question.found or found
-            question = Question(peer, partial(search.fitting, found))
+            question = ScanRequest(peer, partial(search.fitting, found))
             yield question
             found = question.found
         if found is not None:
@@ -296,7 +301,7 @@ def scanning(
         progress(str(asking), search.total, search.total)
 
 
-def probe(asking: Asking, operations: Operations, settings: LineSettings) -> Exchange[Found | None]:
+def probe(asking: ScanProbe, operations: Operations, settings: LineSettings) -> Exchange[Found | None]:
     """Probe one address; return None if no drive answers. settings: those of the line."""
     try:
         yield from operations.probe()

@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from drivecomm.bus.discoverable import Discoverable
 from drivecomm.errors import UsageError, counted
-from drivecomm.link import tell_all
+from drivecomm.link import combine_traces
 
 if TYPE_CHECKING:
     from collections import Counter
     from collections.abc import Callable, Iterable, Iterator, Mapping
     from pathlib import Path
 
-    from drivecomm.bus.roster import Member, Roster
-    from drivecomm.bus.scanning import Asking, Found, Question, Search
+    from drivecomm.bus.line_drives import DriveParts, LineDrives
+    from drivecomm.bus.scanning import Found, ScanProbe, ScanRequest, Search
     from drivecomm.line import Engine, EngineLine, LineOwner, PollItem
     from drivecomm.link import CommandCall, Health, Peer, Port, Statistics, TraceEvent
     from drivecomm.protocol import MachineUnit, Model
@@ -49,7 +49,7 @@ class SharedBus(Discoverable, Generic[D, E]):
     _broadcast: Callable[..., E]
     line: LineOwner
 
-    def __init__(self, roster: Roster) -> None:
+    def __init__(self, roster: LineDrives) -> None:
         self._roster = roster
         self._first_listener = roster.link.trace
         self._listeners: tuple[Callable[[TraceEvent], None], ...] = ()
@@ -85,7 +85,9 @@ class SharedBus(Discoverable, Generic[D, E]):
         self._roster.add(member.peer.name, model, options)
         return self._drive(self, *member, machine)
 
-    def member(self, protocol: str, address: int, *, model: str | Path | Model | None = None, **options: Any) -> Member:
+    def member(
+        self, protocol: str, address: int, *, model: str | Path | Model | None = None, **options: Any
+    ) -> DriveParts:
         """Return the parts of a drive of this bus, for callers that make their own requests; nothing is sent."""
         return self._roster.member(protocol, address, model, None, options)
 
@@ -113,11 +115,11 @@ class SharedBus(Discoverable, Generic[D, E]):
     def listen(self, listener: Callable[[TraceEvent], None]) -> Callable[[], None]:
         """Report every event of the line to one more listener; return a function that removes it."""
         self._listeners = (*self._listeners, listener)
-        self._roster.link.trace = tell_all(self._first_listener, *self._listeners)
+        self._roster.link.trace = combine_traces(self._first_listener, *self._listeners)
 
         def end() -> None:
             self._listeners = tuple(each for each in self._listeners if each is not listener)
-            self._roster.link.trace = tell_all(self._first_listener, *self._listeners)
+            self._roster.link.trace = combine_traces(self._first_listener, *self._listeners)
 
         return end
 
@@ -176,10 +178,10 @@ class SharedBus(Discoverable, Generic[D, E]):
 
     def questions(
         self, search: Search, progress: Callable[[str, int, int], None] | None, options: Mapping[str, Any]
-    ) -> Iterator[Question | Found]:
+    ) -> Iterator[ScanRequest | Found]:
         """Yield the requests of a scan, whose results the caller must fill in, and the drives that they find."""
 
-        def member(asking: Asking) -> Member:
+        def member(asking: ScanProbe) -> DriveParts:
             return self._roster.member(asking.protocol, asking.address, None, None, {**asking.options, **options})
 
         from drivecomm.bus.scanning import scanning

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
-from drivecomm.bus.valid_options import as_far_as_possible
+from drivecomm.bus.valid_options import make_despite_errors
 from drivecomm.errors import (
     DriveCommError,
     LinkError,
@@ -36,7 +36,7 @@ from drivecomm.protocol import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from drivecomm.bus.line_face import LineFace
+    from drivecomm.bus.line_interface import LineInterface
     from drivecomm.bus.procedures import Procedure
     from drivecomm.protocol import DriveConfig, StopName
 
@@ -96,7 +96,7 @@ class DrivesToStop:
 
 
 def stopping_all(
-    bus: LineFace[Any, Any],
+    bus: LineInterface[Any, Any],
     drives: Iterable[DriveConfig],
     how: Stop | StopName,
     on_result: OnResult | None = None,
@@ -127,7 +127,7 @@ def stopping_all(
 
 
 def stopping_line(
-    bus: LineFace[Any, Any],
+    bus: LineInterface[Any, Any],
     asked: DrivesToStop,
     how: Stop,
     tell: OnResult,
@@ -146,7 +146,7 @@ def stopping_line(
         yield from _checking_right_drives(bus, stopped, how, tell)
 
 
-def broadcasting(bus: LineFace[Any, Any], asked: DrivesToStop, how: Stop, tell: OnResult) -> Procedure[None]:
+def broadcasting(bus: LineInterface[Any, Any], asked: DrivesToStop, how: Stop, tell: OnResult) -> Procedure[None]:
     """Send the stop of each protocol to all its drives, once for each of the settings that they have on this line."""
 
     def failed(protocol: str, error: Exception) -> None:
@@ -172,7 +172,9 @@ def broadcasting(bus: LineFace[Any, Any], asked: DrivesToStop, how: Stop, tell: 
             tell(StopResult(line=asked.name, protocol=protocol, how=used))
 
 
-def broadcasting_to_others(bus: LineFace[Any, Any], asked: DrivesToStop, how: Stop, tell: OnResult) -> Procedure[None]:
+def broadcasting_to_others(
+    bus: LineInterface[Any, Any], asked: DrivesToStop, how: Stop, tell: OnResult
+) -> Procedure[None]:
     """Send a stop to all drives of each further protocol that may be on the line."""
     for protocol in asked.also:
         if protocol not in {drive.protocol for drive in asked.drives} | asked.told:
@@ -188,7 +190,7 @@ def stopping_everybody(everybody: Any, line: str, protocol: str, how: Stop) -> P
 
 
 def broadcasts_of(
-    bus: LineFace[Any, E],
+    bus: LineInterface[Any, E],
     drives: Sequence[DriveConfig],
     on_error: Callable[[str, Exception], None],
     *,
@@ -206,7 +208,7 @@ def broadcasts_of(
         own = {name: value for name, value in drive.options.items() if name not in _SHARED}
         alike = (each.options for each in drives if each.protocol == drive.protocol)
         try:
-            everybody: Any = as_far_as_possible(partial(bus.broadcast, drive.protocol), drive.options)[0]
+            everybody: Any = make_despite_errors(partial(bus.broadcast, drive.protocol), drive.options)[0]
             key = (drive.protocol, everybody.peer.facts.settings, own)
             fits = not (may_be_more and commanded_by_model(drive.protocol))
             if key in made or not (fits and one_stop_fits_all(drive.protocol, alike)):
@@ -238,7 +240,7 @@ def _nearest(everybody: Any, how: Stop) -> Stop:
 
 
 def _stopping_each(
-    bus: LineFace[Any, Any], asked: DrivesToStop, how: Stop, tell: OnResult, hurries: Callable[[], bool]
+    bus: LineInterface[Any, Any], asked: DrivesToStop, how: Stop, tell: OnResult, hurries: Callable[[], bool]
 ) -> Procedure[list[DriveConfig]]:
     """Stop each drive by itself, first once, then silent ones with all attempts; return the confirmed drives."""
     silent: dict[str, tuple[DriveConfig, Exception]] = {}
@@ -268,20 +270,22 @@ def _stopping_each(
     return stopped
 
 
-def _stopping_one(bus: LineFace[Any, Any], drive: DriveConfig, how: Stop, **attempts: int) -> Procedure[StopResult]:
-    one, without = as_far_as_possible(partial(bus.drive, drive.protocol, drive.address), {**drive.options, **attempts})
+def _stopping_one(
+    bus: LineInterface[Any, Any], drive: DriveConfig, how: Stop, **attempts: int
+) -> Procedure[StopResult]:
+    one, without = make_despite_errors(partial(bus.drive, drive.protocol, drive.address), {**drive.options, **attempts})
     used = how if how in one.capabilities.stops else Stop.RAMP
     yield _stop(one, used)
     return StopResult(line=drive.line, drive=drive.name, how=used, without=without)
 
 
 def _checking_right_drives(
-    bus: LineFace[Any, Any], stopped: Sequence[DriveConfig], how: Stop, tell: OnResult
+    bus: LineInterface[Any, Any], stopped: Sequence[DriveConfig], how: Stop, tell: OnResult
 ) -> Procedure[None]:
     """Report the drives that are not of the models by which they were stopped."""
     for drive in stopped:
         with suppress(Exception):
-            one, _ = as_far_as_possible(partial(bus.drive, drive.protocol, drive.address), drive.options)
+            one, _ = make_despite_errors(partial(bus.drive, drive.protocol, drive.address), drive.options)
             try:
                 yield from checking_right_drive(one)
             except WrongDriveError as error:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
-def as_far_as_possible(make: Callable[..., T], options: Mapping[str, Any]) -> tuple[T, str]:
+def make_despite_errors(make: Callable[..., T], options: Mapping[str, Any]) -> tuple[T, str]:
     """Return an object made with these options, or without the invalid ones, and the reason for leaving them out.
 
     A model whose file is missing is not needed for a stop. The reason is empty if all options are valid. An error that

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from drivecomm.bus.faces import Verb
+from drivecomm.bus.call_styles import Verb
 from drivecomm.bus.parameter_names import ParameterNames
 from drivecomm.bus.peer_verbs import B, PeerVerbs
 from drivecomm.bus.read_only import ReadOnly

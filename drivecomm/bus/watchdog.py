@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 from typing import TYPE_CHECKING, TypeVar
 
-from drivecomm.bus.faces import Sent
+from drivecomm.bus.call_styles import RemoteCalls
 from drivecomm.bus.procedures import (
     Procedure,
     carry_out,
@@ -89,7 +89,7 @@ async def set_watchdog_async(drive: AsyncDrive, policy: LinkLoss, time_s: Value 
 
 def _check_feeding(drive: object, policy: LinkLoss) -> None:
     """Raise UsageError for a watchdog that a server would feed."""
-    if policy != "hold" and isinstance(drive, Sent):
+    if policy != "hold" and isinstance(drive, RemoteCalls):
         raise UsageError(
             "the watchdog of a drive on a line of a server would be fed by the server's own questions although this "
             "program had died; keep the motor with drivecomm.keep, which takes a lease, or open the plant with "

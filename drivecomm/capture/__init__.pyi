@@ -5,7 +5,7 @@ from .files import (
     open_capture as open_capture,
     read_capture as read_capture,
 )
-from .growing_file import TRIED_AGAIN_S as TRIED_AGAIN_S, Gaps as Gaps, GrowingFile as GrowingFile
+from .growing_file import TRIED_AGAIN_S as TRIED_AGAIN_S, GrowingFile as GrowingFile, WriteGaps as WriteGaps
 from .json_lines import JsonLines as JsonLines
 from .pcapng_fields import MAGIC as MAGIC
 from .pcapng_writing import Pcapng as Pcapng

@@ -66,7 +66,7 @@ class GrowingFile:
         self._torn = False
 
 
-class Gaps:
+class WriteGaps:
     """Handling of a file that cannot be written: data is skipped, and the beginning and end of the gap are reported.
 
     place: name of the file for messages. kept, done: words for the data and the action, such as "values" and "logged".

@@ -116,7 +116,7 @@ def _provenance(content: dict[str, Any]) -> Provenance:
 
 
 def _piece(content: dict[str, Any]) -> Piece:
-    only(content, _KEYS)
+    check_keys(content, _KEYS)
     time_s, source = content.get("time_s"), content.get("source", "unknown")
     if isinstance(time_s, bool) or not isinstance(time_s, int | float) or not 0 <= time_s <= LONGEST_S:
         raise FileFormatError(f"time_s {time_s!r} is not a number of seconds from 0 to 3e9")
@@ -163,7 +163,7 @@ def provenance_of(header: Mapping[str, Any]) -> Provenance:
     """Return the provenance in a header object. Raises FileFormatError for an invalid key or value."""
     if header.get("version") != VERSION:
         raise FileFormatError(f"version {header.get('version')!r} of the format is not supported, only {VERSION} is")
-    only(header, ("format", "version", "began", "settings", "drives", *_TEXTS))
+    check_keys(header, ("format", "version", "began", "settings", "drives", *_TEXTS))
     drives = header.get("drives", [])
     if not isinstance(drives, list) or not all(isinstance(drive, str) for drive in drives):
         raise FileFormatError("drives is not a list of texts such as vabus:1")
@@ -188,7 +188,7 @@ def settings_in(content: Mapping[str, Any]) -> LineSettings | None:
         return None
     if not isinstance(given, dict):
         raise FileFormatError("settings is not an object")
-    only(given, SETTING_NAMES)
+    check_keys(given, SETTING_NAMES)
     try:
         return LineSettings(**given)
     except UsageError as error:
@@ -205,7 +205,7 @@ def text(content: Mapping[str, Any], key: str) -> str:
     return value
 
 
-def only(content: Mapping[str, Any], known: Iterable[str]) -> None:
+def check_keys(content: Mapping[str, Any], known: Iterable[str]) -> None:
     """Raise FileFormatError for an unknown key, so that a misspelt key is not taken for a missing one."""
     if unknown := content.keys() - known:
         raise FileFormatError(f"unknown key {min(unknown)!r}")

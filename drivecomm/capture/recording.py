@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from drivecomm.capture.files import CaptureWriter, check_place
-from drivecomm.capture.growing_file import Gaps
+from drivecomm.capture.growing_file import WriteGaps
 from drivecomm.capture.pieces import Piece, Provenance
 from drivecomm.errors import FileFormatError, UsageError, shortened
 from drivecomm.link import EchoFilter, PortProxy
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 _LOGGER = logging.getLogger("drivecomm.capture")
 
 
-class Recorder(Protocol):
+class PieceReceiver(Protocol):
     """Receiver of the pieces of a recording."""
 
     def add(self, piece: Piece) -> None:
@@ -40,7 +40,7 @@ class Recorder(Protocol):
         ...
 
 
-Record: TypeAlias = str | Path | Recorder
+Record: TypeAlias = str | Path | PieceReceiver
 """Destination of a recording: a file name ending in .jsonl or .pcapng, or any object with `add(piece)`."""
 
 
@@ -67,7 +67,7 @@ class Recording:
             )
         self._open_port = open_port
         self._path = Path(record) if isinstance(record, str | Path) else None
-        self._recorder: Recorder | None = None if isinstance(record, str | Path) else record
+        self._recorder: PieceReceiver | None = None if isinstance(record, str | Path) else record
         self._writer: CaptureWriter | None = None
         self._name = name
         self._echo = EchoFilter(echo)
@@ -79,7 +79,7 @@ class Recording:
         self._heard_s = 0.0
         self._busy_until_s = 0.0
         tell = _LOGGER.warning
-        self._gaps = Gaps(str(record), kept="pieces", done="recorded", goes_on="the line", tell=tell)
+        self._gaps = WriteGaps(str(record), kept="pieces", done="recorded", goes_on="the line", tell=tell)
         self._first: LineSettings | None = None
         self._settings: LineSettings | None = None
         self._over = False
@@ -169,7 +169,7 @@ class Recording:
             self._over = True
             _LOGGER.warning("the recording has ended, the line goes on: %s", error)
 
-    def _recorder_now(self) -> Recorder:
+    def _recorder_now(self) -> PieceReceiver:
         if self._recorder is None:
             provenance = Provenance(
                 began=self._began,

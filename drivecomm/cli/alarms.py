@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import click
 
 from drivecomm.cli import options
-from drivecomm.cli.commands import Command
+from drivecomm.cli.commands import CliCommand
 from drivecomm.cli.output import emit, say
 from drivecomm.cli.values import FILE
-from drivecomm.errors import UsageError, meant
+from drivecomm.errors import UsageError, suggestion
 from drivecomm.plant import read_plant
 from drivecomm.server import read_settings
 from drivecomm.server.alarms import read_alarms, try_out
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @click.argument("plant", type=FILE, help="A plant file.")
 @click.option("--test", metavar="NAME", help="Deliver a test message to the receivers of this alarm.")
 @options.json
@@ -33,7 +33,7 @@ def check(*, plant: Path, test: str | None, json: bool) -> int:
     rules = {rule.name: rule for rule in read_alarms(settings.alarms, drives, settings.backups.drives)}
     if test is not None:
         if test not in rules:
-            raise UsageError(f"{plant}: unknown alarm {test!r}; {meant(test, rules, 'it has')}")
+            raise UsageError(f"{plant}: unknown alarm {test!r}; {suggestion(test, rules, 'it has')}")
         if not rules[test].deliver:
             raise UsageError(f"{plant}: the alarm {test!r} has no receivers; give it deliver = [...]")
         tried = try_out(rules[test], plant.stem, os.environ)

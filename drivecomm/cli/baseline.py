@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 import click
 
 from drivecomm.cli import options
-from drivecomm.cli.commands import Command
+from drivecomm.cli.commands import CliCommand
 from drivecomm.cli.drive_names import known_plant
 from drivecomm.cli.line_command import LineCommand
 from drivecomm.cli.output import complain, emit, labels, print_columns, progress_bar, say, tell
-from drivecomm.cli.parameter_sets.saved import called, drive_of_set, shown, told
+from drivecomm.cli.parameter_sets.saved import drive_of_set, entry_content, entry_text, parameter_label
 from drivecomm.cli.values import FILE
 from drivecomm.commissioning.drift import (
     approved_set,
@@ -32,7 +32,7 @@ from drivecomm.tomlfile import must_be_writable
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
 
-    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.cli.line_options import LineArguments
     from drivecomm.commissioning.drift import Drift
     from drivecomm.commissioning.parameter_sets import Difference, ParameterSet
     from drivecomm.plant import Plant
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 @click.option("--by", metavar="WHO", help="Who approves it. Default: the user of this system.")
 @click.option("--why", metavar="TEXT", default="", help="Why it is right so.")
 @click.option("--from", "source", type=FILE, help="A file that backup wrote, instead of asking the drive.")
-def accept(*, drive: str, line: LineOptions, by: str | None, why: str, source: Path | None) -> int:
+def accept(*, drive: str, line: LineArguments, by: str | None, why: str, source: Path | None) -> int:
     """Make the present parameters of a drive, or a file, its approved set.
 
     The set replaces an older one in the folder baselines beside the plant file; the changes are listed.
@@ -105,15 +105,15 @@ def emit_differences(name: DriveConfig, differences: Sequence[Difference]) -> No
     """Print an object for each parameter that differs from the approved one."""
     for each in differences:
         kind = "changed" if each.kind == "value" else each.kind
-        emit(**labels(name), kind=kind, parameter=each.address, quantity=each.name, approved=told(each.left),
-             now=told(each.right), reason=each.reason)  # fmt: skip
+        emit(**labels(name), kind=kind, parameter=each.address, quantity=each.name, approved=entry_content(each.left),
+             now=entry_content(each.right), reason=each.reason)  # fmt: skip
 
 
 def show_changes(name: DriveConfig, found: Drift) -> None:
     """Print each value that changed, with its approved and its present value."""
-    width = max((len(called(each)) for each in found.changed), default=0)
+    width = max((len(parameter_label(each)) for each in found.changed), default=0)
     for each in found.changed:
-        say(f"{name.name}  {called(each):<{width}}  {shown(each.left)} -> {shown(each.right)}")
+        say(f"{name.name}  {parameter_label(each):<{width}}  {entry_text(each.left)} -> {entry_text(each.right)}")
 
 
 def plant_of_baselines(file: Path | None) -> Plant:
@@ -124,7 +124,7 @@ def plant_of_baselines(file: Path | None) -> Plant:
     return known
 
 
-def tell_lacking(names: Collection[str], *, as_json: bool) -> None:
+def report_missing_baselines(names: Collection[str], *, as_json: bool) -> None:
     """Print the drives without a baseline, and the command that makes one."""
     if names:
         command = f"drivecomm baseline accept {shlex.quote(next(iter(names)))}"
@@ -132,7 +132,7 @@ def tell_lacking(names: Collection[str], *, as_json: bool) -> None:
         tell(text, as_json=as_json, without_baseline=list(names), command=command)
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @click.argument(
     "drive", required=False, shell_complete=options.complete_drive_or_group, help="Or a group. Default: all."
 )
@@ -162,5 +162,5 @@ def show(*, drive: str | None, plant: Path | None, json: bool) -> int:
             rows.append((each.name, f"{len(found.entries)} parameters", approval.by, when, approval.why))
     if rows and not json:
         print_columns(rows)
-    tell_lacking(lacking, as_json=json)
+    report_missing_baselines(lacking, as_json=json)
     return max(code, UsageError.exit_code) if drive is not None and lacking else code

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from drivecomm.cli import options
-from drivecomm.cli.commands import Command
+from drivecomm.cli.commands import CliCommand
 from drivecomm.cli.output import emit, plain, say
 from drivecomm.cli.values import FILE, Number
 from drivecomm.errors import UsageError
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from drivecomm.traffic.cohabitation import Cohabitation, PairVerdict, Proof
+    from drivecomm.traffic.cohabitation import Cohabitation, MistakeProof, PairVerdict
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @click.argument("plant", type=FILE, required=False, help="Plant file (.toml) with lines and drives.")
 @click.option(
     "--drive", "-d", metavar="DRIVE", multiple=True, help="PROTOCOL:ADDRESS[,baudrate=...,parity=...]; repeatable."
@@ -91,7 +91,7 @@ def _tell_each(verdicts: Sequence[PairVerdict]) -> None:
             _tell_proof(verdict.proof)
 
 
-def _tell_proof(proof: Proof) -> None:
+def _tell_proof(proof: MistakeProof) -> None:
     for telegram in proof.telegrams:
         say(f"    {telegram.direction:8} {telegram.data.hex(' ').upper()}")
         if telegram.heard != telegram.data:

@@ -17,7 +17,7 @@ NEGATIVE_NUMBERS = {"ignore_unknown_options": True}
 """Click settings of a command whose arguments may begin with a minus sign."""
 
 
-class Command(click.Command):
+class CliCommand(click.Command):
     """Command whose help has a section for each `section` of its options, after the options without a section."""
 
     def invoke(self, ctx: click.Context) -> Any:

@@ -11,12 +11,12 @@ from drivecomm.cli import options
 from drivecomm.cli.drive_names import known_plant
 from drivecomm.cli.line_command import LineCommand
 from drivecomm.cli.output import counted, emit, progress_bar, say, sentence
-from drivecomm.commissioning.doctor import Finding, judge, measure, measured_content
+from drivecomm.commissioning.doctor import DoctorFinding, judge, measure, measured_content
 from drivecomm.errors import LinkError
 from drivecomm.transport import SerialPort
 
 if TYPE_CHECKING:
-    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.cli.line_options import LineArguments
     from drivecomm.cli.output import Progress
     from drivecomm.plant import Plant, PlantLine
     from drivecomm.protocol import DriveConfig
@@ -44,7 +44,7 @@ _MARKS = {"fine": "ok", "note": "note", "problem": "PROBLEM"}
 )
 def doctor(
     *,
-    line: LineOptions,
+    line: LineArguments,
     name: str | None,
     protocol: tuple[str, ...],
     addresses: list[int] | None,
@@ -73,7 +73,7 @@ def doctor(
             if len(lines) == 1:
                 raise
             # Other lines are examined even if this one fails.
-            findings = [Finding(weight="problem", about="port", text=sentence(error))]
+            findings = [DoctorFinding(weight="problem", about="port", text=sentence(error))]
         sound = sound and all(one.weight != "problem" for one in findings)
         if line.json:
             _emit(each, measured, findings)
@@ -86,12 +86,12 @@ def doctor(
 class _ExaminedLine:
     """Line to examine. name: name in the plant, empty for a port without plant. drives: drives of the plant on it."""
 
-    options: LineOptions
+    options: LineArguments
     name: str = ""
     drives: tuple[DriveConfig, ...] = ()
 
 
-def _lines_to_examine(line: LineOptions) -> list[_ExaminedLine]:
+def _lines_to_examine(line: LineArguments) -> list[_ExaminedLine]:
     """Return the line whose port or name in the plant is given, or each line of the plant. Raises UsageError."""
     known = known_plant(line.plant, port_given=False)
     if known is None:
@@ -104,7 +104,7 @@ def _lines_to_examine(line: LineOptions) -> list[_ExaminedLine]:
     ]
 
 
-def _of_the_plant(each: PlantLine, known: Plant, line: LineOptions) -> _ExaminedLine:
+def _of_the_plant(each: PlantLine, known: Plant, line: LineArguments) -> _ExaminedLine:
     return _ExaminedLine(
         options=line.on(each, known.file),
         name=each.name,
@@ -120,7 +120,7 @@ def _protocols_of(drives: tuple[DriveConfig, ...]) -> list[str] | None:
 
 def _examined(
     line: _ExaminedLine, *, only: list[str] | None, addresses: list[int] | None, quick: bool, everything: bool
-) -> tuple[list[Finding], dict[str, Any]]:
+) -> tuple[list[DoctorFinding], dict[str, Any]]:
     """Return the findings on a line and their measurements; through the server that has the port, if any."""
     options = line.options
     probes, search = _QUICK_PROBES if quick else _PROBES, not quick
@@ -147,22 +147,22 @@ def _examined(
 
 
 def _examined_by_server(
-    options: LineOptions, asked: dict[str, Any], progress: Progress
-) -> tuple[list[Finding], dict[str, Any]]:
-    from drivecomm.client import examined
+    options: LineArguments, asked: dict[str, Any], progress: Progress
+) -> tuple[list[DoctorFinding], dict[str, Any]]:
+    from drivecomm.client import examination_results
 
     findings, measured = [], {}
     # The server reports the trace of the line only while the bus is open.
     with options.bus() as bus:
-        for each in examined(bus, asked, progress):
+        for each in examination_results(bus, asked, progress):
             if "finding" in each:
-                findings.append(Finding(**each["finding"]))
+                findings.append(DoctorFinding(**each["finding"]))
             else:
                 measured = each["measured"]
     return findings, measured
 
 
-def _say(findings: list[Finding]) -> None:
+def _say(findings: list[DoctorFinding]) -> None:
     for one in findings:
         say(f"{_MARKS[one.weight]:<8} {one.about:<7} {one.text}")
         if one.remedy:
@@ -171,7 +171,7 @@ def _say(findings: list[Finding]) -> None:
     say(f"{counted(problems, 'problem') if problems else 'no problems'} found")
 
 
-def _emit(line: _ExaminedLine, measured: dict[str, Any] | None, findings: list[Finding]) -> None:
+def _emit(line: _ExaminedLine, measured: dict[str, Any] | None, findings: list[DoctorFinding]) -> None:
     for one in findings:
         emit(finding=one.about, weight=one.weight, text=one.text, remedy=one.remedy, line=line.name)
     if measured is not None:

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 import click
 
 from drivecomm.cli import options
-from drivecomm.cli.baseline import emit_differences, plant_of_baselines, show_changes, tell_lacking
+from drivecomm.cli.baseline import emit_differences, plant_of_baselines, report_missing_baselines, show_changes
 from drivecomm.cli.line_command import LineCommand
 from drivecomm.cli.output import complain, emit, labels, progress_bar, say
-from drivecomm.cli.parameter_sets.saved import called, drive_of_set
+from drivecomm.cli.parameter_sets.saved import drive_of_set, parameter_label
 from drivecomm.commissioning.drift import baseline_path, read_baseline, read_drift, restore_command
 from drivecomm.errors import DriveCommError, UsageError
 
 if TYPE_CHECKING:
-    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.cli.line_options import LineArguments
     from drivecomm.commissioning.drift import Drift
     from drivecomm.protocol import DriveConfig
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     shell_complete=options.complete_drive_or_group,
     help="Drives or groups. Default: all of the plant.",
 )
-def drift(*, drives: tuple[str, ...], line: LineOptions) -> int:
+def drift(*, drives: tuple[str, ...], line: LineArguments) -> int:
     """List the differences between the drives of a plant and their approved sets.
 
     Displayed values and commands never count. If one drive cannot be read, the others still are. Exit code 1 if there
@@ -56,12 +56,12 @@ def drift(*, drives: tuple[str, ...], line: LineOptions) -> int:
         else:
             _show(found, name, restore_command(name, paths[name.name], line.plant), as_json=line.json)
             code = max(code, 0 if found.same else 1)
-    tell_lacking(lacking, as_json=line.json)
+    report_missing_baselines(lacking, as_json=line.json)
     # A requested comparison that could not be made must not end with success.
     return max(code, UsageError.exit_code) if lacking and (drives or len(lacking) == len(asked)) else code
 
 
-def _drift_of(reached: LineOptions, name: DriveConfig, path: Path, *, as_json: bool) -> Drift:
+def _drift_of(reached: LineArguments, name: DriveConfig, path: Path, *, as_json: bool) -> Drift:
     approved = read_baseline(path)
     with (
         drive_of_set(reached, name, None, approved) as one,
@@ -90,7 +90,7 @@ def _show(found: Drift, name: DriveConfig, restoring: str, *, as_json: bool) -> 
     show_changes(name, found)
     by_reason: dict[str, list[str]] = {}
     for each in found.not_comparable:
-        by_reason.setdefault(each.reason, []).append(called(each))
+        by_reason.setdefault(each.reason, []).append(parameter_label(each))
     by_reason["read neither then nor now"] = list(found.never_read)
     for reason, names in by_reason.items():
         if names:

@@ -18,17 +18,17 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from drivecomm.bus import Drive
-    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.cli.line_options import LineArguments
     from drivecomm.cli.output import Progress as Bar
-    from drivecomm.commissioning.exploring import Course, Progress, Step
+    from drivecomm.commissioning.exploring import ExplorationPlan, ExplorationStep, Progress
 
 _EVERY_S = 10.0
 """Seconds between progress messages without a terminal."""
 
 
 @contextmanager
-def kept_answers(
-    of: Path, drive: Drive, way: Course, asked: str, line: LineOptions
+def answer_logbook(
+    of: Path, drive: Drive, way: ExplorationPlan, asked: str, line: LineArguments
 ) -> Iterator[tuple[Logbook, Progress]]:
     """Yield the logbook of a drive's answers and a progress display; first print the expected duration.
 
@@ -58,7 +58,7 @@ def _how_to_go_on(logbook: Logbook) -> str:
     return f"{kept} kept in {logbook.path}, and the same command goes on from there"
 
 
-def _foretell(drive: Drive, way: Course, logbook: Logbook, line: LineOptions) -> None:
+def _foretell(drive: Drive, way: ExplorationPlan, logbook: Logbook, line: LineArguments) -> None:
     remembered = len(logbook.answers)
     foreseen = carry_out(drive, forecasting(way, remembered=remembered))
     if line.json:
@@ -83,14 +83,14 @@ def duration(seconds: float) -> str:
 class _Shown:
     """Progress display: a bar on a terminal, otherwise a line now and then, or JSON objects for each value found."""
 
-    def __init__(self, line: LineOptions, bar: Bar, clock: Callable[[], float] = monotonic) -> None:
+    def __init__(self, line: LineArguments, bar: Bar, clock: Callable[[], float] = monotonic) -> None:
         self._line = line
         self._bar = bar
         self._clock = clock
         self._begun = self._told = clock()
         self._remembered = 0
 
-    def __call__(self, step: Step) -> None:
+    def __call__(self, step: ExplorationStep) -> None:
         now = self._clock()
         if step.remembered:
             self._remembered += 1

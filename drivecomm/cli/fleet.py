@@ -11,20 +11,20 @@ from typing import TYPE_CHECKING
 import click
 
 from drivecomm.cli import event_loop, options
-from drivecomm.cli.commands import Command
+from drivecomm.cli.commands import CliCommand
 from drivecomm.cli.extras import must_have
 from drivecomm.cli.fleet_options import broker_options
 from drivecomm.cli.output import counted, emit, note, print_columns, say
-from drivecomm.errors import DriveError, NoReplyError, UsageError, meant
+from drivecomm.errors import DriveError, NoReplyError, UsageError, suggestion
 from drivecomm.line import FRESH
-from drivecomm.tomlfile import Table
+from drivecomm.tomlfile import TomlTable
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from drivecomm.cli.fleet_options import BrokerOptions
     from drivecomm.server.broker import BrokerSettings
-    from drivecomm.server.fleet import Fleet, FleetDrive, FleetPlant, Summary
+    from drivecomm.server.fleet import Fleet, FleetDrive, FleetPlant, PlantSummary
     from drivecomm.server.record import Database
 
 _HEAD = (
@@ -35,7 +35,7 @@ _DRIVES_HEAD = ("drive", "model", "state", "output", "current", "read")
 _GATEWAYS = {"online": "connected", "offline": "not connected", "unknown": "not known"}
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @click.argument("broker", help="mqtt://HOST or mqtts://HOST, with a port if needed.")
 @click.argument("plant", required=False, help="Show the drives of this plant. Default: all plants.")
 @broker_options
@@ -79,37 +79,37 @@ def fleet(
         return _show_plants(known, as_json=json)
     if plant not in known.plants:
         names = sorted(known.plants)
-        raise UsageError(f"no plant {plant!r} below {known.prefix}; {meant(plant, names, 'there are')}")
+        raise UsageError(f"no plant {plant!r} below {known.prefix}; {suggestion(plant, names, 'there are')}")
     return _show_drives(known.plants[plant], as_json=json)
 
 
 async def _heard(settings: BrokerSettings, known: Fleet) -> None:
-    from drivecomm.server.fleet import Following
+    from drivecomm.server.fleet import FleetSubscription
 
-    await Following(settings, known).known()
+    await FleetSubscription(settings, known).known()
 
 
 async def _serve(
     settings: BrokerSettings, known: Fleet, listen: str, open_database: Callable[[], Database] | None
 ) -> None:
-    from drivecomm.server import ended, listen_address
-    from drivecomm.server.fleet import Following, PastPages, fleet_page
+    from drivecomm.server import cancel_and_wait, listen_address
+    from drivecomm.server.fleet import FleetSubscription, RecordPages, fleet_page
 
     past = None
     if open_database is not None:
         # An unreadable record must raise its error before the page is served.
         open_database().close()
-        past = PastPages(open_database)
+        past = RecordPages(open_database)
 
-    listening = listen_address(Table({}, "--listen"), listen, "127.0.0.1:8090").open()
-    following = Following(settings, known)
+    listening = listen_address(TomlTable({}, "--listen"), listen, "127.0.0.1:8090").open()
+    following = FleetSubscription(settings, known)
     host, port = listening.getsockname()[:2]
     place = f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
     hearing = asyncio.create_task(following.run())
     try:
         await fleet_page(following, listening, lambda: say(f"fleet at {place}; stop with Ctrl-C"), past)
     finally:
-        await ended(hearing)
+        await cancel_and_wait(hearing)
 
 
 def _show_plants(known: Fleet, *, as_json: bool) -> int:
@@ -131,7 +131,7 @@ def _show_plants(known: Fleet, *, as_json: bool) -> int:
     return NoReplyError.exit_code if wrong else 0
 
 
-def _cells(each: Summary, now: float) -> tuple[str, ...]:
+def _cells(each: PlantSummary, now: float) -> tuple[str, ...]:
     numbers = (each.answering, each.running, each.faults, each.silent)
     live = each.gateway == "online"
     return (

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from drivecomm.cli import event_loop, options
-from drivecomm.cli.commands import Command
+from drivecomm.cli.commands import CliCommand
 from drivecomm.cli.extras import must_have
 from drivecomm.cli.fleet_options import broker_options
 from drivecomm.cli.output import tell
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from drivecomm.cli.fleet_options import BrokerOptions
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @click.argument("broker", help="mqtt://HOST or mqtts://HOST, with a port if needed.")
 @click.argument("plant", help="Its name, as fleet shows it.")
 @click.argument("alarms", metavar="ID...", nargs=-1, required=True, help="Ids of alarms, as fleet alarms shows them.")
@@ -42,13 +42,13 @@ def acknowledge(
     """
     must_have("a fleet", "mqtt", "aiomqtt")
     from drivecomm.server.broker import first_line
-    from drivecomm.server.fleet import Fleet, acknowledged
+    from drivecomm.server.fleet import Fleet, acknowledge_over_broker
 
     settings = reach.broker(broker)
     known = Fleet(reach.above)
     token = "" if token_file is None else first_line(token_file)
     for alarm in alarms:
-        done = event_loop.run(partial(acknowledged, settings, known, plant, alarm, token))
+        done = event_loop.run(partial(acknowledge_over_broker, settings, known, plant, alarm, token))
         said = f"{done['id']}  {done['drive']}  {done['rule']}: acknowledged by {done['acknowledged_by']}"
         tell(said, as_json=json, plant=plant, **done)
     return 0

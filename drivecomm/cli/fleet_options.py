@@ -10,7 +10,7 @@ import click
 
 from drivecomm.cli.values import FILE
 from drivecomm.errors import UsageError
-from drivecomm.tomlfile import Table
+from drivecomm.tomlfile import TomlTable
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -45,7 +45,7 @@ class BrokerOptions:
         for key, path in (("password_file", self.password_file), ("authority", self.authority)):
             given[key] = None if path is None else str(path.absolute())
         said = {key: each for key, each in given.items() if each is not None}
-        return broker_settings(Table(said, "command line"), said)
+        return broker_settings(TomlTable(said, "command line"), said)
 
     @property
     def above(self) -> str:

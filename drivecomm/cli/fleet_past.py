@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from drivecomm.cli import options
-from drivecomm.cli.commands import Command
+from drivecomm.cli.commands import CliCommand
 from drivecomm.cli.fleet_options import record_option
 from drivecomm.cli.output import emit, say
 from drivecomm.cli.time_ranges import clock, last_option, time_range
@@ -25,7 +25,7 @@ _until_option = click.option("--until", "end", metavar="TIME", help="Until then.
 _insecure_option = click.option("--insecure", is_flag=True, help="Allow a database on another machine without TLS.")
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @click.argument("plant", help="Its name, as fleet shows it.")
 @click.argument("drive", required=False, help="Its name in the plant.")
 @click.argument("quantities", metavar="[QUANTITY...]", nargs=-1, help="Only these, such as output_frequency.")
@@ -56,12 +56,12 @@ def history(
         raise UsageError("--events and --commands exclude each other; give one of them")
     if drive is None and not (events or commands):
         raise UsageError("values are of a drive; name it, or give --events or --commands")
-    from drivecomm.server.record import Past, Stretch, open_record
+    from drivecomm.server.record import RecordQueries, TimePeriod, open_record
 
     when = _when(begin, end, last)
-    stretch = Stretch(when.from_s, when.to_s)
+    stretch = TimePeriod(when.from_s, when.to_s)
     with closing(open_record(record, insecure=insecure)) as database:
-        past = Past(database)
+        past = RecordQueries(database)
         if events or commands:
             ask = past.events if events else past.commands
             for each in ask(plant, drive or "", stretch, _MOST):
@@ -77,7 +77,7 @@ def history(
     return 0
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @click.argument("plant", required=False, help="Only of this plant. Default: of all.")
 @record_option
 @_since_option
@@ -100,11 +100,11 @@ def alarms(
     Exit code 5 if a standing alarm is not acknowledged.
     """
     from drivecomm.errors import DriveError
-    from drivecomm.server.record import Past, Stretch, open_record
+    from drivecomm.server.record import RecordQueries, TimePeriod, open_record
 
     when = _when(begin, end, last)
     with closing(open_record(record, insecure=insecure)) as database:
-        found = Past(database).alarms(plant or "", Stretch(None, when.to_s), _MOST)
+        found = RecordQueries(database).alarms(plant or "", TimePeriod(None, when.to_s), _MOST)
     shown = [each for each in found if each["ended_s"] is None or when.has(each["since_s"])]
     for each in shown:
         _show({**each, "time_s": each["since_s"]}, _alarm_words(each), as_json=json)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from drivecomm.cli import options, signals
-from drivecomm.cli.commands import Command
+from drivecomm.cli.commands import CliCommand
 from drivecomm.cli.extras import must_have
 from drivecomm.cli.fleet_options import broker_options
 from drivecomm.cli.output import counted, note, tell
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from drivecomm.cli.fleet_options import BrokerOptions
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @click.option("--broker", required=True, metavar="URL", help="mqtt://HOST or mqtts://HOST, with a port if needed.")
 @click.option("--to", "record", required=True, metavar="RECORD", help="postgresql://USER@HOST/DATABASE, or a file.")
 @click.option("--name", default="record", help="The broker keeps what comes for this name while it is gone.")
@@ -48,13 +48,13 @@ def record(
     Exit code 2 if another recorder begins under the same name.
     """
     must_have("a recorder", "mqtt", "aiomqtt")
-    from drivecomm.server.record import Layout, Recorder, open_record
+    from drivecomm.server.record import BrokerRecorder, Layout, open_record
 
     for flag, word in (("--name", name), ("--share", share or "")):
         if set(word) & set("/+# ") or (not word and flag == "--name"):
             raise UsageError(f"{flag} cannot be {word!r}; give a word without spaces, /, + and #")
     settings = reach.broker(broker)
-    recorder = Recorder(
+    recorder = BrokerRecorder(
         settings,
         partial(open_record, record, insecure=reach.insecure),
         layout=Layout(reach.above, levels.split(",")),

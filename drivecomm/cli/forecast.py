@@ -18,8 +18,8 @@ from drivecomm.virtual import forecast as foresee
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from drivecomm.cli.line_options import LineOptions
-    from drivecomm.line import Plan
+    from drivecomm.cli.line_options import LineArguments
+    from drivecomm.line import PollPlan
     from drivecomm.virtual import Forecast
 
 _COLUMNS = ("period\ns", "every\ns", "late\nms", "takes\nms", "wire\nms", "delay\nms", "pause\nms", "rest\nms")
@@ -37,7 +37,7 @@ _WIDTH = 200
 @click.option("--served", is_flag=True, help="Count the status of each drive, too, as a server asks for it.")
 def forecast(
     *,
-    line: LineOptions,
+    line: LineArguments,
     words: tuple[str, ...],
     plan: Path | None,
     period: float | None,
@@ -76,7 +76,7 @@ def forecast(
     return 0 if well else 1
 
 
-def _served_file(file: Path | None, line: LineOptions, *, always: bool) -> Path | None:
+def _served_file(file: Path | None, line: LineArguments, *, always: bool) -> Path | None:
     """Return the plant file that a server serves, None for a plan that is only polled. always: skip this test."""
     if always:
         line.refuse("the plant file names the ports of its drives", "port")
@@ -88,7 +88,7 @@ def _served_file(file: Path | None, line: LineOptions, *, always: bool) -> Path 
     return path if "server" in content or "door" in content else None
 
 
-def _served_plan(path: Path, line: LineOptions) -> tuple[Plan, float]:
+def _served_plan(path: Path, line: LineArguments) -> tuple[PollPlan, float]:
     """Return the permanent poll plan of a plant's server, and its status period in seconds."""
     from drivecomm.plant import read_plant, with_usual_polls
     from drivecomm.server import read_settings

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from drivecomm.cli import options
-from drivecomm.cli.commands import Command
+from drivecomm.cli.commands import CliCommand
 from drivecomm.cli.drive_names import plant_file
 from drivecomm.cli.output import counted, emit, plain, say, tell
+from drivecomm.cli.output_files import force_option, must_be_free
 from drivecomm.cli.time_ranges import clock, from_option, last_option, time_range, to_option
 from drivecomm.cli.values import FILE
-from drivecomm.cli.written_files import force_option, must_be_free
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.server import command_words
 from drivecomm.server.history import History, log_row
@@ -32,7 +32,7 @@ _SHOWN = "1h"
 """Default time range of the display; exports have no limit."""
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @click.argument("drive", required=False, help="Its name in the plant. Default: the latest values of all.")
 @click.argument("quantities", metavar="[QUANTITY...]", nargs=-1, help="Only these, such as output_frequency.")
 @click.option("--events", is_flag=True, help="Show what happened: faults, silence, commands.")

@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from drivecomm.cli.commands import Command
+from drivecomm.cli.commands import CliCommand
 from drivecomm.cli.output import counted, plain, print_columns, progress_bar, say
+from drivecomm.cli.output_files import force_option, must_be_free
 from drivecomm.cli.values import FILE, NUMBER, WHOLE_NUMBER, Number
-from drivecomm.cli.written_files import force_option, must_be_free
 from drivecomm.errors import UsageError
 from drivecomm.protocol import parse_drive
-from drivecomm.tomlfile import write_whole
+from drivecomm.tomlfile import write_atomically
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from drivecomm.judge import Case, Judge, JudgeReport, Order, Verdict
+    from drivecomm.judge import Judge, JudgeCase, JudgeOrder, JudgeReport, Verdict
 
 _MOST_LINES = 24
 """Limit of printed lines of output and telegrams of a case; the report files have all of them."""
@@ -29,7 +29,7 @@ _MOST_LINES = 24
 _AT_LEAST_ONE = Number(int, "a whole number", at_least=1)
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @click.argument(
     "words",
     metavar="[FILE] [-- COMMAND...]",
@@ -133,7 +133,7 @@ def judge(
     return 0 if report.ok else 1
 
 
-def _announce(case: Case) -> None:
+def _announce(case: JudgeCase) -> None:
     say(f"{case.name}: {case.title}")
 
 
@@ -160,7 +160,7 @@ def _write(report: JudgeReport, files: Mapping[str, Path | None]) -> None:
     made = {"--junit": junit, "--json": lambda each: json.dumps(plain(as_data(each)), indent=1) + "\n", "--html": page}
     for option, path in files.items():
         if path is not None:
-            write_whole(path, made[option](report))
+            write_atomically(path, made[option](report))
 
 
 def _judged(judge: Judge, jobs: int, *, verbose: bool) -> JudgeReport:
@@ -218,8 +218,8 @@ def _say(verdict: Verdict, *, verbose: bool) -> None:
             say(f"           {line}")
 
 
-def _order(words: tuple[str, ...], drive: str, tasks: tuple[str, ...], shows: str, parameter: str) -> Order:
-    from drivecomm.judge import Order, Task, parse_task, read_order
+def _order(words: tuple[str, ...], drive: str, tasks: tuple[str, ...], shows: str, parameter: str) -> JudgeOrder:
+    from drivecomm.judge import JudgeOrder, JudgeTask, parse_task, read_order
 
     if not drive:
         if not words:
@@ -230,5 +230,5 @@ def _order(words: tuple[str, ...], drive: str, tasks: tuple[str, ...], shows: st
         return replace(order, tasks=tuple(given)) if given else order
     made = (parse_task(text) for text in tasks)
     told = [replace(each, shows=shows, parameter=parameter) if each.name in ("read", "run") else each for each in made]
-    run = Task(name="run", shows=shows, parameter=parameter)
-    return Order(drive=parse_drive(drive), command=words, tasks=tuple(told) or (run,))
+    run = JudgeTask(name="run", shows=shows, parameter=parameter)
+    return JudgeOrder(drive=parse_drive(drive), command=words, tasks=tuple(told) or (run,))

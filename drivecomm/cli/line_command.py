@@ -7,8 +7,8 @@ from typing import Any, get_args
 
 import click
 
-from drivecomm.cli.commands import Command
-from drivecomm.cli.line_options import WITHOUT_EFFECT, LineOptions
+from drivecomm.cli.commands import CliCommand
+from drivecomm.cli.line_options import WITHOUT_EFFECT, LineArguments
 from drivecomm.cli.stops_from_others import StopsFromOthers
 from drivecomm.cli.values import FILE, NUMBER, WHOLE_NUMBER, OneOf
 from drivecomm.link import Echo
@@ -68,7 +68,7 @@ STOPPING = frozenset({"stop"})
 """Commands that run even if the recording file already exists; the recording then replaces the file."""
 
 
-class LineCommand(Command):
+class LineCommand(CliCommand):
     """Command with the line options, except those that it defines itself, such as an option for several values."""
 
     def __init__(self, name: str, *, params: list[click.Parameter], **settings: Any) -> None:
@@ -92,11 +92,11 @@ class LineCommand(Command):
         """Run the command with its line. Raises UsageError for an option without effect."""
         said = {each.name: ctx.params.pop(each.name) for each in self._shared}
         given = frozenset(each.name for each in _OPTIONS if _is_written(ctx, each.name))
-        line = LineOptions(**said, given=given, stops=StopsFromOthers(f"drivecomm {self.name}"))
+        line = LineArguments(**said, given=given, stops=StopsFromOthers(f"drivecomm {self.name}"))
         for name, why in self._idle.items():
             line.refuse(f"{self.name} {why}", name)
         if line.record is not None and self.name not in STOPPING:
-            from drivecomm.cli.written_files import must_be_new
+            from drivecomm.cli.output_files import must_be_new
 
             must_be_new(line.record)
         ctx.params["line"] = line

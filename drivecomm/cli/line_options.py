@@ -20,7 +20,7 @@ from drivecomm.errors import (
     UnknownProtocolError,
     UsageError,
 )
-from drivecomm.link import Echo, tell_all
+from drivecomm.link import Echo, combine_traces
 from drivecomm.protocol import installed, parse_drive, parse_options, unknown_protocol
 from drivecomm.transport import same_port
 
@@ -59,7 +59,7 @@ WITHOUT_EFFECT: Mapping[str, Mapping[str, str]] = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LineOptions:
+class LineArguments:
     """Port, line settings and output of one call; absent settings are the protocol's own."""
 
     port: str | None = None
@@ -83,7 +83,7 @@ class LineOptions:
     stops: StopsFromOthers = field(default_factory=StopsFromOthers, compare=False, repr=False)
     """Handler of stops from other programs while a port is open here."""
 
-    def reaching(self, text: str) -> tuple[LineOptions, DriveConfig]:
+    def reaching(self, text: str) -> tuple[LineArguments, DriveConfig]:
         """Return the line of a drive and the drive, which is named as PROTOCOL:ADDRESS or by its name in the plant.
 
         All options of a drive are combined here. `Bus.drive` adds the defaults of protocol and model. The plant's line
@@ -103,14 +103,14 @@ class LineOptions:
         plant, drive, behind = place
         return self._reaching(plant, drive, behind)
 
-    def reaching_each(self, texts: Iterable[str]) -> list[tuple[LineOptions, DriveConfig]]:
+    def reaching_each(self, texts: Iterable[str]) -> list[tuple[LineArguments, DriveConfig]]:
         """Return the line and the drive of each name, as `reaching` does, without duplicates.
 
         A group stands for its drives. Options after the name of a group apply to each of its drives. Raises UsageError.
         """
         known = known_plant(self.plant, port_given=False)
         groups = known.groups if known else {}
-        found: dict[tuple[str, str], tuple[LineOptions, DriveConfig]] = {}
+        found: dict[tuple[str, str], tuple[LineArguments, DriveConfig]] = {}
         for text in texts:
             word, *behind = text.split(",")
             if known is not None and word in groups:
@@ -121,17 +121,19 @@ class LineOptions:
                 found.setdefault((drive.line, str(drive)), (reached, drive))
         return list(found.values())
 
-    def reaching_in(self, plant: Plant, drive: DriveConfig, behind: Iterable[str]) -> tuple[LineOptions, DriveConfig]:
+    def reaching_in(self, plant: Plant, drive: DriveConfig, behind: Iterable[str]) -> tuple[LineArguments, DriveConfig]:
         """Return the line of a drive of this plant, and the drive, as `reaching` does.
 
         behind: options as written after its name. Raises UsageError.
         """
         return self._reaching(plant, _permitted(plant, drive, self), parse_options(behind))
 
-    def _reaching(self, plant: Plant, drive: DriveConfig, behind: Mapping[str, Any]) -> tuple[LineOptions, DriveConfig]:
+    def _reaching(
+        self, plant: Plant, drive: DriveConfig, behind: Mapping[str, Any]
+    ) -> tuple[LineArguments, DriveConfig]:
         return self.on(plant.line(drive.line), plant.file), replace(drive, options=self._over(drive.options, behind))
 
-    def on(self, line: PlantLine, file: str) -> LineOptions:
+    def on(self, line: PlantLine, file: str) -> LineArguments:
         """Return the options for a line of the plant, which fills in options missing on the command line."""
         echo: Echo = "expect" if line.echo and "echo" not in self.given else self.echo
         settings = {key: value for key, value in line.settings.items() if getattr(self, key) is None}
@@ -181,7 +183,7 @@ class LineOptions:
             raise UsageError(f'{file}: line {line.name} has no port; write port = "/dev/ttyUSB0" there, or give --port')
         return port
 
-    def at(self, port: str) -> LineOptions:
+    def at(self, port: str) -> LineArguments:
         """Return the options for another port; with an echo if the plant states one for its line."""
         known = known_plant(self.plant, port_given="port" in self.given)
         lines = known.lines if known else ()
@@ -194,7 +196,7 @@ class LineOptions:
 
         If a server has the port, the bus uses the server. Otherwise stops of other programs reach the bus.
         """
-        opening = {**self.opening, "trace": tell_all(self.shown_trace, listener)}
+        opening = {**self.opening, "trace": combine_traces(self.shown_trace, listener)}
         with self._recorded(), self.named_in_errors():
             if (found := self.server) is not None:
                 with self._served_bus(found, opening) as served:
@@ -336,7 +338,7 @@ def naming(name: DriveConfig) -> Iterator[None]:
         raise
 
 
-def _placed(text: str, asked: LineOptions) -> tuple[Plant, DriveConfig, dict[str, Any]] | None:
+def _placed(text: str, asked: LineArguments) -> tuple[Plant, DriveConfig, dict[str, Any]] | None:
     """Return the plant, its drive, and the options after its name; None for PROTOCOL:ADDRESS without a plant.
 
     With a port, PROTOCOL:ADDRESS is the plant's drive if the plant has it at that port, so that the plant's settings of
@@ -355,7 +357,7 @@ def _placed(text: str, asked: LineOptions) -> tuple[Plant, DriveConfig, dict[str
     return None if drive is None else (known, _permitted(known, drive, asked), parse_options(settings))
 
 
-def _permitted(known: Plant, drive: DriveConfig, asked: LineOptions) -> DriveConfig:
+def _permitted(known: Plant, drive: DriveConfig, asked: LineArguments) -> DriveConfig:
     """Return a drive of the plant, read-only unless it is armed. Raises UsageError if it is not at the given port."""
     line = known.line(drive.line)
     if "port" in asked.given and asked.port and line.reached_at and not same_port(line.reached_at, asked.port):
@@ -371,7 +373,7 @@ def _permitted(known: Plant, drive: DriveConfig, asked: LineOptions) -> DriveCon
     return drive
 
 
-def _addressed(word: str, known: Plant, asked: LineOptions) -> DriveConfig | None:
+def _addressed(word: str, known: Plant, asked: LineArguments) -> DriveConfig | None:
     same = [drive for drive in known.drives if str(drive) == word]
     if asked.port is not None and ("port" in asked.given or asked.plant is None):
         port = asked.port

@@ -13,7 +13,7 @@ from drivecomm.cli.commands import NEGATIVE_NUMBERS
 from drivecomm.cli.line_command import LineCommand
 from drivecomm.cli.output import complain, emit, labels, machine_content, plain, say, tell
 from drivecomm.cli.values import NUMBER
-from drivecomm.errors import DriveCommError, LinkError, NotSupported, UsageError, meant
+from drivecomm.errors import DriveCommError, LinkError, NotSupported, UsageError, suggestion
 from drivecomm.protocol import DriveState, exact, parse_options
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from drivecomm import bus
     from drivecomm.bus import Goal
-    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.cli.line_options import LineArguments
     from drivecomm.protocol import DriveConfig, DriveStatus, MachineUnit, Reading
 
 
@@ -73,7 +73,7 @@ def show_status(drive: DriveConfig, found: DriveStatus, *, as_json: bool, standi
     say("  ".join(words))
 
 
-def done(drive: DriveConfig, line: LineOptions, what: str, *, result: object = None) -> None:
+def done(drive: DriveConfig, line: LineArguments, what: str, *, result: object = None) -> None:
     """Print the completed action on a drive."""
     text = f"{drive.name}  {what}" + (f": {result}" if result is not None else "")
     tell(text, as_json=line.json, **labels(drive), done=what, result=result)
@@ -89,7 +89,7 @@ def read(
     *,
     drive: str,
     parameters: tuple[str, ...],
-    line: LineOptions,
+    line: LineArguments,
     model: str | None,
     type: str | None,
     option: tuple[str, ...],
@@ -129,7 +129,7 @@ def write(
     drive: str,
     parameter: str,
     value: str,
-    line: LineOptions,
+    line: LineArguments,
     store: bool,
     read_back: bool,
     link_loss: str | None,
@@ -173,7 +173,7 @@ def call(
     *,
     drive: str,
     verb: str,
-    line: LineOptions,
+    line: LineArguments,
     arguments: tuple[str, ...],
     link_loss: str | None,
     watchdog: str | None,
@@ -214,7 +214,7 @@ def _starts_nothing(link_loss: str | None, watchdog: str | None) -> None:
 @click.command(cls=LineCommand)
 @options.drive
 @options.model
-def reset(*, drive: str, line: LineOptions, model: str | None) -> int:
+def reset(*, drive: str, line: LineArguments, model: str | None) -> int:
     """Acknowledge a fault; this does not start the motor."""
     with line.drive(drive, model) as (one, name):
         one.reset()
@@ -233,7 +233,7 @@ def reset(*, drive: str, line: LineOptions, model: str | None) -> int:
 def reference(
     *,
     drive: str,
-    line: LineOptions,
+    line: LineArguments,
     value: str | None,
     model: str | None,
     **given: str | None,
@@ -311,12 +311,12 @@ def _either(words: list[str]) -> str:
 @click.argument("state", help="ready, running, stopping, fault, not_ready or at_reference.")
 @click.option("--seconds", type=NUMBER, default=10.0, help="How long at most.")
 @options.model
-def wait(*, drive: str, state: str, line: LineOptions, seconds: float, model: str | None) -> int:
+def wait(*, drive: str, state: str, line: LineArguments, seconds: float, model: str | None) -> int:
     """Wait until a drive reaches a state. Exit code 5 when it does not reach it in time, or has a fault."""
     goals: dict[str, Goal] = {"at_reference": "at_reference", **{each.value: each for each in DriveState}}
     goal = goals.get(state.lower().replace("-", "_"))
     if goal is None:
-        raise UsageError(f"unknown state {state!r}; {meant(state, goals, 'write one of')}")
+        raise UsageError(f"unknown state {state!r}; {suggestion(state, goals, 'write one of')}")
     with line.drive(drive, model) as (one, name):
         show_status(name, one.wait_for(goal, seconds), as_json=line.json)
     return 0

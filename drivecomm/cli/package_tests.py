@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import click
 
 from drivecomm.cli import options
-from drivecomm.cli.commands import Command
+from drivecomm.cli.commands import CliCommand
 from drivecomm.cli.output import complain, emit, note, say, tell
+from drivecomm.cli.output_files import force_option, must_be_free
 from drivecomm.cli.values import FILE
-from drivecomm.cli.written_files import force_option, must_be_free
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.protocol import installed, parse_options, protocol_options
-from drivecomm.tomlfile import write_whole
+from drivecomm.tomlfile import write_atomically
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from drivecomm.testing import CheckResult, Reasons, Report
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @click.argument("protocol", shell_complete=options.complete_protocol, help="An installed protocol.")
 @click.option("--only", show_default=False, metavar="NAME", default="", help="Checks whose name contains this.")
 @click.option("--html", type=FILE, help="Write the report as a page too.")
@@ -34,7 +34,7 @@ def conformance(
     *, protocol: str, only: str, html: Path | None, quick: bool, force: bool, stop: bool, json: bool
 ) -> int:
     """Run the conformance tests of a protocol package. Exit code 1 when a check fails."""
-    from drivecomm.testing import FULL, QUICK, Reasons, reported, results
+    from drivecomm.testing import FULL, QUICK, Reasons, make_report, results
 
     plugin = installed[protocol]
     must_be_free(html, "--html", force=force)
@@ -45,7 +45,7 @@ def conformance(
         _tell(result, reasons, as_json=json)
         if stop and not result.passed:
             break
-    report = reported(plugin, found, only=only)
+    report = make_report(plugin, found, only=only)
     if json:
         emit(
             protocol=protocol,
@@ -59,7 +59,7 @@ def conformance(
     if html is not None:
         from drivecomm.testing import page
 
-        write_whole(html, page(plugin, report))
+        write_atomically(html, page(plugin, report))
     return 0 if report.ok else 1
 
 
@@ -94,7 +94,7 @@ def _summarise(protocol: str, report: Report) -> None:
     say(f"{protocol}: {len(report.passed)} checks passed, {len(report.failed)} failed, {report.seconds:.1f} s")
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @click.argument("files", type=FILE, metavar="[FILE...]", nargs=-1, help="Those of the installed protocols if absent.")
 @options.json
 def check(*, files: tuple[Path, ...], json: bool) -> int:
@@ -125,7 +125,7 @@ def check(*, files: tuple[Path, ...], json: bool) -> int:
     return code
 
 
-@click.command("from-capture", cls=Command)
+@click.command("from-capture", cls=CliCommand)
 @click.argument("file", type=FILE, help="A capture, .jsonl or .pcapng.")
 @click.option(
     "--protocol",
@@ -159,6 +159,6 @@ def from_capture(*, file: Path, protocol: str, output: Path | None, force: bool,
     if output is None:
         sys.stdout.write(text)
         return 0
-    write_whole(output, text)
+    write_atomically(output, text)
     say(f"{count} vectors in {output}")
     return 0

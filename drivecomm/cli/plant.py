@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from drivecomm.cli import options
-from drivecomm.cli.commands import NEGATIVE_NUMBERS, Command
+from drivecomm.cli.commands import NEGATIVE_NUMBERS, CliCommand
 from drivecomm.cli.output import emit, say, tell
 from drivecomm.cli.values import FILE, WHOLE_NUMBER
 from drivecomm.errors import UsageError
@@ -30,7 +30,7 @@ control_option = click.option(
 _drive_argument = click.argument("drive", help="Its name in the plant.")
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @_drive_argument
 @click.argument("code", type=WHOLE_NUMBER, help="The drive's own fault code.")
 @control_option
@@ -41,7 +41,7 @@ def trip(*, drive: str, code: int, control: str, json: bool) -> int:
     return _done(order, f"{drive} has tripped with code {code}", json)
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @_drive_argument
 @click.argument("state", help="off, on, or factory: on with factory settings.")
 @control_option
@@ -52,7 +52,7 @@ def power(*, drive: str, state: str, control: str, json: bool) -> int:
     return _done(order, f"power of {drive}: {state}", json)
 
 
-@click.command("set", cls=Command, context_settings=NEGATIVE_NUMBERS)
+@click.command("set", cls=CliCommand, context_settings=NEGATIVE_NUMBERS)
 @_drive_argument
 @click.argument("parameter", help="Its address, or its name in the model.")
 @click.argument("value", help="The raw value: a whole number, or text.")
@@ -65,7 +65,7 @@ def set_value(*, drive: str, parameter: str, value: str, control: str, json: boo
     return _done({**answer, "drive_name": drive}, f"{drive} {parameter} is {answer['value']}", json)
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @click.argument("line", help="Its name in the plant.")
 @click.argument("data", metavar="BYTES", help='In hexadecimal digits: "04 41 FF".')
 @control_option
@@ -75,7 +75,7 @@ def inject(*, line: str, data: str, control: str, json: bool) -> int:
     return _done(given_order(control, "inject", line=line, data=data), f"injected on {line}", json)
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @click.argument("file", type=FILE, help="A file with the keys of one [[fault]] of a plant file.")
 @control_option
 @options.json
@@ -85,7 +85,7 @@ def fault(*, file: Path, control: str, json: bool) -> int:
     return _done(given_order(control, "fault", text=text), "added", json)
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @click.argument("drive", default="", help="What this drive holds; without, all drives.")
 @click.argument("parameter", nargs=-1, help="Parameters of the drive, by address.")
 @control_option

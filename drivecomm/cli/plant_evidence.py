@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from drivecomm.cli import options
-from drivecomm.cli.commands import Command
+from drivecomm.cli.commands import CliCommand
 from drivecomm.cli.output import emit, note, print_columns, say
 from drivecomm.cli.plant import control_option, given_order
 from drivecomm.cli.values import WHOLE_NUMBER
@@ -15,7 +15,7 @@ from drivecomm.cli.values import WHOLE_NUMBER
 _line_option = click.option("--line", metavar="LINE", default="", help="The line, where the plant has several.")
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @click.option("--since", type=WHOLE_NUMBER, metavar="N", default=0, help="Those behind this number only.")
 @_line_option
 @control_option
@@ -36,7 +36,7 @@ def telegrams(*, since: int, line: str, control: str, json: bool) -> int:
             return 0
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @_line_option
 @control_option
 @options.json
@@ -53,7 +53,7 @@ def violations(*, line: str, control: str, json: bool) -> int:
     return 1 if answer["failures"] else 0
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @control_option
 @options.json
 def counters(*, control: str, json: bool) -> int:
@@ -81,7 +81,7 @@ def _notes(notes: dict[str, int]) -> dict[str, int]:
     return {f"note: {rule}": number for rule, number in notes.items()}
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @control_option
 @options.json
 def state(*, control: str, json: bool) -> int:

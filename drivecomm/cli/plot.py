@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import click
 
 from drivecomm.cli import options
-from drivecomm.cli.commands import Command
+from drivecomm.cli.commands import CliCommand
 from drivecomm.cli.output import counted, tell
+from drivecomm.cli.output_files import force_option, must_be_free
 from drivecomm.cli.time_ranges import from_option, last_option, time_range, to_option
 from drivecomm.cli.values import FILE
-from drivecomm.cli.written_files import force_option, must_be_free
 from drivecomm.errors import UsageError
 from drivecomm.plant.value_log import read_rows
 from drivecomm.plant.value_plots import picture_of, save
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 HISTORY_ENDING = ".sqlite"
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @click.option("--output", "-o", type=FILE, required=True, help="The file to write: .png, .svg or .html.")
 @click.argument(
     "log",

@@ -17,7 +17,7 @@ from drivecomm.cli.output import emit, machine_content, say
 from drivecomm.cli.value_files import log_option, opened_log
 from drivecomm.cli.values import FILE, NUMBER, WHOLE_NUMBER
 from drivecomm.errors import DriveCommError, UsageError
-from drivecomm.line import Plan, PollItem, poll as carry_out
+from drivecomm.line import PollItem, PollPlan, poll as carry_out
 from drivecomm.protocol import DriveConfig, installed, parse_drive, parse_options, unknown_protocol
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from drivecomm.bus import BlockingLine
-    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.cli.line_options import LineArguments
     from drivecomm.line import PollResult
     from drivecomm.plant import Plant
     from drivecomm.protocol import MachineValue
@@ -57,7 +57,7 @@ _NEXT_SETTING = re.compile(r",(?=[A-Za-z_-]+=)")
 @log_option
 def poll(
     *,
-    line: LineOptions,
+    line: LineArguments,
     words: tuple[str, ...],
     plan: Path | None,
     period: float | None,
@@ -88,7 +88,7 @@ def poll(
 
 
 @contextmanager
-def _opened(line: LineOptions, ports: Sequence[str]) -> Iterator[dict[str, BlockingLine]]:
+def _opened(line: LineArguments, ports: Sequence[str]) -> Iterator[dict[str, BlockingLine]]:
     """Open all lines of a plan for the time of the block. Raises LinkError for the first line that cannot be opened."""
     if "" in ports:
         raise UsageError("some drives have no port: give --port, or write port in the [[line]] of the plant")
@@ -160,8 +160,8 @@ class _Rows:
 
 
 def given_plan(
-    words: Sequence[str], plan_file: Path | None, line: LineOptions, *, period_s: float | None = None
-) -> tuple[Plan, LineOptions]:
+    words: Sequence[str], plan_file: Path | None, line: LineArguments, *, period_s: float | None = None
+) -> tuple[PollPlan, LineArguments]:
     """Return the poll plan of a call, and the line options for it; drives without a port use the port of the call.
 
     Without words, the plan is that of the plant. Options of the command line override those of single drives in a file.
@@ -188,7 +188,7 @@ def given_plan(
     return plan.with_drives(lambda one: replace(one, line=one.line or port).with_options(**line.said_facts)), line
 
 
-def parse_plan(words: Sequence[str], *, period_s: float, known: Plant | None = None) -> Plan:
+def parse_plan(words: Sequence[str], *, period_s: float, known: Plant | None = None) -> PollPlan:
     """Parse a plan such as `vabus:1 481 482@0.2 fuji:7,model=g11s M09!2`. Raises UsageError.
 
     known: the plant, whose names and groups stand for its drives; PROTOCOL:ADDRESS is the drive of the plant at that
@@ -216,7 +216,7 @@ def parse_plan(words: Sequence[str], *, period_s: float, known: Plant | None = N
             "nothing to read; name drives and parameters, such as vabus:1 481 482@0.2, or give --plan FILE"
         )
     # Groups may share drives, so duplicates are removed.
-    return Plan(reads=tuple(dict.fromkeys(reads)))
+    return PollPlan(reads=tuple(dict.fromkeys(reads)))
 
 
 def _names_drives(word: str, there: Plant | None) -> bool:

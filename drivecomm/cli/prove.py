@@ -13,17 +13,17 @@ import click
 from drivecomm.cli import options
 from drivecomm.cli.line_command import LineCommand
 from drivecomm.cli.output import complain, counted, emit, labels, note, progress_bar, say, tell
+from drivecomm.cli.output_files import force_option, must_be_free
 from drivecomm.cli.signals import until_stopped
 from drivecomm.cli.values import FILE
-from drivecomm.cli.written_files import force_option, must_be_free
 from drivecomm.errors import LinkError, ReplyError, UsageError, in_one_line
-from drivecomm.proving import Moving, ProofRecord, Proving, Subject, questions
+from drivecomm.proving import Moving, ProofRecord, ProofSubject, Proving, questions
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from drivecomm.bus import Drive
-    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.cli.line_options import LineArguments
     from drivecomm.protocol import DriveConfig
     from drivecomm.proving import Proof
 
@@ -46,7 +46,7 @@ _ONLY_ASKS = "a proof without --move only asks"
 def prove(
     *,
     drive: str,
-    line: LineOptions,
+    line: LineArguments,
     model: str | None,
     write: Path | None,
     name_plate: str,
@@ -110,9 +110,9 @@ def _always_whole(record: ProofRecord, path: Path, *, as_json: bool) -> Iterator
         raise
 
 
-def _subject(name: DriveConfig, drive: Drive) -> Subject:
+def _subject(name: DriveConfig, drive: Drive) -> ProofSubject:
     given = {key: value for key, value in name.options.items() if key != "model"}
-    return Subject.of(name.protocol, drive.model, given)
+    return ProofSubject.of(name.protocol, drive.model, given)
 
 
 def _show_questions(name: DriveConfig, *, move: bool, as_json: bool) -> int:
@@ -123,7 +123,7 @@ def _show_questions(name: DriveConfig, *, move: bool, as_json: bool) -> int:
     plugin = installed[name.protocol]
     loaded = None if known is None else load_model(plugin.package, plugin.name, known)
     given = {key: value for key, value in name.options.items() if key != "model"}
-    asked = questions(Subject.of(name.protocol, loaded, given))
+    asked = questions(ProofSubject.of(name.protocol, loaded, given))
     if move:
         asked += [
             "with your consent: start slowly, stop, set the watchdog, start, fall silent, stop, restore the watchdog"

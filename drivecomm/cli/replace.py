@@ -32,10 +32,10 @@ from drivecomm.errors import NoReplyError, UsageError
 
 if TYPE_CHECKING:
     from drivecomm.bus import Drive
-    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.cli.line_options import LineArguments
     from drivecomm.commissioning import Replacement
     from drivecomm.commissioning.drift import Drift
-    from drivecomm.commissioning.parameter_sets import ParameterSet, Plan
+    from drivecomm.commissioning.parameter_sets import ParameterSet, RestorePlan
     from drivecomm.protocol import DriveConfig
 
 
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 @click.argument("file", type=FILE, required=False, help="A file written by backup. Default: the drive's baseline.")
 @click.option("--plate-compared", is_flag=True, help="You compared the name plates: type and size are the same.")
 @click.option("--yes", is_flag=True, help="Write without asking.")
-def replace(*, drive: str, file: Path | None, line: LineOptions, plate_compared: bool, yes: bool) -> int:
+def replace(*, drive: str, file: Path | None, line: LineArguments, plate_compared: bool, yes: bool) -> int:
     """Restore the approved settings of a drive to its replacement, then compare.
 
     While the new drive does not answer, shows the settings to make at its panel. A drive of another type or size gets
@@ -72,7 +72,7 @@ def replace(*, drive: str, file: Path | None, line: LineOptions, plate_compared:
         return _NewDrive(drive=one, approved=approved, path=path, name=name, line=line).restore(yes=yes)
 
 
-def _baseline(drive: str, name: DriveConfig, line: LineOptions) -> Path:
+def _baseline(drive: str, name: DriveConfig, line: LineArguments) -> Path:
     """Return the file of the drive's baseline. Raises UsageError if there is none."""
     place = line.in_plant(drive)
     if place is None:
@@ -105,7 +105,7 @@ def _must_be_replacement(
         )
 
 
-def _agreed(plan: Plan, name: DriveConfig, *, as_json: bool) -> bool:
+def _agreed(plan: RestorePlan, name: DriveConfig, *, as_json: bool) -> bool:
     """Ask the user whether to write; False without a terminal."""
     if as_json or not sys.stdin.isatty():
         return False
@@ -121,7 +121,7 @@ class _NewDrive:
     approved: ParameterSet
     path: Path
     name: DriveConfig
-    line: LineOptions
+    line: LineArguments
 
     def restore(self, *, yes: bool) -> int:
         """Restore all settings, the watchdog last, and compare. Returns the exit code."""
@@ -148,7 +148,7 @@ class _NewDrive:
         self._show(drift)
         return max(*codes, 1 if drift.changed or drift.not_comparable else 0)
 
-    def _carry_out(self, plan: Plan) -> int:
+    def _carry_out(self, plan: RestorePlan) -> int:
         journal = found_journal(journal_path(self.path, str(self.name)), self.approved, str(self.name))
         with progress_bar("writing", shown=not self.line.json) as progress:
             done = carry_out_plan(self.drive, plan, journal, progress=progress)

@@ -20,11 +20,11 @@ from drivecomm.traffic.replay import (
     ReplayMaster,
     Sending,
     by_the_masters_side,
-    described,
     difference,
     infer_sources,
     recorded_drives,
     recorded_exchanges,
+    request_as_text,
 )
 from drivecomm.traffic.sniffer import protocols_for, recorded_with
 from drivecomm.virtual import Server, parse_listen
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from drivecomm.capture import Capture
-    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.cli.line_options import LineArguments
     from drivecomm.protocol import Protocol
 
 
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 )
 @click.option("--faster", type=NUMBER, default=1.0, help="How many times as fast as recorded.")
 @click.option("--commands", is_flag=True, help="Also send what can command or write. This may start a motor.")
-def replay(*, line: LineOptions, file: Path, listen: str | None, faster: float, commands: bool) -> int:
+def replay(*, line: LineArguments, file: Path, listen: str | None, faster: float, commands: bool) -> int:
     """Replay a capture: with --listen as its drives, otherwise as its master.
 
     The drives answer as they did then. The master repeats the recorded requests on --port, except those that could
@@ -89,7 +89,7 @@ def _answer(capture: Capture, listen: str, *, as_json: bool) -> int:
     return 0
 
 
-def _ask(asking: ReplayMaster, line: LineOptions, plugins: Sequence[Protocol]) -> int:
+def _ask(asking: ReplayMaster, line: LineArguments, plugins: Sequence[Protocol]) -> int:
     different: list[ReplayedRequest] = []
     asked = left_out = 0
     line.must_be_free("replay")
@@ -126,7 +126,7 @@ def _show(different: Sequence[ReplayedRequest], plugins: Sequence[Protocol]) -> 
         (
             f"{each.number:>7}",
             f"{each.then.asked_s:.3f} s",
-            described(each.then.request, plugins),
+            request_as_text(each.then.request, plugins),
             difference(each, plugins),
         )
         for each in different

@@ -13,16 +13,16 @@ from drivecomm.cli import options
 from drivecomm.cli.baseline import system_user
 from drivecomm.cli.line_command import LineCommand
 from drivecomm.cli.output import counted, emit, labels, plain, print_columns, progress_bar, say
-from drivecomm.cli.parameter_sets.saved import called, drive_of_set, shown, told
+from drivecomm.cli.output_files import force_option, must_be_free
+from drivecomm.cli.parameter_sets.saved import drive_of_set, entry_content, entry_text, parameter_label
 from drivecomm.cli.values import FILE
-from drivecomm.cli.written_files import force_option, must_be_free
 from drivecomm.commissioning import take_record
 from drivecomm.commissioning.drift import baseline_path, drift_between, live_addresses, read_baseline
 from drivecomm.commissioning.parameter_sets import subject
-from drivecomm.tomlfile import write_whole
+from drivecomm.tomlfile import write_atomically
 
 if TYPE_CHECKING:
-    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.cli.line_options import LineArguments
     from drivecomm.commissioning import CommissioningRecord
     from drivecomm.commissioning.parameter_sets import ParameterSet
     from drivecomm.protocol import DriveConfig
@@ -73,7 +73,9 @@ class SignedRecord:
                 for entry in self.record.now.of(("settings",))
             ]
             return f"Settings: all {len(rows)}, since the drive does not report its factory values", rows
-        rows = [(called(each), shown(each.right), f"factory {shown(each.left)}") for each in differing]
+        rows = [
+            (parameter_label(each), entry_text(each.right), f"factory {entry_text(each.left)}") for each in differing
+        ]
         return f"Settings that differ from the factory values: {len(rows)}", rows
 
 
@@ -83,7 +85,9 @@ class SignedRecord:
 @click.option("--by", metavar="WHO", help="Who puts the drive into service. Default: the user of this system.")
 @click.option("--html", type=FILE, help="Write the record as a page to print.")
 @force_option
-def report(*, drive: str, line: LineOptions, model: str | None, by: str | None, html: Path | None, force: bool) -> int:
+def report(
+    *, drive: str, line: LineArguments, model: str | None, by: str | None, html: Path | None, force: bool
+) -> int:
     """Print the commissioning record of a drive: identity, motor, link loss, settings other than the factory's.
 
     Nothing is written to the drive.
@@ -114,12 +118,12 @@ def report(*, drive: str, line: LineOptions, model: str | None, by: str | None, 
         # Imported late, because text output does not need it.
         from drivecomm.cli.report_page import page
 
-        write_whole(html, page(signed))
+        write_atomically(html, page(signed))
     return 0
 
 
 def _compared_with_baseline(
-    text: str, now: ParameterSet, live: frozenset[str], name: DriveConfig, line: LineOptions
+    text: str, now: ParameterSet, live: frozenset[str], name: DriveConfig, line: LineArguments
 ) -> str:
     """Return a text on whether the drive agrees with its approved set, and who approved the set."""
     place = line.in_plant(text)
@@ -143,7 +147,12 @@ def _content(signed: SignedRecord) -> dict[str, Any]:
     differing = None
     if record.differing is not None:
         differing = [
-            {"parameter": each.address, "quantity": each.name, "factory": told(each.left), "now": told(each.right)}
+            {
+                "parameter": each.address,
+                "quantity": each.name,
+                "factory": entry_content(each.left),
+                "now": entry_content(each.right),
+            }
             for each in record.differing
         ]
     return {
@@ -151,7 +160,7 @@ def _content(signed: SignedRecord) -> dict[str, Any]:
         "title": signed.title,
         "firmware": now.firmware,
         "identity": dict(now.identity),
-        "motor": {each.address: {"quantity": each.common, **told(each)} for each in record.motor},
+        "motor": {each.address: {"quantity": each.common, **entry_content(each)} for each in record.motor},
         "link_loss": plain(record.watchdog),
         "differing": differing,
         "not_read": dict(now.not_read),

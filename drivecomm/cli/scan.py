@@ -11,13 +11,13 @@ from drivecomm.bus import LineChoices, scan_plan
 from drivecomm.cli import options
 from drivecomm.cli.line_command import LineCommand, LineSetting
 from drivecomm.cli.output import counted, emit, note, progress_bar, say
+from drivecomm.cli.output_files import force_option, must_be_free
 from drivecomm.cli.values import FILE
-from drivecomm.cli.written_files import force_option, must_be_free
 from drivecomm.commissioning import forecast_scan
 from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.plant import ScannedLine, add_scanned, read_plant, scanned_text
 from drivecomm.protocol import SETTING_NAMES
-from drivecomm.tomlfile import write_whole
+from drivecomm.tomlfile import write_atomically
 from drivecomm.transport import ONE_PROTOCOL, scheme_of
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from drivecomm.bus import Found
-    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.cli.line_options import LineArguments
     from drivecomm.commissioning import ScanForecast
     from drivecomm.protocol import DriveConfig
 
@@ -48,7 +48,7 @@ _MOST_NAMED = 8
 @force_option
 def scan(
     *,
-    line: LineOptions,
+    line: LineArguments,
     ports: tuple[str, ...],
     protocol: tuple[str, ...],
     addresses: list[int] | None,
@@ -118,7 +118,7 @@ def scan(
     return 0 if any(each.found for each in scanned) else 1
 
 
-def _lines(line: LineOptions, ports: tuple[str, ...]) -> list[LineOptions]:
+def _lines(line: LineArguments, ports: tuple[str, ...]) -> list[LineArguments]:
     """Return the lines to scan. Raises UsageError."""
     if not ports:
         return [line]
@@ -128,7 +128,7 @@ def _lines(line: LineOptions, ports: tuple[str, ...]) -> list[LineOptions]:
     return [replace(line, port=port) for port in dict.fromkeys(ports)]
 
 
-def _scan_line(line: LineOptions, asked: dict[str, Any], found: list[Found], *, wide: bool) -> None:
+def _scan_line(line: LineArguments, asked: dict[str, Any], found: list[Found], *, wide: bool) -> None:
     with line.bus() as bus, progress_bar("asking", shown=not line.json) as progress:
         for one in bus.scan(**asked, progress=progress):
             found.append(one)
@@ -143,7 +143,7 @@ def _report(scanned: list[ScannedLine], *, write: Path | None, add: Path | None,
     found = [one for each in scanned for one in each.found]
     added: Sequence[DriveConfig] = ()
     if found and write is not None:
-        write_whole(write, scanned_text(scanned))
+        write_atomically(write, scanned_text(scanned))
     if found and add is not None:
         added = add_scanned(add, scanned)
     if as_json:
@@ -175,7 +175,7 @@ def _duration(seconds: float) -> str:
     return f"{round(seconds / 60)} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
 
 
-def _emit(one: Found, line: LineOptions) -> None:
+def _emit(one: Found, line: LineArguments) -> None:
     emit(
         line=line.named_port,
         drive=one.name,

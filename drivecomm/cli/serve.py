@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import click
 
 from drivecomm.cli import event_loop, options
-from drivecomm.cli.commands import Command
+from drivecomm.cli.commands import CliCommand
 from drivecomm.cli.drive_names import PLANT_FILE, plant_file
 from drivecomm.cli.extras import must_have
 from drivecomm.cli.output import counted, emit, say, tell
+from drivecomm.cli.output_files import force_option, must_be_free
 from drivecomm.cli.values import FILE
-from drivecomm.cli.written_files import force_option, must_be_free
 from drivecomm.errors import UsageError
-from drivecomm.tomlfile import write_whole
+from drivecomm.tomlfile import write_atomically
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from drivecomm.server import ServedPlant, Serving
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @click.argument("plant", type=FILE, required=False, help="Plant file. Default: $DRIVECOMM_PLANT or plant.toml here.")
 @click.option("--log", type=FILE, help="Log to this file, which rotates.")
 @click.option("--level", metavar="LEVEL", default="info", help="What is logged: debug, info, warning or error.")
@@ -125,7 +125,7 @@ def _tell_registers(path: Path, target: Path | None, *, as_json: bool) -> None:
     for door in doors:
         door.check_plant(known)
     if target is not None:
-        write_whole(target, registers_as_csv(doors, known))
+        write_atomically(target, registers_as_csv(doors, known))
         tell(f"{target}: {counted(len(doors), 'door')}", as_json=as_json, output=str(target))
     elif as_json:
         for row in registers_content(doors, known):

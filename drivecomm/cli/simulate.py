@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 import click
 
 from drivecomm.cli import options
-from drivecomm.cli.commands import Command
+from drivecomm.cli.commands import CliCommand
 from drivecomm.cli.output import counted, emit, note, say, show_traced
+from drivecomm.cli.output_files import must_be_new
 from drivecomm.cli.signals import until_stopped
 from drivecomm.cli.value_files import recorded
 from drivecomm.cli.values import FILE, NUMBER
-from drivecomm.cli.written_files import must_be_new
 from drivecomm.errors import DriveCommError, FileFormatError, UsageError
 from drivecomm.plant import Plant, PlantLine, read_plant, script_of, unreadable_polls
 from drivecomm.protocol import parse_drive
-from drivecomm.virtual import SERVED_TOLERANCE_S, PlantRecord, PlantServer, VirtualPlant, planted
+from drivecomm.virtual import SERVED_TOLERANCE_S, PlantRecord, PlantServer, VirtualPlant, separate_drive_keys
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _ANY_PORT = "127.0.0.1:0"
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @click.argument("plant", type=FILE, required=False, help="A plant file: lines, drives, faults.")
 @click.option("--drive", "-d", metavar="DRIVE", multiple=True, help="PROTOCOL:ADDRESS[,model=...]; repeatable.")
 @click.option(
@@ -81,7 +81,7 @@ def simulate(
         if not drive or not listen:
             raise UsageError("nothing to simulate; name a plant file, or at least one --drive and --listen")
         lines = (PlantLine(name="line", listen=listen, listeners=listeners, echo=echo, paced=paced),)
-        drives = tuple(planted(parse_drive(text), line="line") for text in drive)
+        drives = tuple(separate_drive_keys(parse_drive(text), line="line") for text in drive)
         script = script_of(fault, line="line", drives=[each.name for each in drives])
         planned = Plant(lines=lines, drives=drives, script=script)
         server = PlantServer(VirtualPlant(planned, speed=speed), control=control)

@@ -9,7 +9,7 @@ from urllib.parse import quote
 import click
 
 from drivecomm.cli import options
-from drivecomm.cli.commands import Command
+from drivecomm.cli.commands import CliCommand
 from drivecomm.cli.drive_names import PLANT_FILE, plant_file
 from drivecomm.cli.output import emit, say
 from drivecomm.cli.time_ranges import clock
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _plant_option = click.option("--plant", type=FILE, help="Plant file. Default: $DRIVECOMM_PLANT or plant.toml here.")
 
 
-@click.command("list", cls=Command)
+@click.command("list", cls=CliCommand)
 @_plant_option
 @options.json
 def list_alarms(*, plant: Path | None, json: bool) -> int:
@@ -44,7 +44,7 @@ def list_alarms(*, plant: Path | None, json: bool) -> int:
     return 0
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @click.argument("alarms", metavar="ID...", nargs=-1, required=True, help="Ids of alarms, as list shows them.")
 @_plant_option
 @options.json

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any, cast, get_args
 
 import click
 
-from drivecomm.bus import USUAL_WATCHDOG_S, carry_out, keep, policies, starting, starting_by, telling_speed
+from drivecomm.bus import USUAL_WATCHDOG_S, carry_out, keep, policies, reading_speed, starting, starting_by
 from drivecomm.cli import options
 from drivecomm.cli.line_command import LineCommand
 from drivecomm.cli.one_drive import number
 from drivecomm.cli.output import complain, labels, say, tell
 from drivecomm.cli.signals import until_stopped
 from drivecomm.cli.start_watch import news_shown
-from drivecomm.errors import DriveCommError, DriveError, UsageError, near
+from drivecomm.errors import DriveCommError, DriveError, UsageError, did_you_mean
 from drivecomm.protocol import LinkLoss, Stop
 
 if TYPE_CHECKING:
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 
     from drivecomm import bus
     from drivecomm.bus import Procedure
-    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.cli.line_options import LineArguments
     from drivecomm.cli.stops_from_others import StopsFromOthers
     from drivecomm.client import ServedDrive
     from drivecomm.protocol import DriveConfig
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Starting:
+class StartMethod:
     """Way to start a motor.
 
     procedure: returns the steps that start the motor from here. choices: options for a server that starts and keeps the
@@ -54,7 +54,7 @@ class Starting:
 def start(
     *,
     drive: str,
-    line: LineOptions,
+    line: LineArguments,
     link_loss: str | None,
     watchdog: str | None,
     reverse: bool,
@@ -68,7 +68,7 @@ def start(
     stays and feeds it until Ctrl-C, which stops the motor. Exit code 5 when the drive has a fault meanwhile.
     """
     with line.drive(drive, model) as (one, name):
-        by = Starting(
+        by = StartMethod(
             procedure=lambda: starting(reverse=reverse, percent=number(percent), hz=number(hz)),
             choices={"percent": number(percent), "hz": number(hz), "reverse": reverse or None},
         )
@@ -78,7 +78,7 @@ def start(
 def start_by(
     one: bus.Drive,
     name: DriveConfig,
-    line: LineOptions,
+    line: LineArguments,
     drive: str,
     *,
     verb: str,
@@ -87,7 +87,7 @@ def start_by(
     watchdog: str | None,
 ) -> int:
     """Start a motor by another verb, such as call or write; see `start_motor`."""
-    by = Starting(
+    by = StartMethod(
         procedure=partial(starting_by, verb, arguments),
         choices={"by": {"verb": verb, "arguments": dict(arguments)}},
         waits=True,
@@ -98,9 +98,9 @@ def start_by(
 def start_motor(
     one: bus.Drive,
     name: DriveConfig,
-    line: LineOptions,
+    line: LineArguments,
     drive: str,
-    by: Starting,
+    by: StartMethod,
     *,
     link_loss: str | None,
     watchdog: str | None,
@@ -119,7 +119,7 @@ def start_motor(
 
     def run() -> str:
         carry_out(one, by.procedure())
-        speed = carry_out(one, telling_speed(one.model, one.bus.now, waits=by.waits))
+        speed = carry_out(one, reading_speed(one.model, one.bus.now, waits=by.waits))
         what = "commanded" if by.waits else "started"
         return f"{what}, {speed}" if speed else what
 
@@ -142,14 +142,14 @@ def start_motor(
     return 0
 
 
-def _chosen_policy(drive: bus.Drive, text: str | None, by: Starting) -> LinkLoss:
+def _chosen_policy(drive: bus.Drive, text: str | None, by: StartMethod) -> LinkLoss:
     """Return the chosen policy. Raises UsageError with the possible options if the policy is missing or unknown."""
     if text is None:
         why = "this may start the motor; " if by.waits else ""
         raise UsageError(f"{why}say what the motor does if this line goes dead: {_choice(drive)}")
     if text.lower() in get_args(LinkLoss):
         return cast("LinkLoss", text.lower())
-    question = near(text, get_args(LinkLoss))
+    question = did_you_mean(text, get_args(LinkLoss))
     known = f"{question} Write" if question else "write"
     raise UsageError(f"{text!r} is not a policy; {known} {_choice(drive)}")
 

@@ -13,13 +13,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from threading import Event
 
-    from drivecomm.bus import KeepNews
+    from drivecomm.bus import KeepReports
     from drivecomm.client import ServedDrive
     from drivecomm.protocol import LinkLoss
 
 
 def start_and_stay(
-    drive: ServedDrive, news_of: Callable[[Event], KeepNews], policy: LinkLoss, watchdog_s: str, **choices: Any
+    drive: ServedDrive, news_of: Callable[[Event], KeepReports], policy: LinkLoss, watchdog_s: str, **choices: Any
 ) -> int:
     """Start a motor, and stay until Ctrl-C or until the server no longer keeps it; return the exit code.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
-from drivecomm.bus import KeepNews
+from drivecomm.bus import KeepReports
 from drivecomm.cli.output import complain, labels, tell
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import DriveConfig
 
 
-def news_shown(name: DriveConfig, stop: Event, *, as_json: bool) -> KeepNews:
+def news_shown(name: DriveConfig, stop: Event, *, as_json: bool) -> KeepReports:
     """Return a display of the events of a kept motor. stop: set on a fault of the drive, which ends the command."""
 
     def show(done: str, text: str, **further: object) -> None:
@@ -24,4 +24,4 @@ def news_shown(name: DriveConfig, stop: Event, *, as_json: bool) -> KeepNews:
     def show_error(error: DriveCommError) -> None:
         complain(error, as_json=as_json, where=time.strftime("%H:%M:%S"))
 
-    return KeepNews(show, show_error, stop.set)
+    return KeepReports(show, show_error, stop.set)

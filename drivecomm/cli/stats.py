@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from drivecomm.bus import BlockingLine, Drive
-    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.cli.line_options import LineArguments
     from drivecomm.link import ReplyTimes
 
 _ALWAYS_SHOWN = ("requests", "replies", "retries", "timeouts", "damaged")
@@ -42,7 +42,7 @@ _IDLE_S = 0.02
     help="PROTOCOL:ADDRESS, a name or a group from the plant file. Default: all there, or those a scan finds.",
 )
 @click.option("--for", "seconds", type=NUMBER, metavar="SECONDS", default=5.0, help="How long to poll.")
-def stats(*, line: LineOptions, drives: tuple[str, ...], seconds: float) -> int:
+def stats(*, line: LineArguments, drives: tuple[str, ...], seconds: float) -> int:
     """Poll drives for a while and count replies, errors and reply times.
 
     They are asked in turn, by probes that cannot move a motor; lines are polled one after the other. Exit code 1 when a
@@ -52,7 +52,7 @@ def stats(*, line: LineOptions, drives: tuple[str, ...], seconds: float) -> int:
         raise UsageError(f"{seconds:g} s is not possible; give --for a number above 0")
     if not drives and (known := known_plant(line.plant, port_given="port" in line.given)):
         drives = tuple(drive.name for drive in known.drives)
-    lines: dict[LineOptions, dict[str, DriveConfig]] = {}
+    lines: dict[LineArguments, dict[str, DriveConfig]] = {}
     for reached, name in line.reaching_each(drives):
         lines.setdefault(reached, {})[name.name] = name
     lines = lines or {line: {str(name): name for name in _scanned(line)}}
@@ -62,7 +62,7 @@ def stats(*, line: LineOptions, drives: tuple[str, ...], seconds: float) -> int:
     return 0 if answered and all(answered) else 1
 
 
-def _measure(line: LineOptions, names: Mapping[str, DriveConfig], seconds: float, *, headed: bool) -> bool:
+def _measure(line: LineArguments, names: Mapping[str, DriveConfig], seconds: float, *, headed: bool) -> bool:
     """Poll the drives of one line, and print the statistics; return whether all of them have answered."""
     if headed and not line.json:
         say(line.named_port)
@@ -87,7 +87,7 @@ def _count_from_now(bus: BlockingLine) -> None:
         bus.count_from_now()
 
 
-def _scanned(line: LineOptions) -> list[DriveConfig]:
+def _scanned(line: LineArguments) -> list[DriveConfig]:
     """Return the drives on the line, found over a separate bus, so that the scan is neither counted nor recorded."""
     note("no drive named, so the line is scanned first")
     with replace(line, record=None).bus() as bus:
@@ -128,7 +128,7 @@ def _question(bus: BlockingLine, drive: Drive) -> Callable[[], object]:
 
 
 def _show(
-    counted: Mapping[str, Statistics], names: Mapping[str, DriveConfig], seconds: float, line: LineOptions
+    counted: Mapping[str, Statistics], names: Mapping[str, DriveConfig], seconds: float, line: LineArguments
 ) -> None:
     everything = total(counted.values())
     if line.json:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from rich.text import Text
 
-    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.cli.line_options import LineArguments
     from drivecomm.plant import DriveReport, Plant
     from drivecomm.protocol import MachineValue
 
@@ -48,7 +48,7 @@ _COLOURS = {
     help="PROTOCOL:ADDRESS, a name or a group from the plant file. Default: all drives.",
 )
 @options.model
-def status(*, line: LineOptions, drive: str | None, model: str | None) -> int:
+def status(*, line: LineArguments, drive: str | None, model: str | None) -> int:
     """Show the state of a drive, of a group, or of all drives of the plant; commands nothing.
 
     Exit code 5 when a drive has a fault, 4 when one does not answer.
@@ -67,7 +67,7 @@ def status(*, line: LineOptions, drive: str | None, model: str | None) -> int:
     return DriveError.exit_code if found.fault else 0
 
 
-def _group(text: str, line: LineOptions) -> Plant | None:
+def _group(text: str, line: LineArguments) -> Plant | None:
     """Return the part of the plant that is a group, with the options after its name; None if it is not a group."""
     word, *behind = text.split(",")
     known = None if ":" in word else known_plant(line.plant, port_given=False)
@@ -76,7 +76,7 @@ def _group(text: str, line: LineOptions) -> Plant | None:
     return known.only(each.with_options(**parse_options(behind)) for each in known.group(word))
 
 
-def _whole_plant(line: LineOptions) -> Plant:
+def _whole_plant(line: LineArguments) -> Plant:
     known = known_plant(line.plant, port_given=False)
     if known is None:
         raise UsageError(
@@ -88,7 +88,7 @@ def _whole_plant(line: LineOptions) -> Plant:
     return known
 
 
-def _of_the_plant(known: Plant, line: LineOptions, model: str | None) -> int:
+def _of_the_plant(known: Plant, line: LineArguments, model: str | None) -> int:
     if model is not None:
         raise UsageError("--model is for one drive; name it, or leave --model out: the plant says which each has")
     lines = [each for each in known.lines if known.on_line(each.name)]

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import click
 
 from drivecomm.cli import options
-from drivecomm.cli.commands import Command
+from drivecomm.cli.commands import CliCommand
 from drivecomm.cli.output import counted, emit, note, say, tell
+from drivecomm.cli.output_files import force_option, must_be_free
 from drivecomm.cli.values import FILE
-from drivecomm.cli.written_files import force_option, must_be_free
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.tomlfile import read_text_file, write_whole
+from drivecomm.tomlfile import read_text_file, write_atomically
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -27,7 +27,7 @@ _plant_argument = click.argument("plant", type=FILE, help="Plant file.")
 _BYTE_ORDER_MARK = "\ufeff"
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @_plant_argument
 @click.argument("file", type=FILE, required=False, help="The CSV file to write. Default: standard output.")
 @force_option
@@ -54,11 +54,11 @@ def export(*, plant: Path, file: Path | None, force: bool, json: bool) -> None:
             say(line)
         return
     # Without the mark, spreadsheets assume the system's own character set.
-    write_whole(file, _BYTE_ORDER_MARK + text.getvalue())
+    write_atomically(file, _BYTE_ORDER_MARK + text.getvalue())
     tell(f"{file}: {counted(len(rows), 'value')}", as_json=json, output=str(file), values=len(rows))
 
 
-@click.command("import", cls=Command)
+@click.command("import", cls=CliCommand)
 @click.argument("file", type=FILE, help="The CSV file to read: as exported, with commas, semicolons or tabs.")
 @_plant_argument
 @options.json

@@ -8,7 +8,7 @@ import click
 
 from drivecomm.capture import bytes_of
 from drivecomm.cli import options
-from drivecomm.cli.commands import NEGATIVE_NUMBERS, Command
+from drivecomm.cli.commands import NEGATIVE_NUMBERS, CliCommand
 from drivecomm.cli.decode_log import decode_log
 from drivecomm.cli.output import complain, emit, note, say, tell
 from drivecomm.cli.values import FILE, OneOf
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Codec
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @click.argument("protocol", shell_complete=options.complete_protocol, help="Which protocol.")
 @click.argument(
     "fields",
@@ -95,7 +95,7 @@ def _field(value: str) -> Any:
         return value
 
 
-@click.command(cls=Command, context_settings=NEGATIVE_NUMBERS)
+@click.command(cls=CliCommand, context_settings=NEGATIVE_NUMBERS)
 @click.argument("data", nargs=-1, help="The telegram in hexadecimal, with any spacing.")
 @click.option("--log", type=FILE, help="A log that another program printed, instead of one telegram.")
 @click.option(
@@ -178,7 +178,7 @@ def _show_among_noise(name: str, codec: Codec, way: Direction, content: bytes, *
     return bool(finds)
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @options.json
 def protocols(*, json: bool) -> int:
     """List the installed protocols with their defaults and models."""

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from drivecomm import bus
-    from drivecomm.cli.line_options import LineOptions
-    from drivecomm.commissioning import Trial, Tuned
+    from drivecomm.cli.line_options import LineArguments
+    from drivecomm.commissioning import TuningResult, TuningTrial
     from drivecomm.protocol import DriveConfig
 
 _PERCENTILES = (50, 99)
@@ -37,7 +37,7 @@ _PERCENTILES = (50, 99)
     help="Exchanges without an error that the result needs.",
 )
 @click.option("--write", is_flag=True, help="Put the result into the plant file.")
-def tune(*, drive: str, line: LineOptions, model: str | None, exchanges: int, write: bool) -> int:
+def tune(*, drive: str, line: LineArguments, model: str | None, exchanges: int, write: bool) -> int:
     """Find the shortest pause after a drive's replies, and its reply time-out, with requests that cannot move a motor.
 
     Takes some seconds up to a minute; nothing is written to the drive. A drive that fails with its usual pause gets a
@@ -48,13 +48,13 @@ def tune(*, drive: str, line: LineOptions, model: str | None, exchanges: int, wr
     if write and place is None:
         raise UsageError(f"{drive} is in no plant file that --write could change; name one: --plant plant.toml")
     reached.must_be_free("tune")
-    trials: list[Trial] = []
+    trials: list[TuningTrial] = []
     with (
         reached.drive_at(name, model) as one,
         progress_bar("asking", shown=not line.json) as progress,
     ):
 
-        def tried(trial: Trial) -> None:
+        def tried(trial: TuningTrial) -> None:
             trials.append(trial)
             if len(trials) == 1 and not trial.error:
                 _foretell(trial.rest_s(exchanges, one.facts), as_json=line.json)
@@ -92,7 +92,7 @@ def _foretell(seconds: float, *, as_json: bool) -> None:
         note(f"this takes {max(1, round(seconds))} s at most")
 
 
-def _tell_trials(trials: list[Trial], name: DriveConfig, *, as_json: bool) -> None:
+def _tell_trials(trials: list[TuningTrial], name: DriveConfig, *, as_json: bool) -> None:
     """Print the trials so far after tuning ended early."""
     if as_json:
         for each in trials:
@@ -101,7 +101,7 @@ def _tell_trials(trials: list[Trial], name: DriveConfig, *, as_json: bool) -> No
         say(f"{name.name}  not done; the shortest pause that held so far is {_ms(min(sound))}, nothing was changed")
 
 
-def _tell(found: Tuned, name: DriveConfig, drive: bus.Drive, *, as_json: bool) -> None:
+def _tell(found: TuningResult, name: DriveConfig, drive: bus.Drive, *, as_json: bool) -> None:
     if as_json:
         emit(
             **labels(name),
@@ -139,7 +139,7 @@ def _tell(found: Tuned, name: DriveConfig, drive: bus.Drive, *, as_json: bool) -
         say(f"{between}; reply time-out {_ms(found.reply_timeout_before_s)} -> {_ms(found.reply_timeout_s)}")
 
 
-def _why(found: Tuned, drive: bus.Drive) -> str:
+def _why(found: TuningResult, drive: bus.Drive) -> str:
     if found.least_s < found.before.turnaround_s:
         return f"{_ms(found.held_s)} was enough, which leaves no room for a margin"
     unless = "" if drive.model is not None else " of some models; name the drive's --model"

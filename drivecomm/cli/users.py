@@ -8,10 +8,10 @@ from pathlib import Path
 import click
 
 from drivecomm.cli import options
-from drivecomm.cli.commands import Command
+from drivecomm.cli.commands import CliCommand
 from drivecomm.cli.output import emit, print_columns, say, tell
 from drivecomm.cli.values import FILE
-from drivecomm.errors import UsageError, meant
+from drivecomm.errors import UsageError, suggestion
 from drivecomm.server import ROLES, User, add_user, new_token, password_hash, read_users, remove_user, token_hash
 
 _name_argument = click.argument("name", help="What the user is called.")
@@ -20,7 +20,7 @@ _file_option = click.option(
 )
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @_name_argument
 @click.option("--role", metavar="ROLE", required=True, help="view, operate or commission.")
 @click.option("--password", is_flag=True, help="Ask for a password, too, or read it from a pipe.")
@@ -29,7 +29,7 @@ _file_option = click.option(
 def add(*, name: str, role: str, password: bool, file: Path, json: bool) -> None:
     """Add a user, and print the user's access token; it is shown only once."""
     if role not in ROLES:
-        raise UsageError(f"unknown role {role!r}; {meant(role, ROLES, 'use')}")
+        raise UsageError(f"unknown role {role!r}; {suggestion(role, ROLES, 'use')}")
     token = new_token()
     known = password_hash(_asked()) if password else ""
     add_user(file, User(name=name, role=ROLES[role], token=token_hash(token), password=known))
@@ -40,7 +40,7 @@ def add(*, name: str, role: str, password: bool, file: Path, json: bool) -> None
     say(token)
 
 
-@click.command("list", cls=Command)
+@click.command("list", cls=CliCommand)
 @_file_option
 @options.json
 def list_users(*, file: Path, json: bool) -> None:
@@ -55,7 +55,7 @@ def list_users(*, file: Path, json: bool) -> None:
         print_columns(rows)
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @_name_argument
 @_file_option
 @options.json

@@ -1,7 +1,7 @@
 from .async_served_bus import AsyncServedBus as AsyncServedBus, AsyncServedDrive as AsyncServedDrive
 from .connection import LocalServer as LocalServer
 from .door_for_stops import STOP_LINE as STOP_LINE, StopOrder as StopOrder, stop_door as stop_door
-from .line_streams import examined as examined
+from .line_streams import examination_results as examination_results
 from .line_trace import LineEar as LineEar
 from .peers import check_peer as check_peer, may_command as may_command, user_of_peer as user_of_peer
 from .registration import (
@@ -11,24 +11,24 @@ from .registration import (
     identity as identity,
     local_socket as local_socket,
     register as register,
+    rewrite_record as rewrite_record,
     server_of_plant as server_of_plant,
     server_of_port as server_of_port,
     servers as servers,
     servers_of_port as servers_of_port,
-    written_again as written_again,
 )
 from .runtime_folders import (
     folder_of_servers as folder_of_servers,
-    why_unusable as why_unusable,
+    unusable_reason as unusable_reason,
 )
 from .served_bus import ServedBus as ServedBus, ServedDrive as ServedDrive
 from .served_start import ServedStart as ServedStart
 from .stopping import (
     check_alive as check_alive,
     drives_known_to as drives_known_to,
-    have_stopped as have_stopped,
     place_of_name as place_of_name,
     place_on_line as place_on_line,
+    request_stop as request_stop,
     stop_on as stop_on,
     stop_on_async as stop_on_async,
 )

@@ -11,7 +11,7 @@ from drivecomm.bus import AsyncBroadcast, AsyncDrive, carry_out_async
 from drivecomm.client.line_of_server import LineOfServer
 from drivecomm.client.line_streams import since, statistics
 from drivecomm.client.line_trace import traced
-from drivecomm.client.served_drive import SentBroadcast, SentDrive
+from drivecomm.client.served_drive import RemoteBroadcastBase, RemoteDriveBase
 from drivecomm.client.stopping_lines import stopping_served_line
 from drivecomm.errors import LinkError
 from drivecomm.line import in_own_thread, poll_async
@@ -30,13 +30,13 @@ if TYPE_CHECKING:
 _COUNTED_EVERY_S = 1.0
 
 
-class AsyncServedDrive(SentDrive, AsyncDrive):
+class AsyncServedDrive(RemoteDriveBase, AsyncDrive):
     """One drive on a line of a server; made by `AsyncServedBus.drive`."""
 
     _bus: AsyncServedBus
 
 
-class AsyncServedBroadcast(SentBroadcast, AsyncBroadcast):
+class AsyncServedBroadcast(RemoteBroadcastBase, AsyncBroadcast):
     """All drives of one protocol on a line of a server, addressed together; the counterpart of `AsyncBroadcast`."""
 
     _bus: AsyncServedBus

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from decimal import Decimal
 
     from drivecomm.bus import Procedure, Setting
-    from drivecomm.client.served_drive import SentDrive
+    from drivecomm.client.served_drive import RemoteDriveBase
     from drivecomm.protocol import DriveStatus, LinkLoss, Stop
 
 # Time for a stop with all its attempts, and for the watchdog's parameters.
@@ -30,7 +30,7 @@ class DriveLease:
     silence_s: longest silence of this program in seconds, within the limits of leases.
     """
 
-    def __init__(self, drive: SentDrive, silence_s: Decimal | float) -> None:
+    def __init__(self, drive: RemoteDriveBase, silence_s: Decimal | float) -> None:
         self._drive = drive
         self.seconds = lease_s(silence_s)
         self.key = ""
@@ -77,7 +77,7 @@ class LeaseFeeding:
     If the program dies, the lease expires; the server then treats the motor by the policy and stops feeding.
     """
 
-    def __init__(self, drive: SentDrive, policy: LinkLoss, watchdog_s: Decimal, on_leaving: Stop | None) -> None:
+    def __init__(self, drive: RemoteDriveBase, policy: LinkLoss, watchdog_s: Decimal, on_leaving: Stop | None) -> None:
         if drive.read_only_reason:
             raise ReadOnlyError(drive.read_only_reason)
         if not drive.is_in_plant:

@@ -15,7 +15,7 @@ from drivecomm.protocol import LINE_FACT_NAMES, DriveConfig
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-    from drivecomm.bus import Member
+    from drivecomm.bus import DriveParts
     from drivecomm.capture import Record
     from drivecomm.client.registration import Registration
     from drivecomm.line import PollItem
@@ -137,19 +137,21 @@ class LineOfServer(Discoverable):
             "read_only": read_only,
         }
 
-    def made_here(self, config: DriveConfig, *, read_only: bool) -> Member:
+    def made_here(self, config: DriveConfig, *, read_only: bool) -> DriveParts:
         """Return the local objects of a drive, as a bus with its own port would make them. Raises UsageError."""
-        from drivecomm.bus import Roster
+        from drivecomm.bus import LineDrives
 
         options = dict(config.options)
         model = options.pop("model", None)
-        return Roster(self._facts).member(config.protocol, config.address, model, None, options, read_only=read_only)
+        return LineDrives(self._facts).member(
+            config.protocol, config.address, model, None, options, read_only=read_only
+        )
 
     def all_made_here(self, protocol: str, model: Any, options: Mapping[str, Any]) -> tuple[Peer, Operations]:
         """Return peer and operations for all drives of a protocol. Raises NotSupported if it has no broadcast."""
-        from drivecomm.bus import Roster
+        from drivecomm.bus import LineDrives
 
-        made = Roster(self._facts).all_drives(protocol, model, options)
+        made = LineDrives(self._facts).all_drives(protocol, model, options)
         return made.peer, made.operations
 
     def on_this_line(self, items: Iterable[PollItem[Any]], elsewhere: str) -> list[PollItem[Any]]:

@@ -26,7 +26,7 @@ def path_of(line: str, what: str) -> str:
     return f"/api/v1/lines/{quote(line, safe='')}/{what}"
 
 
-def told(
+def service_results(
     server: LocalServer,
     line: str,
     what: str,
@@ -50,7 +50,7 @@ def scan(
     server: LocalServer, line: str, asked: Mapping[str, Any], progress: Callable[[str, int, int], None] | None
 ) -> Iterator[Found]:
     """Yield the drives that a scan of the server finds."""
-    for each in told(server, line, "scan", asked, progress):
+    for each in service_results(server, line, "scan", asked, progress):
         yield found_of(each["found"])
 
 
@@ -127,14 +127,14 @@ def other_master(server: LocalServer, line: str) -> str:
     )
 
 
-def examined(
+def examination_results(
     bus: Any, asked: Mapping[str, Any], progress: Callable[[str, int, int], None] | None
 ) -> Iterator[dict[str, Any]]:
     """Yield the results of a server's examination of a line: {"finding": ...} each, then {"measured": ...}.
 
     bus: the line, as opened by the client.
     """
-    for each in told(bus.server, bus.line, "doctor", asked, progress):
+    for each in service_results(bus.server, bus.line, "doctor", asked, progress):
         yield _measured(each)
 
 

@@ -48,7 +48,7 @@ class HeldRecord:
                 self.path.unlink()
 
 
-def hold(path: Path) -> HeldRecord | None:
+def lock_record(path: Path) -> HeldRecord | None:
     """Lock a record, and create it if it is missing; None if another process holds it. Raises OSError."""
     until = time.monotonic() + _LOCK_S
     while True:
@@ -65,7 +65,7 @@ def hold(path: Path) -> HeldRecord | None:
         time.sleep(_TRY_AGAIN_S)
 
 
-def read_held(path: Path) -> dict[str, Any] | None:
+def read_locked_record(path: Path) -> dict[str, Any] | None:
     """Return the content of a record that a process holds; None for any other file."""
     try:
         descriptor = os.open(path, os.O_RDONLY | _PLAIN_FILE)

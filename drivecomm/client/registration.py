@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivecomm.client.locked_records import hold, read_held
+from drivecomm.client.locked_records import lock_record, read_locked_record
 from drivecomm.client.runtime_folders import folder_of_servers, folders_to_search, make_private, users_folder
 from drivecomm.errors import UsageError
 
@@ -87,7 +87,7 @@ def _short_enough(usual: Path, short: str) -> Path:
 
 @contextmanager
 def register(server: Registration) -> Iterator[Path]:
-    """Publish the record of this server during the block; yield its path, for `written_again`.
+    """Publish the record of this server during the block; yield its path, for `rewrite_record`.
 
     Raises UsageError if a server of this plant, or of one of its ports, is already running. Raises UsageError if the
     record cannot be written: commands would then not find the server and would open its ports themselves. Raises
@@ -110,12 +110,12 @@ def register(server: Registration) -> Iterator[Path]:
 
 def _registered(server: Registration, record: Path) -> HeldRecord:
     # The lock ensures that of two servers that start together, one sees the other.
-    turn = hold(record.parent / _ONE_AT_A_TIME)
+    turn = lock_record(record.parent / _ONE_AT_A_TIME)
     try:
         if (other := server_of_plant(server.plant)) is not None:
             raise _runs_already(other)
         check_ports(server)
-        held = hold(record)
+        held = lock_record(record)
         if held is None:
             raise _runs_already(server_of_plant(server.plant))
         try:
@@ -140,7 +140,7 @@ def check_ports(server: Registration) -> None:
                 )
 
 
-def written_again(record: Path, server: Registration) -> None:
+def rewrite_record(record: Path, server: Registration) -> None:
     """Rewrite a record while it is held, such as after a reload of the plant file."""
     with record.open("r+b") as file:
         file.write(json.dumps(asdict(server)).encode())
@@ -150,7 +150,7 @@ def written_again(record: Path, server: Registration) -> None:
 @contextmanager
 def register_holder(holder: Registration, socket: Path) -> Iterator[None]:
     """Publish a program that has a port during the block, so that stops find it. Raises OSError."""
-    held = hold(users_folder() / f"{socket.stem}{_HOLDERS_RECORD}")
+    held = lock_record(users_folder() / f"{socket.stem}{_HOLDERS_RECORD}")
     if held is None:
         raise FileExistsError(f"{socket} is another program's")
     try:
@@ -232,7 +232,7 @@ def _clear_up(folder: Path) -> None:
 
 def _running(record: Path) -> Registration | None:
     """Return the program that keeps this record locked."""
-    content = read_held(record)
+    content = read_locked_record(record)
     if content is None:
         return None
     known = {each.name for each in fields(Registration)}

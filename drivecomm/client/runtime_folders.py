@@ -42,7 +42,7 @@ def folders_to_search() -> tuple[Path, ...]:
     """Return the folders in which to look for servers; only folders to which no other user can write.
 
     The first one is the folder of `folder_of_servers`, since a user who sets another folder means that one. A folder
-    that is unusable is left out, see `why_unusable`.
+    that is unusable is left out, see `unusable_reason`.
     """
     found = []
     for place in (folder_of_servers, users_folder):
@@ -56,7 +56,7 @@ def folders_to_search() -> tuple[Path, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def why_unusable() -> str:
+def unusable_reason() -> str:
     """Return why this user's folder is unusable, empty if it is usable or does not exist yet."""
     try:
         folder = folder_of_servers()
@@ -64,10 +64,10 @@ def why_unusable() -> str:
             return ""
     except Exception as error:  # noqa: BLE001 - any error is only reported
         return str(error)
-    return not_private(folder)
+    return privacy_error(folder)
 
 
-def not_private(folder: Path) -> str:
+def privacy_error(folder: Path) -> str:
     """Return the error text for a folder that other users can access."""
     return f"{folder} is not a folder of this user alone: another user could put something there"
 
@@ -76,7 +76,7 @@ def make_private(folder: Path) -> None:
     """Create a folder for this user only, unless it exists. Raises OSError, also if another user owns it."""
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     if not (os.environ.get("RUNTIME_DIRECTORY") or is_private(folder)):
-        raise PermissionError(not_private(folder))
+        raise PermissionError(privacy_error(folder))
 
 
 def is_private(folder: Path) -> bool:

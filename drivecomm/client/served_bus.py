@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from drivecomm.bus import Broadcast, Drive, carry_out
 from drivecomm.client.line_of_server import LineOfServer
-from drivecomm.client.served_drive import SentBroadcast, SentDrive
+from drivecomm.client.served_drive import RemoteBroadcastBase, RemoteDriveBase
 from drivecomm.protocol import Stop
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import DriveConfig, MachineUnit, Model, StopName
 
 
-class ServedDrive(SentDrive, Drive):
+class ServedDrive(RemoteDriveBase, Drive):
     """Drive on a line of a server; made by `ServedBus.drive`.
 
     Errors of the server or the drive are raised as by `Drive`; ServerLostError if the server is gone.
@@ -37,7 +37,7 @@ class ServedDrive(SentDrive, Drive):
         return str((state.get("standing_stop") or {}).get("text", ""))
 
 
-class ServedBroadcast(SentBroadcast, Broadcast):
+class ServedBroadcast(RemoteBroadcastBase, Broadcast):
     """All drives of one protocol on a line of a server, addressed together; the counterpart of `Broadcast`."""
 
     _bus: ServedBus

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.bus import Exchanges, ReadOnly, Sent
+from drivecomm.bus import Exchanges, ReadOnly, RemoteCalls
 from drivecomm.client.line_of_server import READING
 from drivecomm.errors import DriveCommError, ReadOnlyError, UsageError
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from decimal import Decimal
 
-    from drivecomm.bus import Feeding, Member
+    from drivecomm.bus import DriveParts, Feeding
     from drivecomm.client.connection import LocalServer
     from drivecomm.client.line_of_server import LineOfServer
     from drivecomm.line import Job
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 _MADE_LATER = frozenset({"_peer", "_exchanges", "model"})
 
 
-class SentDrive(Sent):
+class RemoteDriveBase(RemoteCalls):
     """Base of `Drive` and `AsyncDrive` objects on a line that a server owns; made by the bus.
 
     config: the drive with all its options. said: the options that the server does not know. known: the drive in the
@@ -153,14 +153,14 @@ class SentDrive(Sent):
         return vars(self)[name]
 
     def _make(self) -> None:
-        made: Member = self._bus.made_here(self.config, read_only=self._read_only)
+        made: DriveParts = self._bus.made_here(self.config, read_only=self._read_only)
         if isinstance(made.operations, ReadOnly):
             made.operations.reason = self._reason
         self._peer, self.model = made.peer, made.model
         self._exchanges = Exchanges(made.peer.name, made.operations, made.model, self.config.machine)
 
 
-class SentBroadcast(Sent):
+class RemoteBroadcastBase(RemoteCalls):
     """Base of `Broadcast` and `AsyncBroadcast` objects on a line that a server owns; made by the bus."""
 
     _inner = frozenset({"feeding", "own_error", "place", "request", "send"})

@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
-from drivecomm.bus import as_far_as_possible
+from drivecomm.bus import make_despite_errors
 from drivecomm.errors import ServerLostError, UsageError
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def place_of_name(name: str) -> str:
     return f"/api/v1/drives/{quote(name, safe='')}"
 
 
-def have_stopped(program: Registration, place: str, how: Stop, options: Mapping[str, Any] | None = None) -> None:
+def request_stop(program: Registration, place: str, how: Stop, options: Mapping[str, Any] | None = None) -> None:
     """Request a stop of a drive, or of all drives of a protocol, from a server or another program that has a port.
 
     options: options of the drive; left out if the program does not accept them. Raises the program's error, and
@@ -52,7 +52,7 @@ def have_stopped(program: Registration, place: str, how: Stop, options: Mapping[
     except UsageError:
         if not options:
             raise
-        have_stopped(program, place, how)
+        request_stop(program, place, how)
 
 
 def _server(program: Registration) -> LocalServer:
@@ -91,5 +91,5 @@ def _meant(bus: BlockingLine | AwaitedLine, order: StopOrder) -> Any:
 
     options = drive_options(order.options)
     if order.address is None:
-        return as_far_as_possible(partial(bus.broadcast, order.protocol), options)[0]
-    return as_far_as_possible(partial(bus.drive, order.protocol, order.address), options)[0]
+        return make_despite_errors(partial(bus.broadcast, order.protocol), options)[0]
+    return make_despite_errors(partial(bus.drive, order.protocol, order.address), options)[0]

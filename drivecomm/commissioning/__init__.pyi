@@ -1,12 +1,12 @@
 from .growing import (
     Described as Described,
     addresses_in as addresses_in,
-    asking as asking,
     descriptions as descriptions,
-    grown as grown,
+    grown_model as grown_model,
+    growth_plan as growth_plan,
+    growth_request as growth_request,
     parameters_of as parameters_of,
-    unasked as unasked,
-    way_to_grow as way_to_grow,
+    unread_parameters as unread_parameters,
 )
 from .record import CommissioningRecord as CommissioningRecord, take_record as take_record
 from .replacing import (
@@ -15,4 +15,10 @@ from .replacing import (
     compare_identities as compare_identities,
 )
 from .scan_forecast import ScanForecast as ScanForecast, forecast_scan as forecast_scan
-from .tuning import EXCHANGES as EXCHANGES, Trial as Trial, Tuned as Tuned, tune as tune, tune_async as tune_async
+from .tuning import (
+    EXCHANGES as EXCHANGES,
+    TuningResult as TuningResult,
+    TuningTrial as TuningTrial,
+    tune as tune,
+    tune_async as tune_async,
+)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from typing import Any, TypeAlias
 
     from drivecomm.bus import Drive
-    from drivecomm.commissioning.exploring import Answer, Asks, Course
+    from drivecomm.commissioning.exploring import AddressAnswer, Asks, ExplorationPlan
     from drivecomm.protocol import Protocol
 
 Described: TypeAlias = "ParameterInfo | RefusedError | UnexpectedReplyError | DamagedReplyError"
@@ -55,7 +55,7 @@ def descriptions(
         yield address, _described(drive, address, options or {})
 
 
-def way_to_grow(plugin: Protocol, model: Model | None, words: Collection[str] | None) -> Course:
+def growth_plan(plugin: Protocol, model: Model | None, words: Collection[str] | None) -> ExplorationPlan:
     """Return the addresses to request from a drive to grow a model from its answers.
 
     words: the addresses to request, see `addresses_in`; None for all that a drive can hold. Raises NotSupported if the
@@ -75,7 +75,7 @@ def way_to_grow(plugin: Protocol, model: Model | None, words: Collection[str] | 
     )
 
 
-def asking(plugin: Protocol, model: Model | None, options: Mapping[str, Any]) -> Asks:
+def growth_request(plugin: Protocol, model: Model | None, options: Mapping[str, Any]) -> Asks:
     """Return the request for one parameter: for its description if the protocol supports that, else for its value.
 
     options: keywords of the protocol's verb `describe`. Raises UsageError if options are given and there is no such
@@ -91,7 +91,9 @@ def asking(plugin: Protocol, model: Model | None, options: Mapping[str, Any]) ->
     return read_parameter
 
 
-def parameters_of(answers: Iterable[Answer], plugin: Protocol, base: Model | None, drive: str) -> list[ParameterInfo]:
+def parameters_of(
+    answers: Iterable[AddressAnswer], plugin: Protocol, base: Model | None, drive: str
+) -> list[ParameterInfo]:
     """Return the parameters that a drive has, judged by its answers.
 
     A parameter that the drive described is taken from the description. A parameter that only gave a value is taken from
@@ -111,7 +113,7 @@ def parameters_of(answers: Iterable[Answer], plugin: Protocol, base: Model | Non
     return list(found.values())
 
 
-def unasked(plugin: Protocol, base: Model | None) -> list[ParameterInfo]:
+def unread_parameters(plugin: Protocol, base: Model | None) -> list[ParameterInfo]:
     """Return the parameters of base whose values are never requested: commands and write-only parameters.
 
     The drive may have these parameters all the same. The result is empty for a protocol whose drives describe their
@@ -149,7 +151,7 @@ def _unknown(address: str, together: Mapping[str, Any] | None, drive: str) -> Pa
     )
 
 
-def grown(
+def grown_model(
     described: Iterable[ParameterInfo], *, protocol: str, name: str, title: str, source: str, base: Model | None = None
 ) -> Model:
     """Return a model made from the parameters that a drive described.

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from drivecomm.bus import Drive
-    from drivecomm.commissioning.parameter_sets import Difference, Entry, ParameterSet
+    from drivecomm.commissioning.parameter_sets import Difference, ParameterEntry, ParameterSet
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,7 +30,7 @@ class CommissioningRecord:
     differing: tuple[Difference, ...] | None
 
     @property
-    def motor(self) -> tuple[Entry, ...]:
+    def motor(self) -> tuple[ParameterEntry, ...]:
         """Name plate data of the motor, as set in the drive."""
         return tuple(entry for entry in self.now.entries.values() if entry.common.startswith("motor_rated_"))
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from drivecomm.bus import carry_out
-from drivecomm.commissioning.exploring import identity_told, lasting
+from drivecomm.commissioning.exploring import lasting_identity, read_identity
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -45,7 +45,7 @@ def compare_identities(approved: Mapping[str, str], now: Mapping[str, str]) -> R
 
     Software versions and operating hours are ignored, because they differ in a new drive.
     """
-    lasts = lasting(approved)
+    lasts = lasting_identity(approved)
     serials = {key: text for key, text in lasts.items() if _OF_ONE_UNIT in key.lower()}
     of_type = {key: text for key, text in lasts.items() if key not in serials}
     compared = [(key, text, now[key]) for key, text in serials.items() if now.get(key)]
@@ -68,4 +68,4 @@ def check_replacement(drive: Drive, approved: ParameterSet) -> Replacement:
 
     Raises ReplyError or LinkError if the drive or the line does not respond.
     """
-    return compare_identities(approved.identity, carry_out(drive, identity_told()))
+    return compare_identities(approved.identity, carry_out(drive, read_identity()))

@@ -9,16 +9,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.bus import Roster, Search, probe
+from drivecomm.bus import LineDrives, Search, probe
 from drivecomm.errors import ReplyError
-from drivecomm.link import Arrival, Configure, Link, Send, taken_apart
+from drivecomm.link import Arrival, Configure, Link, Send, split_transactions
 from drivecomm.protocol import Ask, line_overrides
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from drivecomm.bus import Asking, LineChoices, Member
-    from drivecomm.link import Steps
+    from drivecomm.bus import DriveParts, LineChoices, ScanProbe
+    from drivecomm.link import LinkSteps
     from drivecomm.protocol import LineSettings
 
 
@@ -46,7 +46,7 @@ def forecast_scan(
 
     guard_s: quiet time after a change of line settings, as in `open_bus`. facts: line facts of all drives in the scan.
     """
-    roster, given = Roster(guard_s=guard_s), line_overrides(facts)
+    roster, given = LineDrives(guard_s=guard_s), line_overrides(facts)
     seconds, questions = 0.0, 0
     known: dict[str, tuple[LineSettings, float]] = {}
     late: dict[str, float] = {}
@@ -68,14 +68,14 @@ def forecast_scan(
     return ScanForecast(questions=questions, settings=len({each for each, _ in known.values()}), seconds=seconds)
 
 
-def _late_s(member: Member, asking: Asking) -> float:
+def _late_s(member: DriveParts, asking: ScanProbe) -> float:
     """Return how many seconds the next drive of a protocol waits for a late reply that would not name its drive."""
     facts = member.peer.facts
     command = next(probe(asking, member.operations, facts.settings))
     return facts.timing.late_s if isinstance(command, Ask) and command.anonymous else 0.0
 
 
-def _silence_s(member: Member, asking: Asking, guard_s: float) -> float:
+def _silence_s(member: DriveParts, asking: ScanProbe, guard_s: float) -> float:
     """Return how many seconds an unanswered request takes that follows another unanswered request."""
     link = Link(guard_s=guard_s)
     link.paced = True
@@ -83,12 +83,12 @@ def _silence_s(member: Member, asking: Asking, guard_s: float) -> float:
     now = 0.0
     for _ in range(2):
         exchange = probe(asking, member.operations, member.peer.facts.settings)
-        now = _unanswered(taken_apart(link.insist(member.peer, exchange, now), now), now)
+        now = _unanswered(split_transactions(link.insist(member.peer, exchange, now), now), now)
         ends.append(now)
     return ends[1] - ends[0]
 
 
-def _unanswered(steps: Steps[Any], now: float) -> float:
+def _unanswered(steps: LinkSteps[Any], now: float) -> float:
     """Run link steps against a silent line, and return the time at which they end."""
     try:
         effect = next(steps)

@@ -52,7 +52,7 @@ _TROUBLES = ("timeouts", "damaged", "strays", "noise bytes", "unasked bytes", "d
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Trial:
+class TuningTrial:
     """Exchanges with one turnaround. pause_s: the shortest pauses measured, including the master's own delay.
 
     error: the error that ended the trial early; empty if all exchanges succeeded.
@@ -77,7 +77,7 @@ class Trial:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Tuned:
+class TuningResult:
     """Tuning result of one drive. before, after: trial at the usual turnaround, and all exchanges at the tuned one.
 
     `before` may have failed if the drive needs a longer pause or more time for replies.
@@ -88,8 +88,8 @@ class Tuned:
     """
 
     drive: str
-    before: Trial
-    after: Trial
+    before: TuningTrial
+    after: TuningTrial
     held_s: float
     least_s: float
     tuned_before_s: float
@@ -133,9 +133,9 @@ def tune(
     drive: Drive,
     exchanges: int = EXCHANGES,
     *,
-    tried: Callable[[Trial], None] = _ignore,
+    tried: Callable[[TuningTrial], None] = _ignore,
     progress: Callable[[str, int, int], None] = _ignore,
-) -> Tuned:
+) -> TuningResult:
     """Find the shortest turnaround and the reply timeout with which a drive answers N requests without an error.
 
     tried: called with each finished trial; the first one is at the usual turnaround. progress: called with the current
@@ -149,9 +149,9 @@ async def tune_async(
     drive: AsyncDrive,
     exchanges: int = EXCHANGES,
     *,
-    tried: Callable[[Trial], None] = _ignore,
+    tried: Callable[[TuningTrial], None] = _ignore,
     progress: Callable[[str, int, int], None] = _ignore,
-) -> Tuned:
+) -> TuningResult:
     """Find turnaround and reply timeout for an asyncio drive; see `tune`."""
     return await carry_out_async(drive, _Tuning(drive, exchanges, tried, progress).run())
 
@@ -163,7 +163,7 @@ class _Tuning:
         self,
         drive: Drive | AsyncDrive,
         exchanges: int,
-        tried: Callable[[Trial], None],
+        tried: Callable[[TuningTrial], None],
         progress: Callable[[str, int, int], None],
     ) -> None:
         if type(exchanges) is not int or exchanges < _FEWEST_EXCHANGES:
@@ -180,7 +180,7 @@ class _Tuning:
         self._progress = progress
         self._delays = ReplyTimes()
 
-    def run(self) -> Procedure[Tuned]:
+    def run(self) -> Procedure[TuningResult]:
         usual_s, timing = self._facts.turnaround_s, self._facts.timing
         yield from self._settle()
         least_s = min(usual_s, self._with(timing.least_turnaround_s).turnaround_s)
@@ -195,7 +195,7 @@ class _Tuning:
         delay_s, enough_s = self._delays.longest_s, timing.reply_timeout_s
         if self._delays.count:
             enough_s = max(_REPLY_TIMES * delay_s, delay_s + _LEAST_REPLY_MARGIN_S, timing.least_reply_timeout_s)
-        return Tuned(
+        return TuningResult(
             drive=self._name,
             before=before,
             after=after,
@@ -207,7 +207,7 @@ class _Tuning:
             reply_timeout_s=ceil(round(enough_s * 1e3, 6)) / 1e3,
         )
 
-    def _with_more(self, before: Trial) -> Procedure[Trial]:
+    def _with_more(self, before: TuningTrial) -> Procedure[TuningTrial]:
         """Try more time for replies, then longer and longer pauses; return the first trial that held, or `before`."""
         usual = self._facts
         self._use(usual.override({"reply_timeout_s": _patience_s(usual)}))
@@ -233,7 +233,7 @@ class _Tuning:
         now: float = yield _now
         yield sleep_until(now + CAREFUL_S)
 
-    def _confirmed(self, turnaround_s: float, usual_s: float) -> Procedure[Trial]:
+    def _confirmed(self, turnaround_s: float, usual_s: float) -> Procedure[TuningTrial]:
         """Run all exchanges with a turnaround; double it after each failure, up to the usual turnaround."""
         while True:
             trial = yield from self._trial(turnaround_s, self._exchanges)
@@ -253,7 +253,7 @@ class _Tuning:
                 held_s, enough_s = middle_s, trial.pause_s
         return enough_s
 
-    def _trial(self, turnaround_s: float, exchanges: int) -> Procedure[Trial]:
+    def _trial(self, turnaround_s: float, exchanges: int) -> Procedure[TuningTrial]:
         peer = replace(self._peer, facts=self._with(turnaround_s))
         yield from self._recover(turnaround_s)
         statistics: Statistics = yield _statistics(self._name)
@@ -270,7 +270,7 @@ class _Tuning:
             now: float = yield _now
             pauses_s += [now - ended_s[-1] - spoken_s] if ended_s else []
             ended_s.append(now)
-        trial = Trial(
+        trial = TuningTrial(
             turnaround_s=turnaround_s,
             # The very shortest pauses may come from a clock that was read late.
             pause_s=max(turnaround_s, sorted(pauses_s)[len(pauses_s) // 10]) if pauses_s else turnaround_s,

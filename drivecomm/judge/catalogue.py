@@ -15,18 +15,18 @@ from functools import partial
 from inspect import getdoc
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import UsageError, meant
+from drivecomm.errors import UsageError, suggestion
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from drivecomm.judge.known_drive import KnownDrive
-    from drivecomm.judge.order import Order
-    from drivecomm.judge.trial import Trial
+    from drivecomm.judge.order import JudgeOrder
+    from drivecomm.judge.trial import CaseContext
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Case:
+class JudgeCase:
     """One disturbance that a master must survive.
 
     name: the names of task and case, such as read-lost. task: the task of the master. title: the disturbance. passes:
@@ -37,7 +37,7 @@ class Case:
     task: str
     title: str
     passes: str
-    play: Callable[[Trial], str]
+    play: Callable[[CaseContext], str]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,7 +46,7 @@ class _Registered:
     tasks: tuple[str, ...]
     title: str
     function: Callable[..., str]
-    each: Callable[[KnownDrive, Order, str], Iterable[tuple[str, str, Any]]] | None
+    each: Callable[[KnownDrive, JudgeOrder, str], Iterable[tuple[str, str, Any]]] | None
 
 
 _registered: list[_Registered] = []
@@ -56,7 +56,7 @@ def case(
     name: str,
     *tasks: str,
     title: str,
-    each: Callable[[KnownDrive, Order, str], Iterable[tuple[str, str, Any]]] | None = None,
+    each: Callable[[KnownDrive, JudgeOrder, str], Iterable[tuple[str, str, Any]]] | None = None,
 ) -> Callable[[Callable[..., str]], Callable[..., str]]:
     """Register a case for these tasks.
 
@@ -71,7 +71,7 @@ def case(
     return register
 
 
-def catalogue(known: KnownDrive, order: Order) -> list[Case]:
+def catalogue(known: KnownDrive, order: JudgeOrder) -> list[JudgeCase]:
     """Return the cases for the tasks of a master, basic cases first."""
     import drivecomm.judge.cases  # noqa: F401 - registers the cases
 
@@ -84,11 +84,11 @@ def catalogue(known: KnownDrive, order: Order) -> list[Case]:
     ]
 
 
-def _made(registered: _Registered, known: KnownDrive, order: Order, task: str) -> list[Case]:
+def _made(registered: _Registered, known: KnownDrive, order: JudgeOrder, task: str) -> list[JudgeCase]:
     passes = (getdoc(registered.function) or "").partition("\n")[0]
     variants = registered.each(known, order, task) if registered.each else [("", "", None)]
     return [
-        Case(
+        JudgeCase(
             name=f"{task}-{registered.name}{end}",
             task=task,
             title=registered.title + more,
@@ -99,14 +99,14 @@ def _made(registered: _Registered, known: KnownDrive, order: Order, task: str) -
     ]
 
 
-def _with(function: Callable[..., str], given: Any, trial: Trial) -> str:
+def _with(function: Callable[..., str], given: Any, trial: CaseContext) -> str:
     return function(trial, given)
 
 
-def chosen(cases: Sequence[Case], names: Sequence[str]) -> list[Case]:
+def cases_named(cases: Sequence[JudgeCase], names: Sequence[str]) -> list[JudgeCase]:
     """Return the cases with these names, or all if no names are given. Raises UsageError for an unknown name."""
     known = [each.name for each in cases]
     for name in names:
         if name not in known:
-            raise UsageError(f"no case {name!r}; {meant(name, known, 'the cases are')}")
+            raise UsageError(f"no case {name!r}; {suggestion(name, known, 'the cases are')}")
     return [each for each in cases if not names or each.name in names]

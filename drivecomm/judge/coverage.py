@@ -7,11 +7,11 @@ from threading import Lock
 from typing import TYPE_CHECKING, NamedTuple
 
 from drivecomm.errors import DriveCommError
-from drivecomm.protocol import Command
+from drivecomm.protocol import MotorCommand
 
 if TYPE_CHECKING:
     from drivecomm.judge.known_drive import KnownDrive
-    from drivecomm.judge.trial import Trial
+    from drivecomm.judge.trial import CaseContext
 
 
 class Covered(NamedTuple):
@@ -40,7 +40,7 @@ class Coverage:
         self._states: set[str] = set()
         self._parameters: set[str] = set()
 
-    def add(self, trial: Trial) -> None:
+    def add(self, trial: CaseContext) -> None:
         """Add the requests, replies and motor states of a case."""
         known = self._known
         for stand in trial.stands:
@@ -49,7 +49,7 @@ class Coverage:
                 if heard.reply is not None:
                     with suppress(DriveCommError):
                         kinds.add(known.codec.decode(heard.reply, "reply").kind)
-                parameters = set(known.told_by(heard.find)) | {known.written_by(heard.find)}
+                parameters = set(known.parameters_read_by(heard.find)) | {known.parameter_written_by(heard.find)}
                 with self._guard:
                     self._kinds |= kinds
                     self._parameters |= parameters - {""}
@@ -64,7 +64,7 @@ class Coverage:
         kinds = known.kinds
         codes = sorted(known.refusals)
         parameters = list(known.model.parameters)
-        states = [each.value for each in Command] + ["fault"]
+        states = [each.value for each in MotorCommand] + ["fault"]
         with self._guard:
             parts = (
                 ("telegrams", [each for each in kinds if each in self._kinds], kinds or forms),

@@ -12,22 +12,22 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import UsageError
 from drivecomm.judge.cases.plain import learned_from
-from drivecomm.judge.catalogue import catalogue, chosen
+from drivecomm.judge.catalogue import cases_named, catalogue
 from drivecomm.judge.coverage import Coverage
 from drivecomm.judge.known_drive import KnownDrive
 from drivecomm.judge.masters import StartedMaster
 from drivecomm.judge.report import JudgeReport
 from drivecomm.judge.standstill import StandstillWatch
-from drivecomm.judge.trial import Trial
+from drivecomm.judge.trial import CaseContext
 from drivecomm.judge.verdicts import CaseFailure, NotTried, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from drivecomm.judge.catalogue import Case
-    from drivecomm.judge.knowledge import Learned
+    from drivecomm.judge.catalogue import JudgeCase
+    from drivecomm.judge.learned_behaviour import LearnedBehaviour
     from drivecomm.judge.masters import Master
-    from drivecomm.judge.order import Order
+    from drivecomm.judge.order import JudgeOrder
     from drivecomm.judge.verdicts import Outcome
 
 AT_ONCE = 3
@@ -40,7 +40,7 @@ _ATTEMPTS = 3
 @dataclass(frozen=True, slots=True)
 class _Played:
     verdict: Verdict
-    learned: Learned | None = None
+    learned: LearnedBehaviour | None = None
 
 
 class Judge:
@@ -50,12 +50,12 @@ class Judge:
     empty. Raises UsageError for an invalid order before anything is started.
     """
 
-    def __init__(self, order: Order, master: Master | None = None, names: Sequence[str] = ()) -> None:
+    def __init__(self, order: JudgeOrder, master: Master | None = None, names: Sequence[str] = ()) -> None:
         if master is None and not order.command:
             raise UsageError("no master to judge; write its command behind --, or judge one that runs with --manual")
         self.order = order
         self.known = KnownDrive(order.drive)
-        self.cases = chosen(catalogue(self.known, order), names)
+        self.cases = cases_named(catalogue(self.known, order), names)
         self.coverage = Coverage(self.known)
         self._master = master or StartedMaster(order)
         self._learned: dict[str, _Played] = {}
@@ -66,7 +66,9 @@ class Judge:
         """Whether the run needs no action by a person."""
         return self._master.in_parallel
 
-    def verdicts(self, at_once: int = AT_ONCE, begun: Callable[[Case], object] = lambda _: None) -> Iterator[Verdict]:
+    def verdicts(
+        self, at_once: int = AT_ONCE, begun: Callable[[JudgeCase], object] = lambda _: None
+    ) -> Iterator[Verdict]:
         """Yield the verdicts in the order of the catalogue. begun: called with each case before it is played."""
         for task in self.order.tasks:
             cases = [case for case in self.cases if case.task == task.name]
@@ -76,7 +78,7 @@ class Judge:
             # All cases of a task need the result of its undisturbed case.
             self._plain(task.name)
 
-            def play(case: Case) -> Verdict:
+            def play(case: JudgeCase) -> Verdict:
                 begun(case)
                 return self.verdict(case)
 
@@ -88,7 +90,7 @@ class Judge:
                     pool.shutdown(wait=True, cancel_futures=True)
                     raise
 
-    def verdict(self, case: Case) -> Verdict:
+    def verdict(self, case: JudgeCase) -> Verdict:
         """Play one case, preceded once by the undisturbed case of its task; several threads may call this."""
         plain = self._plain(case.task)
         return plain.verdict if case.name == plain.verdict.case else self._played(case, plain.learned).verdict
@@ -112,7 +114,7 @@ class Judge:
             seconds=seconds,
         )
 
-    def _played(self, case: Case, learned: Learned | None, *, learns: bool = False) -> _Played:
+    def _played(self, case: JudgeCase, learned: LearnedBehaviour | None, *, learns: bool = False) -> _Played:
         """Play a case, up to three times if it failed while this machine stood still."""
         for attempt in range(1, _ATTEMPTS + 1):
             with StandstillWatch() as watch:
@@ -129,14 +131,14 @@ class Judge:
                 played = replace(played, verdict=replace(played.verdict, reason=reason))
         return played
 
-    def _played_once(self, case: Case, learned: Learned | None, *, learns: bool) -> _Played:
+    def _played_once(self, case: JudgeCase, learned: LearnedBehaviour | None, *, learns: bool) -> _Played:
         task = self.order.task(case.task)
         if task is None:
             raise RuntimeError(f"{case.name} is for a task that there is not")
         seed = seed_of(self.order.seed, case.name)
-        trial = Trial(self.order, self.known, self._master, task, learned=learned, seed=seed)
+        trial = CaseContext(self.order, self.known, self._master, task, learned=learned, seed=seed)
         began = time.monotonic()
-        found: Learned | None = None
+        found: LearnedBehaviour | None = None
         outcome: Outcome = "passed"
         try:
             if learns:

@@ -11,8 +11,8 @@ from threading import RLock
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, NotSupported, ReplyError
-from drivecomm.judge.drive import BEFORE_S, JudgedDrive, key_of
-from drivecomm.protocol import Ask, Command, Framed, fields_of, installed
+from drivecomm.judge.judged_drive import BEFORE_S, JudgedDrive, key_of
+from drivecomm.protocol import Ask, Framed, MotorCommand, fields_of, installed
 from drivecomm.testing import packaged_vectors
 from drivecomm.virtual import Restarts, carry_out, drive_type
 
@@ -89,7 +89,7 @@ class KnownDrive:
         self.set_reference(drive, now)
         with suppress(DriveCommError):
             carry_out(self.operations().start(), drive, self.codec, now)
-        return drive.motor.command is Command.RUN
+        return drive.motor.command is MotorCommand.RUN
 
     def set_reference(self, drive: VirtualDrive, now: float) -> None:
         """Set some reference of a drive, in the first unit that it takes."""
@@ -201,15 +201,15 @@ class KnownDrive:
         """Whether a request changes nothing."""
         return self.plugin.intent is not None and self.plugin.intent(find.message).moves_nothing
 
-    def told_by(self, find: Framed) -> tuple[str, ...]:
+    def parameters_read_by(self, find: Framed) -> tuple[str, ...]:
         """Return the addresses of the parameters whose values determine the reply to a request."""
         return self._once("told", find, self._depending)
 
-    def written_by(self, find: Framed) -> str:
+    def parameter_written_by(self, find: Framed) -> str:
         """Return the parameter that a request writes, or "" if it writes none."""
         return next(iter(self._once("written", find, self._writing)), "")
 
-    def stored_by(self, find: Framed) -> str:
+    def parameter_stored_by(self, find: Framed) -> str:
         """Return the parameter that a request stores in EEPROM, or "" if it stores none."""
         return next(iter(self._once("stored", find, self._storing)), "")
 

@@ -6,14 +6,14 @@ import time
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any, Self
 
-from drivecomm.judge.process import Line, Run
-from drivecomm.judge.stand import Stand, listener_at
+from drivecomm.judge.process import OutputLine, Run
+from drivecomm.judge.stand import JudgeLine, listener_at
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.judge.drive import JudgedDrive
-    from drivecomm.judge.order import Order, Task
+    from drivecomm.judge.judged_drive import JudgedDrive
+    from drivecomm.judge.order import JudgeOrder, JudgeTask
     from drivecomm.virtual import Listener
 
 _DO = {
@@ -55,7 +55,7 @@ class ManualMaster:
 
     in_parallel = False
 
-    def __init__(self, order: Order, ask: Callable[[str], str]) -> None:
+    def __init__(self, order: JudgeOrder, ask: Callable[[str], str]) -> None:
         self._order = order
         self._ask = ask
         self._open = ExitStack()
@@ -73,14 +73,14 @@ class ManualMaster:
     def stop(self) -> None:
         """Do nothing: a person operates the master, so no process can be ended."""
 
-    def stand(self, drive: JudgedDrive, listen: str, *, echo: bool) -> Stand:  # noqa: ARG002 - its address is fixed
+    def stand(self, drive: JudgedDrive, listen: str, *, echo: bool) -> JudgeLine:  # noqa: ARG002 - its address is fixed
         """Return a line with this drive at the address of the master."""
-        return Stand(drive, self._listener, echo=echo)
+        return JudgeLine(drive, self._listener, echo=echo)
 
     def run(
         self,
-        stand: Stand,
-        task: Task,
+        stand: JudgeLine,
+        task: JudgeTask,
         *,
         value: str,
         goes_on: bool | None,  # noqa: ARG002 - the person decides when the task is done
@@ -97,12 +97,12 @@ class ManualMaster:
         run.ended_s = stand.now()
         if said.strip() == "!":
             run.code = 1
-            run.lines.append(Line(run.ended_s, "error", is_error=True))
+            run.lines.append(OutputLine(run.ended_s, "error", is_error=True))
         elif said.strip() not in ("", "-"):
-            run.lines.append(Line(run.ended_s, said.strip(), is_error=False))
+            run.lines.append(OutputLine(run.ended_s, said.strip(), is_error=False))
         return run
 
-    def killed(self, stand: Stand, task: Task, condition: Callable[[], bool], limit_s: float) -> Run:
+    def killed(self, stand: JudgeLine, task: JudgeTask, condition: Callable[[], bool], limit_s: float) -> Run:
         """Ask the person to carry out a task, and to switch the master off when the motor runs."""
         run = Run(began_s=stand.now())
         self._ask(f"at {stand.port}: {_DO[task.name].format(value='')}, then press Enter")

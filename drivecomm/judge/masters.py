@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Protocol
 
 from drivecomm.judge.order import USUAL_VALUE
 from drivecomm.judge.process import Process
-from drivecomm.judge.stand import Stand
+from drivecomm.judge.stand import JudgeLine
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from contextlib import AbstractContextManager
 
-    from drivecomm.judge.drive import JudgedDrive
-    from drivecomm.judge.order import Order, Task
+    from drivecomm.judge.judged_drive import JudgedDrive
+    from drivecomm.judge.order import JudgeOrder, JudgeTask
     from drivecomm.judge.process import Run
 
 _OBSERVED_S = 4.0
@@ -32,14 +32,14 @@ class Master(Protocol):
         """Stop all runs as soon as possible; called from another thread."""
         ...
 
-    def stand(self, drive: JudgedDrive, listen: str, *, echo: bool) -> AbstractContextManager[Stand]:
+    def stand(self, drive: JudgedDrive, listen: str, *, echo: bool) -> AbstractContextManager[JudgeLine]:
         """Return a served line with this drive."""
         ...
 
     def run(
         self,
-        stand: Stand,
-        task: Task,
+        stand: JudgeLine,
+        task: JudgeTask,
         *,
         value: str,
         goes_on: bool | None,
@@ -52,7 +52,7 @@ class Master(Protocol):
         """
         ...
 
-    def killed(self, stand: Stand, task: Task, condition: Callable[[], bool], limit_s: float) -> Run:
+    def killed(self, stand: JudgeLine, task: JudgeTask, condition: Callable[[], bool], limit_s: float) -> Run:
         """Start a task, and kill the master when a condition is met."""
         ...
 
@@ -62,7 +62,7 @@ class StartedMaster:
 
     in_parallel = True
 
-    def __init__(self, order: Order) -> None:
+    def __init__(self, order: JudgeOrder) -> None:
         self._order = order
         self._stopped = Event()
 
@@ -70,18 +70,18 @@ class StartedMaster:
         """Stop all running processes immediately, and any that are started later."""
         self._stopped.set()
 
-    def stand(self, drive: JudgedDrive, listen: str, *, echo: bool) -> Stand:
+    def stand(self, drive: JudgedDrive, listen: str, *, echo: bool) -> JudgeLine:
         """Return a served line with this drive."""
-        return Stand(drive, listen, echo=echo)
+        return JudgeLine(drive, listen, echo=echo)
 
-    def begin(self, stand: Stand, task: Task, value: str = USUAL_VALUE) -> Process:
+    def begin(self, stand: JudgeLine, task: JudgeTask, value: str = USUAL_VALUE) -> Process:
         """Start a process for a task."""
         return Process(self._order.words(task, stand.port, value), self._order.environment, stand.now)
 
     def run(
         self,
-        stand: Stand,
-        task: Task,
+        stand: JudgeLine,
+        task: JudgeTask,
         *,
         value: str = USUAL_VALUE,
         goes_on: bool | None,
@@ -101,7 +101,7 @@ class StartedMaster:
             run = process.end(too_long=not in_time and not goes_on)
         return run
 
-    def killed(self, stand: Stand, task: Task, condition: Callable[[], bool], limit_s: float) -> Run:
+    def killed(self, stand: JudgeLine, task: JudgeTask, condition: Callable[[], bool], limit_s: float) -> Run:
         """Start a task, and kill the process when a condition is met."""
         process = self.begin(stand, task)
         try:
@@ -112,7 +112,7 @@ class StartedMaster:
         return run
 
 
-def _observed(stand: Stand, goes_on: bool | None) -> Callable[[], bool]:
+def _observed(stand: JudgeLine, goes_on: bool | None) -> Callable[[], bool]:
     """Return a condition that is met when a possibly continuous master has been watched long enough."""
     began = stand.now()
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
-from drivecomm.errors import UsageError, meant
+from drivecomm.errors import UsageError, suggestion
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -28,7 +28,7 @@ LONGEST_LIMIT_S = 600.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Task:
+class JudgeTask:
     """A task that a master can carry out.
 
     name: one of `TASKS`. arguments: words after the command. shows: a regular expression for the value that the master
@@ -46,7 +46,7 @@ class Task:
 
     def __post_init__(self) -> None:
         if self.name not in TASKS:
-            raise UsageError(f"unknown task {self.name!r}; {meant(self.name, TASKS, 'use')}")
+            raise UsageError(f"unknown task {self.name!r}; {suggestion(self.name, TASKS, 'use')}")
         if self.scale is not None and not self.scale:
             raise UsageError(f"task {self.name}: a scale of 0 shows nothing; write what is shown for one unit")
         try:
@@ -56,7 +56,7 @@ class Task:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Order:
+class JudgeOrder:
     """A master, and the virtual drive that it is judged with.
 
     command: the words that start the master, with {port} in place of its port; empty for a master that runs already.
@@ -68,7 +68,7 @@ class Order:
 
     drive: DriveConfig
     command: tuple[str, ...] = ()
-    tasks: tuple[Task, ...] = ()
+    tasks: tuple[JudgeTask, ...] = ()
     listen: str = "pty"
     limit_s: float = 15.0
     seed: int = 0
@@ -81,7 +81,7 @@ class Order:
             if names.count(name) > 1:
                 raise UsageError(f"the task {name} is given twice; leave one out")
         if not self.tasks:
-            object.__setattr__(self, "tasks", (Task(name="run"),))
+            object.__setattr__(self, "tasks", (JudgeTask(name="run"),))
         if not 0 < self.limit_s <= LONGEST_LIMIT_S:
             raise UsageError(f"a limit of {self.limit_s:g} s cannot be; write up to {LONGEST_LIMIT_S:g} seconds")
         if self.stored_writes < 0:
@@ -90,16 +90,16 @@ class Order:
             for word in (*self.command, *task.arguments):
                 for name in _PLACEHOLDER.findall(word):
                     if name not in PLACEHOLDERS:
-                        raise UsageError(f"unknown placeholder {{{name}}}; {meant(name, PLACEHOLDERS, 'use')}")
+                        raise UsageError(f"unknown placeholder {{{name}}}; {suggestion(name, PLACEHOLDERS, 'use')}")
             words = " ".join((*self.command, *task.arguments))
             if self.command and not any(f"{{{name}}}" in words for name in ("port", "tcp_port")):
                 raise UsageError("the master is not told its port; write {port} in its command where the port belongs")
 
-    def task(self, name: str) -> Task | None:
+    def task(self, name: str) -> JudgeTask | None:
         """Return the task with this name, or None."""
         return next((task for task in self.tasks if task.name == name), None)
 
-    def words(self, task: Task, port: str, value: str = USUAL_VALUE) -> list[str]:
+    def words(self, task: JudgeTask, port: str, value: str = USUAL_VALUE) -> list[str]:
         """Return the command line for a task at a port. value: the replacement of {value}."""
         place = urlsplit(port) if "://" in port else None
         given = {
@@ -119,11 +119,11 @@ def _filled(word: str, given: Mapping[str, str]) -> str:
     return _PLACEHOLDER.sub(lambda found: given.get(found[1], found[0]), word)
 
 
-def parse_task(text: str, shows: str = "") -> Task:
+def parse_task(text: str, shows: str = "") -> JudgeTask:
     """Parse `read` or `read=read 481`: a task and its arguments, quoted as in a shell. Raises UsageError."""
     name, _, arguments = text.partition("=")
     try:
         words = shlex.split(arguments)
     except ValueError as error:
         raise UsageError(f"the arguments of {text!r} cannot be taken apart: {error}") from None
-    return Task(name=name.strip(), arguments=tuple(words), shows=shows)
+    return JudgeTask(name=name.strip(), arguments=tuple(words), shows=shows)

@@ -15,14 +15,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
-from drivecomm.judge.order import Order, Task
+from drivecomm.judge.order import JudgeOrder, JudgeTask
 from drivecomm.protocol import parse_drive
 from drivecomm.tomlfile import CHOICE, LIST, NUMBER, SECONDS, TABLE, TABLES, TEXT, WHOLE, read_toml
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from drivecomm.tomlfile import Table
+    from drivecomm.tomlfile import TomlTable
 
 FORMAT = 1
 _KEYS = {
@@ -39,7 +39,7 @@ _KEYS = {
 _TASK_KEYS = {"name": TEXT, "arguments": LIST, "shows": TEXT, "parameter": TEXT, "scale": NUMBER, "goes_on": CHOICE}
 
 
-def read_order(path: Path) -> Order:
+def read_order(path: Path) -> JudgeOrder:
     """Return the order in a file. Raises FileFormatError with the line of any mistake."""
     top = read_toml(path, "an order for judge")
     given = top.take(_KEYS, "format", "drive")
@@ -54,21 +54,21 @@ def read_order(path: Path) -> Order:
     except UsageError as error:
         raise top.error(str(error), "drive") from error
     try:
-        return Order(drive=drive, command=command, tasks=tasks, environment=environment, **given)
+        return JudgeOrder(drive=drive, command=command, tasks=tasks, environment=environment, **given)
     except UsageError as error:
         raise top.error(str(error)) from error
 
 
-def _task(table: Table) -> Task:
+def _task(table: TomlTable) -> JudgeTask:
     given: dict[str, Any] = table.take(_TASK_KEYS, "name")
     given["arguments"] = _words(table, given.get("arguments", []), "arguments")
     try:
-        return Task(**given)
+        return JudgeTask(**given)
     except UsageError as error:
         raise table.error(str(error)) from error
 
 
-def _words(table: Table, words: list[Any], key: str) -> tuple[str, ...]:
+def _words(table: TomlTable, words: list[Any], key: str) -> tuple[str, ...]:
     if not all(isinstance(word, str) for word in words):
         raise table.error(f"{key} is not a list of texts", key)
     return tuple(words)

@@ -27,7 +27,7 @@ _MARK = "DRIVECOMM_JUDGED"
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class OutputLine:
     """A line printed by the master, with its time; is_error: whether it went to standard error."""
 
     time_s: float
@@ -48,7 +48,7 @@ class Run:
     ended_s: float = 0.0
     code: int | None = None
     too_long: bool = False
-    lines: list[Line] = field(default_factory=list)
+    lines: list[OutputLine] = field(default_factory=list)
 
     @property
     def output(self) -> str:
@@ -152,4 +152,4 @@ class Process:
             while data := stream.readline(_LONGEST_LINE):
                 if len(self.run.lines) < _MOST_LINES:
                     text = data.decode("utf-8", "replace").rstrip("\r\n")
-                    self.run.lines.append(Line(self._clock(), text, is_error))
+                    self.run.lines.append(OutputLine(self._clock(), text, is_error))

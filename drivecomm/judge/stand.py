@@ -15,7 +15,7 @@ from drivecomm.virtual import SERVED_TOLERANCE_S, LineTrace, Server, ViolationLo
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from drivecomm.judge.drive import JudgedDrive
+    from drivecomm.judge.judged_drive import JudgedDrive
     from drivecomm.judge.process import Run
     from drivecomm.protocol import VirtualDrive
     from drivecomm.virtual import Listener, Violation, VirtualLine
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _LOOK_S = 0.005
 
 
-class Meddler:
+class TelegramMeddler:
     """Disturbance of telegrams on their way, in addition to the drive's own, as for `VirtualLine.disturbances`.
 
     on_request, on_reply: called with the bytes; return what arrives, as pairs of delay and bytes.
@@ -54,12 +54,12 @@ def listener_at(listen: str) -> Iterator[Listener]:
         yield parse_listen(listen)
 
 
-class Stand:
+class JudgeLine:
     """A served line. listen: as for `listener_at`, or a listener. echo: the master receives its own bytes."""
 
     def __init__(self, drive: JudgedDrive, listen: str | Listener, *, echo: bool = False) -> None:
         self.drive = drive
-        self.meddler = Meddler()
+        self.meddler = TelegramMeddler()
         self.runs: list[Run] = []
         self._listen = listen
         self._echo = echo

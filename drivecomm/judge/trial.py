@@ -12,16 +12,16 @@ from drivecomm.judge.verdicts import NotTried
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from drivecomm.judge.drive import Heard, JudgedDrive
-    from drivecomm.judge.knowledge import Learned
+    from drivecomm.judge.judged_drive import JudgedDrive, ObservedRequest
     from drivecomm.judge.known_drive import KnownDrive
+    from drivecomm.judge.learned_behaviour import LearnedBehaviour
     from drivecomm.judge.masters import Master
-    from drivecomm.judge.order import Order, Task
+    from drivecomm.judge.order import JudgeOrder, JudgeTask
     from drivecomm.judge.process import Run
-    from drivecomm.judge.stand import Stand
+    from drivecomm.judge.stand import JudgeLine
 
 
-class Trial:
+class CaseContext:
     """Context of a case.
 
     task: the master's task. learned: knowledge from an undisturbed run. random: seeded for the case. stands: all lines
@@ -29,18 +29,25 @@ class Trial:
     """
 
     def __init__(
-        self, order: Order, known: KnownDrive, master: Master, task: Task, *, learned: Learned | None, seed: int
+        self,
+        order: JudgeOrder,
+        known: KnownDrive,
+        master: Master,
+        task: JudgeTask,
+        *,
+        learned: LearnedBehaviour | None,
+        seed: int,
     ) -> None:
         self.order = order
         self.known = known
         self.task = task
         self.random = Random(seed)  # noqa: S311 - repeatable on purpose
-        self.stands: list[Stand] = []
+        self.stands: list[JudgeLine] = []
         self._master = master
         self._learned = learned
 
     @property
-    def learned(self) -> Learned:
+    def learned(self) -> LearnedBehaviour:
         """Knowledge from an undisturbed run. Raises NotTried if no such run was successful."""
         if self._learned is None:
             raise NotTried(
@@ -51,7 +58,7 @@ class Trial:
     @contextmanager
     def stand(
         self, prepare: Callable[[JudgedDrive], object] = lambda _: None, *, echo: bool = False
-    ) -> Iterator[Stand]:
+    ) -> Iterator[JudgeLine]:
         """Serve a line with a new drive. prepare: called with the drive before the line begins."""
         drive = self.known.judged()
         prepare(drive)
@@ -61,9 +68,9 @@ class Trial:
 
     def run(
         self,
-        stand: Stand,
+        stand: JudgeLine,
         *,
-        task: Task | None = None,
+        task: JudgeTask | None = None,
         value: str = USUAL_VALUE,
         until: Callable[[], bool] | None = None,
         within_s: float | None = None,
@@ -83,7 +90,7 @@ class Trial:
         stand.runs.append(run)
         return run
 
-    def kill_when(self, stand: Stand, condition: Callable[[], bool]) -> None:
+    def kill_when(self, stand: JudgeLine, condition: Callable[[], bool]) -> None:
         """Run the master's task, and kill the master when a condition is met, or at its time limit."""
         stand.runs.append(self._master.killed(stand, self.task, condition, self.order.limit_s))
 
@@ -94,6 +101,6 @@ class Trial:
             return self.task.goes_on
         return None if self._learned is None else self._learned.goes_on
 
-    def heard(self, stand: Stand) -> list[Heard]:
+    def heard(self, stand: JudgeLine) -> list[ObservedRequest]:
         """Return the requests that the drive received."""
         return stand.drive.since()

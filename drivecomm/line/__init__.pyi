@@ -1,9 +1,9 @@
 from .engine_line import EngineLine as EngineLine
 from .job import Job as Job
-from .loop import Engine as Engine
+from .line_engine import Engine as Engine
 from .own_thread import in_own_thread as in_own_thread
 from .owner import LineOwner as LineOwner
-from .plan import Plan as Plan
+from .plan import PollPlan as PollPlan
 from .poll_items import (
     FRESH as FRESH,
     STATUS as STATUS,
@@ -19,7 +19,7 @@ from .queue import (
     TURNS_PER_POLL as TURNS_PER_POLL,
     TURNS_PER_SURVEY as TURNS_PER_SURVEY,
     LineQueue as LineQueue,
-    Place as Place,
+    QueueEntry as QueueEntry,
     Rank as Rank,
     line_was_busy as line_was_busy,
 )

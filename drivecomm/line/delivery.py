@@ -17,7 +17,7 @@ NAP_S = 0.1
 """Poll interval in seconds of a line that waits for a slow reader, and of the check for a cancelled plan."""
 
 
-class Delivery:
+class ResultDelivery:
     """Queue of results from several lines, each in its own thread or task, for one reader.
 
     ring: wakes the reader; called in the thread or task of a line.

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from drivecomm.line.job import Job
-    from drivecomm.line.loop import Engine
+    from drivecomm.line.line_engine import Engine
     from drivecomm.line.stopping import StopAttempts
     from drivecomm.line.thread_line import ThreadLine
     from drivecomm.link import Port
@@ -149,14 +149,14 @@ class EngineLine:
     def _timed(self) -> None:
         self._woken_at = float("inf")
         if self._runner is not None:
-            self._runner.timed()
+            self._runner.time_passed()
 
     def _wake_precisely(self, until: float) -> None:
         self._engine.call_at(until, self._paused)
 
     def _paused(self) -> None:
         if self._runner is not None:
-            self._runner.timed()
+            self._runner.time_passed()
 
     def _lose_port(self, _error: LinkDownError) -> None:
         # A closed descriptor cannot be watched.
@@ -172,7 +172,7 @@ class EngineLine:
 
     def _end(self, result: Any, error: Exception | None) -> None:
         if error is None:
-            result = self._line.timed(result)
+            result = self._line.with_time(result)
         elif isinstance(error, LinkDownError):
             self._lose_port(error)
         elif isinstance(error, HeldBack):

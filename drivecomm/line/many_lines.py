@@ -7,8 +7,8 @@ from threading import Event, Thread
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from drivecomm.errors import DriveCommError
-from drivecomm.line.delivery import NAP_S, Delivery
-from drivecomm.line.loop import Engine
+from drivecomm.line.delivery import NAP_S, ResultDelivery
+from drivecomm.line.line_engine import Engine
 from drivecomm.line.poll_items import PollBlock, PollItem, PollResult
 from drivecomm.line.poll_loops import poll_bus
 from drivecomm.line.polling import D, Polling
@@ -42,9 +42,9 @@ def poll_together(
     RFC 2217): each of these has its own thread.
     """
     came = Event()
-    delivery = Delivery(came.set)
+    delivery = ResultDelivery(came.set)
     engine = Engine()
-    served = _Served(engine, delivery)
+    served = _EngineLines(engine, delivery)
     threads = [Thread(target=served.run, name="drivecomm poll", daemon=True)]
     for items in lines:
         bus = items[0].drive.bus
@@ -71,7 +71,7 @@ def poll_together(
         engine.close()
 
 
-def _work(items: Sequence[PollItem[Any]], duration_s: float, cycles: int | None, delivery: Delivery) -> None:
+def _work(items: Sequence[PollItem[Any]], duration_s: float, cycles: int | None, delivery: ResultDelivery) -> None:
     """Poll one line in its own thread."""
     try:
         for result in poll_bus(items, duration_s, cycles, lambda: delivery.stopped):
@@ -83,10 +83,10 @@ def _work(items: Sequence[PollItem[Any]], duration_s: float, cycles: int | None,
         delivery.end(error)
 
 
-class _Served:
+class _EngineLines:
     """The lines that one engine serves."""
 
-    def __init__(self, engine: Engine, delivery: Delivery) -> None:
+    def __init__(self, engine: Engine, delivery: ResultDelivery) -> None:
         self.engine = engine
         self.lines: list[_PolledLine] = []
         self.delivery = delivery
@@ -154,7 +154,7 @@ class _Served:
 class _PolledLine:
     """Polling of one line: starts the next due read whenever none is under way."""
 
-    def __init__(self, polling: Polling[Any], line: EngineLine, served: _Served) -> None:
+    def __init__(self, polling: Polling[Any], line: EngineLine, served: _EngineLines) -> None:
         self._polling = polling
         self._line = line
         self._served = served

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from drivecomm.line.queue import LineQueue
-    from drivecomm.link import Commands, HeldBack, Link, Port, Steps
+    from drivecomm.link import CommandHistory, HeldBack, Link, LinkSteps, Port
 
     class Turns(Protocol):
         """Interface that hands a line from caller to caller."""
@@ -50,7 +50,7 @@ class LineOwner:
         self,
         open_port: Callable[[], Port],
         link: Link,
-        commands: Commands,
+        commands: CommandHistory,
         on_opened: Callable[[Port], None],
         on_close: Callable[[], None] | None = None,
     ) -> None:
@@ -109,12 +109,12 @@ class LineOwner:
         """Return the attempts of a stop that was just called."""
         return StopAttempts(job, self.queue, self._link.health, self._commands.called(job.peer.name))
 
-    def begin(self, job: Job[T], deadline: float, now: float, attempts: StopAttempts[T] | None = None) -> Steps[T]:
+    def begin(self, job: Job[T], deadline: float, now: float, attempts: StopAttempts[T] | None = None) -> LinkSteps[T]:
         """Return the link's steps for a job that begins now. attempts: those of a stop."""
         link = self._link
         if job.rank is _STOP:
             exchange = stopping(self._commands, job.peer.name, job.exchange)
-            others_first = None if attempts is None else attempts.others_first
+            others_first = None if attempts is None else attempts.yields_to_others
             return link.stop(job.peer, exchange, now, deadline=deadline, others_first=others_first)
         if job.insists:
             return link.insist(job.peer, job.exchange, now, deadline=deadline)
@@ -130,7 +130,7 @@ class LineOwner:
             ) from None
         return Job(job.peer, held.exchange, job.rank, job.command, job.insists)
 
-    def timed(self, result: T) -> T:
+    def with_time(self, result: T) -> T:
         """Return the result of a job; a reading gets its time, and the reason if it is in doubt."""
         if isinstance(result, Reading) and self.clock is not None:
             result.at(self.clock.wall_time())

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Plan:
+class PollPlan:
     """The parameters to read, in the order of a round."""
 
     reads: tuple[PollItem[DriveConfig], ...]
@@ -38,14 +38,14 @@ class Plan:
         """The lines in the order of their first read; "" for drives without a line."""
         return tuple(dict.fromkeys(drive.line for drive in self.drives))
 
-    def on_line(self, line: str) -> Plan:
+    def on_line(self, line: str) -> PollPlan:
         """Return the part of the plan on one line."""
-        return Plan(reads=tuple(read for read in self.reads if read.drive.line == line))
+        return PollPlan(reads=tuple(read for read in self.reads if read.drive.line == line))
 
-    def with_drives(self, change: Callable[[DriveConfig], DriveConfig]) -> Plan:
+    def with_drives(self, change: Callable[[DriveConfig], DriveConfig]) -> PollPlan:
         """Return the plan with each drive replaced by `change(drive)`."""
         changed = {drive: change(drive) for drive in self.drives}
-        return Plan(reads=tuple(replace(read, drive=changed[read.drive]) for read in self.reads))
+        return PollPlan(reads=tuple(replace(read, drive=changed[read.drive]) for read in self.reads))
 
     def items(self, make: Callable[[DriveConfig], D]) -> list[PollItem[D]]:
         """Return the items for a poll loop. make: called once for each drive; returns the object to read."""

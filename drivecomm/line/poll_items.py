@@ -25,7 +25,7 @@ FRESH: frozenset[str] = frozenset({"good", "uncertain"})
 """Qualities of a value that the drive has just given."""
 
 
-class Named(Protocol):
+class NamedDrive(Protocol):
     """A drive, as far as a schedule needs it."""
 
     @property
@@ -37,9 +37,9 @@ if TYPE_CHECKING:
     # The standard library has defaults of type variables only from Python 3.13; type checkers bring this module along.
     import typing_extensions
 
-    D = typing_extensions.TypeVar("D", bound=Named, default=Any)
+    D = typing_extensions.TypeVar("D", bound=NamedDrive, default=Any)
 else:
-    D = TypeVar("D", bound=Named)
+    D = TypeVar("D", bound=NamedDrive)
 
 STATUS = "status"
 """Parameter name of a drive's status in poll items and results: the value is the state, raw the status word."""

@@ -9,7 +9,7 @@ import math
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError, UsageError, in_one_line, shortened
-from drivecomm.line.delivery import NAP_S, Delivery
+from drivecomm.line.delivery import NAP_S, ResultDelivery
 from drivecomm.line.poll_items import PollItem, PollResult, checked
 from drivecomm.line.polling import D, Polling
 from drivecomm.protocol import is_duration
@@ -106,7 +106,7 @@ async def _poll_buses_async(
     import asyncio
 
     came = asyncio.Event()
-    delivery = Delivery(came.set)
+    delivery = ResultDelivery(came.set)
     delivery.left = len(lines)
 
     async def work(items: Sequence[PollItem[D]]) -> None:

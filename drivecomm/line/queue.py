@@ -40,7 +40,7 @@ _STOP, _COMMAND = Rank.STOP, Rank.COMMAND
 _SHARES = {Rank.POLL: TURNS_PER_POLL, Rank.SURVEY: TURNS_PER_SURVEY}
 
 
-class Place:
+class QueueEntry:
     """The place of one caller in the queue, from before it waits until its turn is over.
 
     behind: whether all others of its rank go first, whenever they come. caller: the thread or task that waits.
@@ -79,14 +79,14 @@ class LineQueue:
     __slots__ = ("_last_order", "_passed_over", "owner", "waiting")
 
     def __init__(self) -> None:
-        self.owner: Place | None = None
+        self.owner: QueueEntry | None = None
         """The place that has the line; its caller may be gone."""
-        self.waiting: list[Place] = []
+        self.waiting: list[QueueEntry] = []
         """The places that wait, in no order."""
         self._last_order = 0
         self._passed_over = dict.fromkeys(_SHARES, 0)
 
-    def ask(self, place: Place) -> bool:
+    def ask(self, place: QueueEntry) -> bool:
         """Return True if the line is free and the turn has come immediately; otherwise the place waits to be woken.
 
         Raises UsageError if the caller has the line already, such as in a trace function.
@@ -106,12 +106,12 @@ class LineQueue:
             owner.give_way()
         return False
 
-    def has_come(self, place: Place) -> bool:
+    def has_come(self, place: QueueEntry) -> bool:
         """Return whether the turn of a waiting place has come."""
         self.hand_on()
         return self.owner is place
 
-    def leave(self, place: Place) -> bool:
+    def leave(self, place: QueueEntry) -> bool:
         """Stop waiting; returns False if the turn has come meanwhile."""
         self.waiting = [each for each in self.waiting if each is not place]
         return self.owner is not place
@@ -132,7 +132,7 @@ class LineQueue:
         self.waiting = [each for each in alive if each is not first]
         first.wake()
 
-    def _fair(self, first: Place, alive: list[Place]) -> Place:
+    def _fair(self, first: QueueEntry, alive: list[QueueEntry]) -> QueueEntry:
         """Return the next of the waiting places, none of which is a stop or a command."""
         due = first
         for rank, turns in _SHARES.items():
@@ -153,7 +153,7 @@ class LineQueue:
         return any(each.rank <= rank and each.is_alive() for each in self.waiting)
 
 
-def _urgency(place: Place) -> tuple[int, bool, int]:
+def _urgency(place: QueueEntry) -> tuple[int, bool, int]:
     return place.rank, place.behind, place.order
 
 

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import LinkDownError
 from drivecomm.line.effects import carry_out
-from drivecomm.link import Arrival, Receive, Talk, Wait
+from drivecomm.link import Arrival, Receive, Transaction, Wait
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.link import Effect, Port, Steps
+    from drivecomm.link import Effect, LinkSteps, Port
 
 # The constructor of a NamedTuple is a Python function, and slower.
 _new = tuple.__new__
@@ -31,9 +31,9 @@ _MOST_UNASKED = 4096
 class LineRunner:
     """Runner of exchanges on one open port, one after the other.
 
-    wake_at: requests a call of `timed` at a time; an earlier call does no harm. wake_precisely: the same as exactly as
-    possible, for the pauses between telegrams. ended: called with the result or the error of an exchange; it may begin
-    the next one. lost: called before `ended` if the port turns out to be lost while reading.
+    wake_at: requests a call of `time_passed` at a time; an earlier call does no harm. wake_precisely: the same as
+    exactly as possible, for the pauses between telegrams. ended: called with the result or the error of an exchange; it
+    may begin the next one. lost: called before `ended` if the port turns out to be lost while reading.
     """
 
     def __init__(
@@ -50,12 +50,12 @@ class LineRunner:
         self._wake_precisely = wake_precisely
         self._ended = ended
         self._lost = lost
-        self._steps: Steps[Any] | None = None
+        self._steps: LinkSteps[Any] | None = None
         self._stop_waits: Callable[[], bool] = _never
         self._held = 0
         """Minimum number of bytes set by `hold_back`; 0 if another caller may have changed it."""
-        self._waiting: Receive | Talk | Wait | None = None
-        self._paused: Talk | None = None
+        self._waiting: Receive | Transaction | Wait | None = None
+        self._paused: Transaction | None = None
         """Request to send when the pause is over."""
         self._inbox = b""
         self._emptied_at = float("-inf")
@@ -66,7 +66,7 @@ class LineRunner:
         self._held = 0
         self._emptied_at = float("-inf")
 
-    def begin(self, steps: Steps[Any], stop_waits: Callable[[], bool]) -> None:
+    def begin(self, steps: LinkSteps[Any], stop_waits: Callable[[], bool]) -> None:
         """Begin to carry out the steps of a link. stop_waits: returns whether a stop waits for the line."""
         self._steps, self._stop_waits = steps, stop_waits
         self._go_on(None)
@@ -95,7 +95,7 @@ class LineRunner:
         else:
             self._inbox = data[-_MOST_UNASKED:]
 
-    def timed(self) -> None:
+    def time_passed(self) -> None:
         """Continue if the current wait is over."""
         waiting = self._waiting
         if waiting is None:
@@ -130,7 +130,7 @@ class LineRunner:
             while True:
                 if effect is None:
                     effect = steps.send(arrival)  # type: ignore[arg-type]
-                if isinstance(effect, Talk):
+                if isinstance(effect, Transaction):
                     free_at, began = effect.free_at, now()
                     if free_at - began > _NOT_WORTH_SLEEPING_S:
                         self._paused, self._waiting = effect, Wait(free_at)

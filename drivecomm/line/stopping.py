@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from drivecomm.line.job import Job
-    from drivecomm.link import CommandCall, Commands, Health
+    from drivecomm.link import CommandCall, CommandHistory, Health
     from drivecomm.protocol import Exchange
 
 T = TypeVar("T")
@@ -37,7 +37,7 @@ class StopAttempts(Generic[T]):
         self._turns_left = 0 if job.again is None else job.peer.facts.timing.attempts - 1
         self._broken_off = False
 
-    def others_first(self) -> bool:
+    def yields_to_others(self) -> bool:
         """Return whether to make no more attempts in this turn; the link calls this after each failed attempt.
 
         A drive that answered before gives way to other stops; a drive that was silent also to reads and commands.
@@ -68,7 +68,7 @@ class StopAttempts(Generic[T]):
             self.behind = True
 
 
-def stopping(commands: Commands, name: str, exchange: Exchange[T]) -> Exchange[T]:
+def stopping(commands: CommandHistory, name: str, exchange: Exchange[T]) -> Exchange[T]:
     """Run an exchange that stops a drive, or all drives of a protocol, and forget their earlier commands."""
     commands.forget(name)
     return (yield from exchange)

@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from drivecomm.errors import LinkDownError
 from drivecomm.line.effects import carry_out
-from drivecomm.line.lending import LentPort
+from drivecomm.line.lent_port import LentPort
 from drivecomm.line.runner import LineRunner
 from drivecomm.line.thread_host import run_steps
-from drivecomm.link import taken_apart
-from drivecomm.transport import open_alarm
+from drivecomm.link import split_transactions
+from drivecomm.transport import open_timer
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.link import Port, Steps
+    from drivecomm.link import LinkSteps, Port
 
 T = TypeVar("T")
 
@@ -37,7 +37,7 @@ def _never() -> bool:
 class TaskHost(Protocol):
     """Host that runs the steps of a link on one port."""
 
-    async def run(self, begin: Callable[[float], Steps[T]], stop_waits: Callable[[], bool] = _never) -> T:
+    async def run(self, begin: Callable[[float], LinkSteps[T]], stop_waits: Callable[[], bool] = _never) -> T:
         """Run steps to their end and return their result; a cancellation closes them.
 
         begin: returns the steps, given the time. stop_waits: returns whether a stop waits for the line; a wait that
@@ -70,12 +70,12 @@ class VirtualTimeHost:
     def __init__(self, port: Port) -> None:
         self._port = port
 
-    async def run(self, begin: Callable[[float], Steps[T]], stop_waits: Callable[[], bool] = _never) -> T:  # noqa: ARG002 - it never waits
+    async def run(self, begin: Callable[[float], LinkSteps[T]], stop_waits: Callable[[], bool] = _never) -> T:  # noqa: ARG002 - it never waits
         """Run the steps of a link to their end."""
         # Let other tasks run before the first telegram, too, so that a stop of theirs goes first.
         await asyncio.sleep(0)
         now = self._port.now()
-        steps = taken_apart(begin(now), now)
+        steps = split_transactions(begin(now), now)
         try:
             effect = next(steps)
             while True:
@@ -101,7 +101,7 @@ class OwnThreadHost:
         self._port = port
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="drivecomm")
 
-    async def run(self, begin: Callable[[float], Steps[T]], stop_waits: Callable[[], bool] = _never) -> T:
+    async def run(self, begin: Callable[[float], LinkSteps[T]], stop_waits: Callable[[], bool] = _never) -> T:
         """Run the steps of a link to their end."""
         stop = Event()
 
@@ -149,14 +149,14 @@ class ReadinessHost:
         self._result: asyncio.Future[Any] | None = None
         self._lost: LinkDownError | None = None
         self._timer: asyncio.TimerHandle | None = None
-        self._alarm = open_alarm()
+        self._alarm = open_timer()
         self._alarm_set = False
         if self._alarm is not None:
             self._loop.add_reader(self._alarm.descriptor, self._alarmed)
         self._loop.add_reader(descriptor, self._readable)
         self._watched = True
 
-    async def run(self, begin: Callable[[float], Steps[T]], stop_waits: Callable[[], bool] = _never) -> T:
+    async def run(self, begin: Callable[[float], LinkSteps[T]], stop_waits: Callable[[], bool] = _never) -> T:
         """Run the steps of a link to their end."""
         if self._lost is not None:
             raise self._lost
@@ -227,7 +227,7 @@ class ReadinessHost:
     def _timed(self) -> None:
         self._timer = None
         self._look_whether_cancelled()
-        self._runner.timed()
+        self._runner.time_passed()
 
     def _wake_precisely(self, until: float) -> None:
         if self._alarm is None:
@@ -239,7 +239,7 @@ class ReadinessHost:
     def _alarmed(self) -> None:
         self._alarm_set = False
         self._look_whether_cancelled()
-        self._runner.timed()
+        self._runner.time_passed()
         if self._alarm is not None and not self._alarm_set:
             # The alarm stays readable until it is cleared or set again.
             self._alarm.clear()

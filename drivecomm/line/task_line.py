@@ -8,7 +8,7 @@ from threading import Lock
 from typing import TYPE_CHECKING, TypeVar
 
 from drivecomm.errors import LinkDownError, PortError, ReplyError
-from drivecomm.line.lending import LentPort
+from drivecomm.line.lent_port import LentPort
 from drivecomm.line.own_thread import in_own_thread
 from drivecomm.line.owner import LineOwner
 from drivecomm.line.queue import Rank, line_was_busy
@@ -74,7 +74,7 @@ class TaskLine(LineOwner):
             host = self.host or await self._opened(tried_before)
             try:
                 begin = partial(self.begin, job, deadline, attempts=attempts)
-                return self.timed(await host.run(begin, self.turns.stop_waits))
+                return self.with_time(await host.run(begin, self.turns.stop_waits))
             except LinkDownError:
                 self.let_go()
                 raise

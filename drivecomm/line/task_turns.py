@@ -5,13 +5,13 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING
 
-from drivecomm.line.queue import LineQueue, Place, Rank
+from drivecomm.line.queue import LineQueue, QueueEntry, Rank
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 
-class TaskTurn(Place):
+class TaskTurn(QueueEntry):
     """Turn of one call of the running task. on_stop: called when a stop begins to wait while this turn has the line."""
 
     __slots__ = ("_called", "_on_stop", "is_over")

@@ -9,12 +9,12 @@ import threading
 from typing import TYPE_CHECKING, TypeVar
 
 from drivecomm.line.effects import carry_out
-from drivecomm.link import Arrival, Receive, Talk, Wait
+from drivecomm.link import Arrival, Receive, Transaction, Wait
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.link import Port, Steps
+    from drivecomm.link import LinkSteps, Port
 
 T = TypeVar("T")
 
@@ -30,7 +30,7 @@ processor the wake-up for one poll takes as long as a whole read.
 """
 
 
-def run_steps(steps: Steps[T], port: Port, stop_waits: Callable[[], bool]) -> T:
+def run_steps(steps: LinkSteps[T], port: Port, stop_waits: Callable[[], bool]) -> T:
     """Run the steps of a link to their end on a port and return their result.
 
     stop_waits: returns whether a stop waits for the line; a wait that gives way then ends early. An exception of the
@@ -42,7 +42,7 @@ def run_steps(steps: Steps[T], port: Port, stop_waits: Callable[[], bool]) -> T:
     try:
         effect = next(steps)
         while True:
-            if isinstance(effect, Talk):
+            if isinstance(effect, Transaction):
                 # The same code is in `LineRunner`: a shared function would make a read 10 % slower.
                 now = now_on_port()
                 if now < effect.free_at:
@@ -72,7 +72,7 @@ def run_steps(steps: Steps[T], port: Port, stop_waits: Callable[[], bool]) -> T:
         steps.close()
 
 
-def _receive(effect: Receive | Talk, now: float, port: Port, stop_waits: Callable[[], bool]) -> bytes:
+def _receive(effect: Receive | Transaction, now: float, port: Port, stop_waits: Callable[[], bool]) -> bytes:
     data, until, at_least = b"", effect.until, effect.at_least
     while True:
         data += port.read(min(until, _next_look(now)), at_least - len(data))

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from drivecomm.line.engine_line import EngineLine
     from drivecomm.line.job import Job
-    from drivecomm.line.loop import Engine
+    from drivecomm.line.line_engine import Engine
     from drivecomm.line.stopping import StopAttempts
     from drivecomm.link import Port
 
@@ -74,7 +74,7 @@ class ThreadLine(LineOwner):
                 port = self.port or self.opened(tried_before)
                 try:
                     steps = self.begin(job, deadline, port.now(), attempts)
-                    return self.timed(run_steps(steps, port, self.turns.stop_waits))
+                    return self.with_time(run_steps(steps, port, self.turns.stop_waits))
                 except LinkDownError:
                     self.let_go()
                     raise
@@ -114,7 +114,7 @@ class ThreadLine(LineOwner):
         work: gets the port, and a proxy of this port that raises LinkDownError as soon as a stop waits for the line.
         Raises PortError if the port cannot be opened.
         """
-        from drivecomm.line.lending import LentPort
+        from drivecomm.line.lent_port import LentPort
 
         def carry_out() -> T:
             self.let_go()

@@ -5,13 +5,13 @@ from __future__ import annotations
 import time
 from threading import Lock, get_ident
 
-from drivecomm.line.queue import LineQueue, Place, Rank
+from drivecomm.line.queue import LineQueue, QueueEntry, Rank
 
 LOOK_S = 0.02
 """Interval in seconds at which a waiting thread checks for its turn, in case it was not woken."""
 
 
-class ThreadTurn(Place):
+class ThreadTurn(QueueEntry):
     """Turn of one call of a thread.
 
     `with turn.held:` encloses the whole turn. It is a lock of the interpreter itself, which a signal handler cannot

@@ -1,4 +1,4 @@
-from .command_order import CommandCall as CommandCall, Commands as Commands
+from .command_order import CommandCall as CommandCall, CommandHistory as CommandHistory
 from .damage import (
     Damage as Damage,
     likely_damage as likely_damage,
@@ -26,15 +26,15 @@ from .port import (
     Arrival as Arrival,
     Configure as Configure,
     Effect as Effect,
+    LinkSteps as LinkSteps,
     Port as Port,
     PortProxy as PortProxy,
     Receive as Receive,
     Send as Send,
     SingleEffect as SingleEffect,
-    Steps as Steps,
-    Talk as Talk,
+    Transaction as Transaction,
     Wait as Wait,
-    taken_apart as taken_apart,
+    split_transactions as split_transactions,
 )
 from .statistics import (
     COUNTERS as COUNTERS,
@@ -45,10 +45,10 @@ from .statistics import (
 )
 from .tracing import (
     ARROWS as ARROWS,
+    combine_traces as combine_traces,
     fields_text as fields_text,
     hex_text as hex_text,
     line_text as line_text,
-    tell_all as tell_all,
     trace_data as trace_data,
     trace_line as trace_line,
 )

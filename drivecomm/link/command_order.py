@@ -33,7 +33,7 @@ EVERYBODY = "*"
 """Address of all drives of a protocol, in names such as "vabus:*"."""
 
 
-class Commands:
+class CommandHistory:
     """Commands of one bus: the last command of each drive, and the calls that a stop has cancelled.
 
     Threads use this class without a lock. If two stops are counted at the same moment, one count may be lost, but
@@ -86,7 +86,9 @@ class CommandCall:
 
     __slots__ = ("_before", "_check", "_commands", "_name")
 
-    def __init__(self, commands: Commands, name: str, before: int, check: Callable[[], None] | None = None) -> None:
+    def __init__(
+        self, commands: CommandHistory, name: str, before: int, check: Callable[[], None] | None = None
+    ) -> None:
         self._commands = commands
         self._name = name
         self._before = before

@@ -129,7 +129,7 @@ class UsualDelays:
         usual = self._delays.get(protocol, delay_s)
         self._delays[protocol] = delay_s if delay_s > usual else 0.95 * usual + 0.05 * delay_s
 
-    def least_ear_s(self, protocol: str) -> float:
+    def minimum_listen_s(self, protocol: str) -> float:
         """Return the minimum listening time of a probe in seconds, enough for the usual delay of the protocol."""
         usual = self._delays.get(protocol)
         if usual is None:

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 from drivecomm.link.echo import Echo, EchoFilter
 from drivecomm.link.health import LONGEST_PAUSE_S, TuningWatch, UsualDelays
-from drivecomm.link.peer import PeerState, TraceEvent
-from drivecomm.link.port import Configure, Receive, Send, Steps, Talk, Wait
+from drivecomm.link.peer import DriveRecord, TraceEvent
+from drivecomm.link.port import Configure, LinkSteps, Receive, Send, Transaction, Wait
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -38,7 +38,7 @@ class LineState:
         echo: Echo,
         guard_s: float,
         others: OtherMasters,
-        partners: dict[str, PeerState],
+        partners: dict[str, DriveRecord],
     ) -> None:
         self.trace = trace
         self.away = away or _nobody
@@ -51,13 +51,13 @@ class LineState:
         self.unclean = False
         self.delays = UsualDelays()
         self.tuning = TuningWatch()
-        self.probed: PeerState | None = None
-        self.talk = Talk()
+        self.probed: DriveRecord | None = None
+        self.talk = Transaction()
         self.told = b""
         self.echoes = False
         self.others = others
         self.partners = partners
-        self.newcomers: dict[str, PeerState] = {}
+        self.newcomers: dict[str, DriveRecord] = {}
         self.doubt = ""
         self._guard_s = guard_s
         self._patient_at = float("-inf")
@@ -75,13 +75,13 @@ class LineState:
     def send(
         self,
         peer: Peer,
-        partner: PeerState,
+        partner: DriveRecord,
         data: bytes,
         message: Message,
         unasked: bytes = b"",
         *,
         mirrored: bool = False,
-    ) -> Steps[None]:
+    ) -> LinkSteps[None]:
         """Send a telegram as soon as the line is free and quiet.
 
         unasked: bytes received since the line became free. mirrored: whether the reply may equal the telegram.
@@ -113,7 +113,7 @@ class LineState:
         if self.trace is not None:
             self.note(peer, "sent", data, message)
 
-    def settle(self, peer: Peer) -> Steps[None]:
+    def settle(self, peer: Peer) -> LinkSteps[None]:
         """Set the port to the drive's line settings."""
         if self.now < self.free_at:
             self.now = (yield Wait(self.free_at)).time
@@ -127,14 +127,14 @@ class LineState:
             self.free_at = max(self.free_at, self.now + self._guard_s)
         self.settings = peer.settings
 
-    def takers(self, peer: Peer, partner: PeerState, ask: Ask) -> list[PeerState]:
+    def possible_repliers(self, peer: Peer, partner: DriveRecord, ask: Ask) -> list[DriveRecord]:
         """Return the records of all drives to which a late reply to this request could be attributed.
 
         If the reply names no drive, these include the record for drives that are not known yet.
         """
         if not ask.anonymous:
             return [partner]
-        newcomer = self.newcomers.setdefault(peer.protocol, PeerState(peer.settings))
+        newcomer = self.newcomers.setdefault(peer.protocol, DriveRecord(peer.settings))
         known = self.partners.copy().items()
         return [*(each for name, each in known if name.partition(":")[0] == peer.protocol), newcomer]
 
@@ -151,7 +151,7 @@ class LineState:
         """Return whether the port has the drive's line settings."""
         return self.settings is peer.settings or self.settings == peer.settings
 
-    def drain(self, peer: Peer, partner: PeerState) -> Steps[None]:
+    def drain(self, peer: Peer, partner: DriveRecord) -> LinkSteps[None]:
         """Read until the line has been quiet for the drive's gap, at most for one reply time."""
         gap = peer.gap_s
         limit = self.now + max(peer.facts.timing.reply_timeout_s, gap)
@@ -164,7 +164,7 @@ class LineState:
                 self.note(peer, "noise", came, detail="drained")
                 self.heard_out_of_turn()
 
-    def early(self, peer: Peer, partner: PeerState, came: bytes, *, is_echo: bool) -> bool:
+    def drop_early_bytes(self, peer: Peer, partner: DriveRecord, came: bytes, *, is_echo: bool) -> bool:
         """Drop bytes that came while the request was being sent; return whether they are its unexpected echo."""
         if self.echo.looking:
             rest = self.without_echo(peer, partner, came)
@@ -179,7 +179,7 @@ class LineState:
         self._unasked(peer, partner, came, "came before the request was out")
         return False
 
-    def without_echo(self, peer: Peer, partner: PeerState, came: bytes) -> bytes:
+    def without_echo(self, peer: Peer, partner: DriveRecord, came: bytes) -> bytes:
         """Return the received bytes without the echo.
 
         If no bytes came, return those that were held back as the beginning of an echo.
@@ -190,7 +190,7 @@ class LineState:
             self.note(peer, "echo", echo)
         return rest
 
-    def request_failed(self, peer: Peer, partner: PeerState) -> None:
+    def request_failed(self, peer: Peer, partner: DriveRecord) -> None:
         """Record that a drive did not answer soundly; too many such errors end all tuned turnarounds."""
         if self.tuning.failed(peer.name, partner.count["requests"], partner.count["replies"]):
             partner.count["tunings given up"] += 1
@@ -208,7 +208,7 @@ class LineState:
         """Check the bytes that passed by for signs of another master. ours: the request just sent, if any."""
         self.others.judge(peer, (self.told, *ours), self.now)
 
-    def _unasked(self, peer: Peer, partner: PeerState, came: bytes, detail: str) -> None:
+    def _unasked(self, peer: Peer, partner: DriveRecord, came: bytes, detail: str) -> None:
         self.others.pass_by(came)
         partner.count["unasked bytes"] += len(came)
         self.note(peer, "noise", came, detail=detail)

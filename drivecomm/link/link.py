@@ -2,7 +2,7 @@
 
 Nearly all exchanges are plain and take the short path: each request and its reply are one effect in one generator
 frame, or a few effects if the reply comes in pieces. The short path judges nothing. Any irregularity continues on the
-long path (`drivecomm.link.asking`), from the state that the long path would have at that moment.
+long path (`drivecomm.link.exchange_loop`), from the state that the long path would have at that moment.
 
 A call that does not stop a motor gives way to a stop that waits for the line: it sends nothing more, and does not wait
 for a reply that has not begun within the time of one telegram. It ends with OvertakenError.
@@ -13,17 +13,24 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, TypeVar
 
 from drivecomm.errors import NoReplyError, TelegramError
-from drivecomm.link.asking import Begun, carry_out, expect_late_reply, go_on, must_outwait, told
-from drivecomm.link.belief import answered
-from drivecomm.link.call import Call
+from drivecomm.link.call_context import CallContext
+from drivecomm.link.exchange_loop import (
+    PartialReply,
+    carry_out,
+    expect_late_reply,
+    must_wait_for_late_reply,
+    note_sent,
+    resume_exchange,
+)
 from drivecomm.link.health import Health
 from drivecomm.link.held_back import HeldBack
 from drivecomm.link.line_state import LineState
 from drivecomm.link.other_masters import SHARED, OtherMasters
-from drivecomm.link.peer import Peer, PeerState, TraceEvent
+from drivecomm.link.peer import DriveRecord, Peer, TraceEvent
 from drivecomm.link.port import Receive
 from drivecomm.link.probing import Probing
-from drivecomm.link.reception import LONGEST_TELEGRAM
+from drivecomm.link.reply_matching import LONGEST_TELEGRAM
+from drivecomm.link.reply_trust import note_reply
 from drivecomm.protocol import Ask, Tell
 
 if TYPE_CHECKING:
@@ -32,7 +39,7 @@ if TYPE_CHECKING:
 
     from drivecomm.link.command_order import CommandCall
     from drivecomm.link.echo import Echo
-    from drivecomm.link.port import Arrival, Steps, Talk
+    from drivecomm.link.port import Arrival, LinkSteps, Transaction
     from drivecomm.link.statistics import Statistics
     from drivecomm.protocol import Exchange, Message
 
@@ -63,7 +70,7 @@ class Link:
         self.paced = False
         self.stop_waits: Callable[[], bool] = _never
         # Other threads add drives at any time, so loops run over a copy; making a copy is one atomic step.
-        self._partners: dict[str, PeerState] = {}
+        self._partners: dict[str, DriveRecord] = {}
         self._line = LineState(trace, away, echo, guard_s, OtherMasters(self._partners, on_shared), self._partners)
         self._probing = Probing(self._line, self._partners)
 
@@ -127,7 +134,7 @@ class Link:
         now: float,
         deadline: float = _NEVER,
         command: CommandCall | None = None,
-    ) -> Steps[T]:
+    ) -> LinkSteps[T]:
         """Run an exchange with a drive and return its result. Raises what the exchange raises.
 
         A drive that was given up is probed when its probe is due, and refused with NotAnsweringError until then; a
@@ -148,7 +155,7 @@ class Link:
             return self._by_short_way(peer, partner, exchange, now, deadline, True, command, _never)
         return self._run(self._call(peer, partner, deadline, True, command, _never), exchange, now)
 
-    def _run(self, call: Call, exchange: Exchange[T], now: float) -> Steps[T]:
+    def _run(self, call: CallContext, exchange: Exchange[T], now: float) -> LinkSteps[T]:
         self._line.now, self._line.doubt = now, ""
         try:
             yield from self._prepare(call, now)
@@ -161,7 +168,7 @@ class Link:
             self._probing.fell_silent(call.peer, call.partner, now)
             raise
 
-    def _prepare(self, call: Call, now: float) -> Steps[None]:
+    def _prepare(self, call: CallContext, now: float) -> LinkSteps[None]:
         """Probe a drive that was given up, and set up a drive that was away."""
         peer, health = call.peer, call.partner.health
         if peer.probe is not None and health.given_up:
@@ -184,7 +191,7 @@ class Link:
         deadline: float = _NEVER,
         gives_way: bool = True,
         others_first: Callable[[], bool] | None = None,
-    ) -> Steps[T]:
+    ) -> LinkSteps[T]:
         """Run an exchange even with a drive that was given up or away, without a probe or set-up before it."""
         if peer.cautious is not None and not self._line.tuning.holds():
             peer = peer.cautious
@@ -193,7 +200,7 @@ class Link:
             return self._by_short_way(peer, partner, exchange, now, deadline, gives_way, None, others_first)
         return self._insist(self._call(peer, partner, deadline, gives_way, None, others_first), exchange, now)
 
-    def _insist(self, call: Call, exchange: Exchange[T], now: float) -> Steps[T]:
+    def _insist(self, call: CallContext, exchange: Exchange[T], now: float) -> LinkSteps[T]:
         self._line.now, self._line.doubt = now, ""
         try:
             return (yield from carry_out(call, exchange))
@@ -209,7 +216,7 @@ class Link:
         *,
         deadline: float = _NEVER,
         others_first: Callable[[], bool] | None = None,
-    ) -> Steps[T]:
+    ) -> LinkSteps[T]:
         """Run an exchange that stops a motor, even with a drive that was given up; it gives way to nothing.
 
         others_first: called after a failed attempt; returns whether to make no further attempt because others wait for
@@ -220,27 +227,29 @@ class Link:
     def _call(  # noqa: PLR0917 - as below
         self,
         peer: Peer,
-        partner: PeerState,
+        partner: DriveRecord,
         deadline: float,
         gives_way: bool,
         command: CommandCall | None,
         others_first: Callable[[], bool],
-    ) -> Call:
-        call = Call(self._line, peer, partner, self.paced, self.stop_waits, deadline, gives_way, command, others_first)
+    ) -> CallContext:
+        call = CallContext(
+            self._line, peer, partner, self.paced, self.stop_waits, deadline, gives_way, command, others_first
+        )
         call.may_be_held_back = gives_way
         return call
 
     def _by_short_way(  # noqa: PLR0917 - a call with names takes twice as long, and each exchange makes this one
         self,
         peer: Peer,
-        partner: PeerState,
+        partner: DriveRecord,
         exchange: Exchange[T],
         began: float,
         deadline: float,
         gives_way: bool,
         command: CommandCall | None,
         others_first: Callable[[], bool],
-    ) -> Steps[T]:
+    ) -> LinkSteps[T]:
         line, codec, telegram, timing = self._line, peer.codec, peer.telegram, peer.facts.timing
         character_s = peer.character_s
         per_character_s = character_s if self.paced else 0.0
@@ -270,7 +279,7 @@ class Link:
                     if (
                         asked.command
                         or partner.owed
-                        or (partner.unanswered and must_outwait(partner, asked, data))
+                        or (partner.unanswered and must_wait_for_late_reply(partner, asked, data))
                         or now < partner.asked_at + timing.request_interval_s
                         or now >= deadline
                         or (gives_way and self.stop_waits())
@@ -301,7 +310,7 @@ class Link:
                         break
                     line.free_at = line.sent_at = sent_at = talk.begun + wire_s
                     if type(asked) is Tell:
-                        told(line, peer, asked, data)
+                        note_sent(line, peer, asked, data)
                         reply, may_be_held_back = None, False
                         continue
                     if not came or (self.paced and now < sent_at + character_s / 2):
@@ -336,7 +345,7 @@ class Link:
                     heard = ()
                     line.heard_at = now
                     partner.last = data, came
-                    answered(line, peer, partner, len(came), now)
+                    note_reply(line, peer, partner, len(came), now)
                 except BaseException:
                     if talk.begun is not None:
                         line.now = max(line.now, talk.begun)
@@ -350,8 +359,8 @@ class Link:
                 may_be_held_back = False
             call = self._call(peer, partner, deadline, gives_way, command, others_first)
             call.may_be_held_back = may_be_held_back
-            begun = Begun(unasked, heard) if unasked or heard else None
-            return (yield from go_on(call, exchange, asked, begun))
+            begun = PartialReply(unasked, heard) if unasked or heard else None
+            return (yield from resume_exchange(call, exchange, asked, begun))
         except NoReplyError:
             self._probing.fell_silent(peer, partner, began)
             raise
@@ -362,8 +371,8 @@ class Link:
             raise
 
     def _in_pieces(
-        self, peer: Peer, talk: Talk, first: Arrival, needed: int
-    ) -> Steps[tuple[Sequence[Arrival], bytes, int]]:
+        self, peer: Peer, talk: Transaction, first: Arrival, needed: int
+    ) -> LinkSteps[tuple[Sequence[Arrival], bytes, int]]:
         """Return the pieces of a reply, all their bytes, and the number of bytes that such a telegram has.
 
         The last piece is empty if the rest does not come. The waits are the same as on the long path, which receives
@@ -382,13 +391,13 @@ class Link:
             needed = codec.measure(came, "reply")
         return pieces, came, needed
 
-    def _partner(self, peer: Peer) -> PeerState:
+    def _partner(self, peer: Peer) -> DriveRecord:
         self._line.others.speaks(peer)
         partner = self._partners.get(peer.name)
         if partner is None:
-            made = PeerState(peer.settings)
+            made = DriveRecord(peer.settings)
             if (like := self._line.newcomers.get(peer.protocol)) is not None:
-                made.owes_as(like)
+                made.copy_owed(like)
             partner = self._partners.setdefault(peer.name, made)
         elif partner.settings is not peer.settings and partner.settings != peer.settings:
             # Silence at other line settings does not count at the new ones.

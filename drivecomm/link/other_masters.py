@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
     from typing import Any
 
-    from drivecomm.link.peer import Peer, PeerState
+    from drivecomm.link.peer import DriveRecord, Peer
     from drivecomm.protocol import Codec, Direction, Message
 
 EVIDENCE = 2
@@ -46,7 +46,7 @@ _MOST_LOOKED_AT = 1024
 _MOST_TONGUES = 16
 
 
-class Question(NamedTuple):
+class OpenRequest(NamedTuple):
     """A request, ours or another master's, whose reply may still come.
 
     until: end of the time in which the reply may come. instead: requests that may get the outstanding reply in place of
@@ -57,7 +57,7 @@ class Question(NamedTuple):
     message: Message
     mismatch: Callable[[Message, Message], str]
     until: float
-    instead: tuple[Question, ...] = ()
+    instead: tuple[OpenRequest, ...] = ()
 
     def may_bring(self, reply: Message) -> bool:
         """Return whether a sound reply may be the outstanding one."""
@@ -68,7 +68,7 @@ class Question(NamedTuple):
             fits = False
         return fits or any(each.may_bring(reply) for each in self.instead)
 
-    def or_that_to(self, other: Question) -> Question:
+    def with_alternative(self, other: OpenRequest) -> OpenRequest:
         """Return this request, with another one that may get the outstanding reply in its place."""
         known = {self.data, *(each.data for each in self.instead)}
         more = tuple(each._replace(instead=()) for each in (other, *other.instead) if each.data not in known)
@@ -82,12 +82,12 @@ class OtherMasters:
     to count as shared.
     """
 
-    def __init__(self, partners: dict[str, PeerState], on_shared: Callable[[str], None] | None) -> None:
+    def __init__(self, partners: dict[str, DriveRecord], on_shared: Callable[[str], None] | None) -> None:
         self.careful_until = float("-inf")
         self._on_shared = on_shared
         self._partners = partners
-        self._tongues: dict[Any, _Tongue] = {}
-        self._asked: list[Question] = []
+        self._tongues: dict[Any, _SpokenProtocol] = {}
+        self._asked: list[OpenRequest] = []
         self._heard_at: deque[float] = deque(maxlen=EVIDENCE)
         self._shared_until = float("-inf")
         self._drives: dict[str, float] = {}
@@ -105,7 +105,7 @@ class OtherMasters:
         """Record a protocol that is spoken on this line."""
         key = peer.protocol, getattr(peer.codec, "alike", id(peer.codec))
         if len(self._tongues) < _MOST_TONGUES:
-            self._tongues.setdefault(key, _Tongue(peer.protocol, peer.codec, peer.mismatch))
+            self._tongues.setdefault(key, _SpokenProtocol(peer.protocol, peer.codec, peer.mismatch))
 
     def shared(self, now: float) -> bool:
         """Return whether the line counts as shared with another master."""
@@ -115,14 +115,14 @@ class OtherMasters:
         """Return whether a foreign telegram, even a single one, was heard within the last minute."""
         return bool(self._heard_at) and now - self._heard_at[-1] < SHARED_S
 
-    def ask_too(self, drive: str, now: float) -> bool:
+    def uses_drive(self, drive: str, now: float) -> bool:
         """Return whether another master uses this drive, too.
 
         That is assumed if the line is shared and a foreign telegram of the drive was heard within the last minute.
         """
         return self.shared(now) and now - self._drives.get(drive, float("-inf")) < SHARED_S
 
-    def may_have_asked_for(self, data: bytes, reply: Message, now: float) -> bool:
+    def may_have_requested(self, data: bytes, reply: Message, now: float) -> bool:
         """Return whether a reply may belong to a request of another master that differs from `data`."""
         if self._asked:
             self._asked = [each for each in self._asked if each.until > now]
@@ -171,7 +171,7 @@ class OtherMasters:
             # A telegram that can be read as either is usually a reply, of another protocol or of the same one.
             if not replies:
                 until = now + timing.reply_timeout_s + peer.gap_s
-                self._asked.append(Question(each.data, each.message, each.mismatch, until))
+                self._asked.append(OpenRequest(each.data, each.message, each.mismatch, until))
             # The address in a reply shows which drive the other master uses.
             self._drives[f"{each.protocol}:{getattr(each.message, 'address', '')}"] = now
         was_shared = self.shared(now)
@@ -183,7 +183,7 @@ class OtherMasters:
                 self._on_shared(SHARED)
 
 
-class _Tongue(NamedTuple):
+class _SpokenProtocol(NamedTuple):
     """A protocol that is spoken on a line."""
 
     protocol: str
@@ -201,7 +201,7 @@ class _Reading(NamedTuple):
     protocol: str
 
 
-def _telegrams(data: bytes, tongues: Iterable[_Tongue]) -> Iterator[list[_Reading]]:
+def _telegrams(data: bytes, tongues: Iterable[_SpokenProtocol]) -> Iterator[list[_Reading]]:
     """Yield the sound telegrams in the data, in order, each with all its possible readings."""
     found: dict[tuple[int, int], list[_Reading]] = {}
     for tongue in tongues:

@@ -7,7 +7,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from drivecomm.link.health import Health
-from drivecomm.link.other_masters import STRAGGLING_S, Question
+from drivecomm.link.other_masters import STRAGGLING_S, OpenRequest
 from drivecomm.link.statistics import Statistics
 from drivecomm.protocol import LINE_ERROR
 
@@ -48,7 +48,7 @@ class TraceEvent:
     detail: str = ""
 
 
-class Written:
+class EncodeCache:
     """Cache of encoded messages, by message object: a frozen message always gives the same telegram.
 
     Equal messages are not looked up. That would take about as long as encoding, and True is equal to 1.
@@ -112,7 +112,7 @@ class Peer:
         object.__setattr__(self, "shortest", self.codec.measure(b"", "reply") or 1)
         object.__setattr__(self, "gap_s", self.facts.gap_s)
         object.__setattr__(self, "turnaround_s", self.facts.turnaround_s)
-        object.__setattr__(self, "telegram", Written(self.codec.encode).telegram)
+        object.__setattr__(self, "telegram", EncodeCache(self.codec.encode).telegram)
         if self.line_errors:
             object.__setattr__(self, "mismatch", _OrLineError(self.mismatch, self.line_errors))
             object.__setattr__(self, "line_errors", {})
@@ -153,7 +153,7 @@ def _one_of(settings: LineSettings) -> LineSettings:
     return settings
 
 
-class PeerState:
+class DriveRecord:
     """The link's record of one drive.
 
     asked_at: time of its last request. commanded_at: time of the last command that restarted its watchdog. late_until:
@@ -193,19 +193,19 @@ class PeerState:
         self.unanswered = b""
         self.surplus = False
         self.nameless = False
-        self.owed: list[Question] = []
+        self.owed: list[OpenRequest] = []
         self.last = (b"", b"")
         self.soonest_s = float("inf")
         self.latest_s = float("-inf")
 
-    def owes(self, question: Question) -> None:
+    def owes(self, question: OpenRequest) -> None:
         """Record that the reply to a request may still come; beyond the limit, the two oldest requests count as one."""
         self.owed.append(question)
         if len(self.owed) > _MOST_OWED:
             oldest = self.owed.pop(0)
-            self.owed[0] = self.owed[0].or_that_to(oldest)
+            self.owed[0] = self.owed[0].with_alternative(oldest)
 
-    def owes_as(self, other: PeerState) -> None:
+    def copy_owed(self, other: DriveRecord) -> None:
         """Copy the late replies that another drive still owes, because these replies name no drive."""
         self.late_until, self.unanswered, self.nameless = other.late_until, other.unanswered, other.nameless
         self.owed = [*other.owed]
@@ -229,7 +229,7 @@ class PeerState:
             return False
         came = self.owed[fitting[0]]
         for number in fitting[1:]:
-            self.owed[number] = self.owed[number].or_that_to(came)
+            self.owed[number] = self.owed[number].with_alternative(came)
         del self.owed[fitting[0]]
         return True
 
@@ -248,7 +248,7 @@ class PeerState:
         self.owed = [each for each in self.owed if each.until > now]
         return bool(self.owed)
 
-    def late_rivals(self, asked: Question, reply: Message) -> int:
+    def late_rivals(self, asked: OpenRequest, reply: Message) -> int:
         """Return the number of outstanding replies to other requests that may look like this reply.
 
         This reply may be one of them; the reply to its own request is then outstanding in its place, which is recorded.
@@ -259,5 +259,5 @@ class PeerState:
             if (each.data != asked.data or each.instead) and each.may_bring(reply)
         ]
         for number in rivals:
-            self.owed[number] = self.owed[number].or_that_to(asked)
+            self.owed[number] = self.owed[number].with_alternative(asked)
         return len(rivals)

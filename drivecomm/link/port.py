@@ -130,7 +130,7 @@ class Wait(NamedTuple):
     gives_way: bool = False
 
 
-class Talk:
+class Transaction:
     """Effect that sends a request when the line is free and waits for its reply; most exchanges need nothing else.
 
     The runner waits until `free_at`, even if a stop waits. If bytes have come unasked by then, it returns them and
@@ -162,7 +162,7 @@ class Talk:
 
 
 SingleEffect: TypeAlias = Configure | Send | Receive | Wait
-Effect: TypeAlias = SingleEffect | Talk
+Effect: TypeAlias = SingleEffect | Transaction
 
 
 class Arrival(NamedTuple):
@@ -173,15 +173,17 @@ class Arrival(NamedTuple):
     note: str = ""
 
 
-Steps: TypeAlias = Generator[Effect, Arrival, T]
+LinkSteps: TypeAlias = Generator[Effect, Arrival, T]
 
 
-def taken_apart(steps: Steps[T], now: float) -> Generator[SingleEffect, Arrival, T]:
-    """Run steps that begin at this time, with each `Talk` split into the single effects that it stands for."""
+def split_transactions(steps: LinkSteps[T], now: float) -> Generator[SingleEffect, Arrival, T]:
+    """Run steps that begin at this time, with each `Transaction` split into the single effects that it stands for."""
     try:
         effect = next(steps)
         while True:
-            arrival = (yield from _in_single_effects(effect, now)) if isinstance(effect, Talk) else (yield effect)
+            arrival = (
+                (yield from _in_single_effects(effect, now)) if isinstance(effect, Transaction) else (yield effect)
+            )
             now = arrival.time
             effect = steps.send(arrival)
     except StopIteration as finished:
@@ -191,7 +193,7 @@ def taken_apart(steps: Steps[T], now: float) -> Generator[SingleEffect, Arrival,
         steps.close()
 
 
-def _in_single_effects(talk: Talk, now: float) -> Generator[SingleEffect, Arrival, Arrival]:
+def _in_single_effects(talk: Transaction, now: float) -> Generator[SingleEffect, Arrival, Arrival]:
     if now < talk.free_at:
         now = (yield Wait(talk.free_at)).time
     unasked = yield Receive(now)

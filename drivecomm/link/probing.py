@@ -5,35 +5,35 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import NoReplyError, NotAnsweringError, ReplyError
-from drivecomm.link.asking import carry_out
+from drivecomm.link.exchange_loop import carry_out
 from drivecomm.link.health import PROBE_S, ProbingTime
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.link.call import Call
+    from drivecomm.link.call_context import CallContext
     from drivecomm.link.line_state import LineState
-    from drivecomm.link.peer import Peer, PeerState
-    from drivecomm.link.port import Steps
+    from drivecomm.link.peer import DriveRecord, Peer
+    from drivecomm.link.port import LinkSteps
     from drivecomm.protocol import Exchange
 
 
 class Probing:
     """Prober of the silent drives of one line. partners: records of all drives of the line, by name."""
 
-    def __init__(self, line: LineState, partners: dict[str, PeerState]) -> None:
+    def __init__(self, line: LineState, partners: dict[str, DriveRecord]) -> None:
         self._line = line
         self._partners = partners
         self._took_s = PROBE_S
 
-    def fell_silent(self, peer: Peer, partner: PeerState, began: float) -> None:
+    def fell_silent(self, peer: Peer, partner: DriveRecord, began: float) -> None:
         """Record that a call which began at `began` got no reply; the drive may be given up because of it."""
         line = self._line
         if partner.health.fell_silent(began, line.now, self._time().least_pause_s(self._took_s)):
             line.note(peer, "note", detail="does not answer; it is asked again now and then")
             line.away(peer.name)
 
-    def probe(self, call: Call, probe: Callable[[], Exchange[None]]) -> Steps[None]:
+    def probe(self, call: CallContext, probe: Callable[[], Exchange[None]]) -> LinkSteps[None]:
         """Probe a drive that was given up. Raises NotAnsweringError if the probe is not due yet, or gets no reply."""
         line, peer, partner = self._line, call.peer, call.partner
         health, began = partner.health, line.now

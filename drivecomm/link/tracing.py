@@ -28,7 +28,7 @@ ARROWS = {
 """Signs for trace events, for the direction of a telegram, and for the sender of bytes."""
 
 
-def tell_all(*traces: Callable[[TraceEvent], None] | None) -> Callable[[TraceEvent], None] | None:
+def combine_traces(*traces: Callable[[TraceEvent], None] | None) -> Callable[[TraceEvent], None] | None:
     """Return a trace function that calls all of these in order; None if all of them are None."""
     listening = [trace for trace in traces if trace is not None]
     if len(listening) < 2:

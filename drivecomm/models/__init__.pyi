@@ -1,5 +1,5 @@
 from .check import check_model as check_model
-from .drawn import Fact as Fact, draw as draw, facts as facts
+from .fact_samples import Fact as Fact, facts as facts, sample_facts as sample_facts
 from .files import (
     load_model as load_model,
     model_names as model_names,
@@ -22,9 +22,9 @@ from .quantities import (
     Quantity as Quantity,
     converted as converted,
     factor_between as factor_between,
-    not_said as not_said,
     parameter_at as parameter_at,
     quantities as quantities,
+    unmapped_name_error as unmapped_name_error,
 )
 from .rules import link_loss_of as link_loss_of
 from .schema import PARAMETER_KEYS as PARAMETER_KEYS, TABLES as TABLES, TEXTS as TEXTS

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.errors import FileFormatError, ProtocolLoadError, UnknownProtocolError
 from drivecomm.models.files import ModelFile, assembled, base_of, open_model_file, packaged_models, parameter_of
 from drivecomm.models.proofs import broken_proofs
-from drivecomm.models.rules import Given, broken_rules
+from drivecomm.models.rules import OwnContent, broken_rules
 from drivecomm.models.schema import Mistake, mistakes_in
 from drivecomm.models.setup_rules import broken_setup
 from drivecomm.models.support import unsupported
@@ -112,7 +112,7 @@ def _mistakes(file: ModelFile, plugin: Protocol | None) -> Iterator[Mistake]:
         return
     model = assembled({**content, "parameter": [entry for _, entry in entries]}, base)
     own = [(number, parameter_of(entry)) for number, entry in entries]
-    given = Given(
+    given = OwnContent(
         parameters=own,
         quantities=content.get("quantities", {}),
         watchdog="watchdog" in content,

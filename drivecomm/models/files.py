@@ -12,11 +12,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from drivecomm.errors import FileFormatError, UsageError, meant, shortened
-from drivecomm.models.proofs import taken_over, with_proofs, without_proofs
+from drivecomm.errors import FileFormatError, UsageError, shortened, suggestion
+from drivecomm.models.proofs import inherited_proofs, with_proofs, without_proofs
 from drivecomm.models.schema import EXACT, PARAMETER_KEYS, PLAIN, TEXT_TYPES, Mistake, code_in, mistakes_in, number_in
 from drivecomm.protocol import WATCHDOG_PROOF, Model, PanelSetting, ParameterInfo, Watchdog
-from drivecomm.tomlfile import Places, parse_toml, read_text_file
+from drivecomm.tomlfile import LinePositions, parse_toml, read_text_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -32,7 +32,7 @@ _SETTLED_NS = 50_000_000
 """Minimum age of a file's time in nanoseconds: a newer file may be written again without a change of its time."""
 
 
-class _Kept(NamedTuple):
+class _CachedModel(NamedTuple):
     """A model in the cache: the state of its file, its base's name, its base, and the model itself."""
 
     state: tuple[int, ...]
@@ -41,7 +41,7 @@ class _Kept(NamedTuple):
     model: Model
 
 
-_kept: dict[tuple[Path, str], _Kept] = {}
+_model_cache: dict[tuple[Path, str], _CachedModel] = {}
 
 
 def load_model(package: str, protocol: str, model: str | Path | Model) -> Model:
@@ -57,7 +57,7 @@ def load_model(package: str, protocol: str, model: str | Path | Model) -> Model:
         return read_model(Path(model), protocol, package)
     path = next(_files_named(package, protocol, model), None)
     if path is None:
-        known = meant(model, model_names(package, protocol), "it has")
+        known = suggestion(model, model_names(package, protocol), "it has")
         raise UsageError(f"{protocol} has no model {shortened(model)}; {known}, or name a .toml file")
     return read_model(path, protocol, package)
 
@@ -96,7 +96,7 @@ class ModelFile:
 
     path: Path
     content: Mapping[str, Any]
-    places: Places
+    places: LinePositions
 
     def line_of(self, mistake: Mistake) -> int:
         """Return the line of a mistake."""
@@ -110,7 +110,7 @@ class ModelFile:
 def open_model_file(path: Path) -> ModelFile:
     """Read a file without checking its content. Raises FileFormatError if the file is missing or not TOML."""
     text = read_text_file(path, "a model")
-    return ModelFile(path, parse_toml(text, f"{path}: cannot be read as a model"), Places(text))
+    return ModelFile(path, parse_toml(text, f"{path}: cannot be read as a model"), LinePositions(text))
 
 
 def base_of(file: ModelFile, protocol: str, package: str, extended_by: Sequence[Path] = ()) -> Model | None:
@@ -159,7 +159,7 @@ def assembled(content: Mapping[str, Any], base: Model | None) -> Model:
         extends=base.name if base else "",
     )
     own = {known.address for known in parameters}
-    known_before = {} if proved is None else taken_over(proved)
+    known_before = {} if proved is None else inherited_proofs(proved)
     inherited = {address: each for address, each in known_before.items() if address not in own}
     if silence is None:
         inherited.pop(WATCHDOG_PROOF, None)
@@ -192,7 +192,7 @@ def _setup(content: Mapping[str, Any], base: Model | None) -> tuple[PanelSetting
 
 def _read(path: Path, protocol: str, package: str, extended_by: Sequence[Path]) -> Model:
     state = _state(path)
-    kept = _kept.get((path, protocol))
+    kept = _model_cache.get((path, protocol))
     if kept is not None and kept.state == state:
         base = _base(path, kept.extends, protocol, package, extended_by)
         if base is kept.base:
@@ -204,7 +204,7 @@ def _read(path: Path, protocol: str, package: str, extended_by: Sequence[Path]) 
     base = base_of(file, protocol, package, extended_by)
     model = assembled(file.content, base)
     if state:
-        _kept[path, protocol] = _Kept(state, file.content.get("extends"), base, model)
+        _model_cache[path, protocol] = _CachedModel(state, file.content.get("extends"), base, model)
     return model
 
 

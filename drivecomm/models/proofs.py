@@ -10,7 +10,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import UsageError, near, shortened
+from drivecomm.errors import UsageError, did_you_mean, shortened
 from drivecomm.models.quantities import parameter_at
 from drivecomm.models.schema import Mistake
 from drivecomm.models.support import addresses_behind
@@ -56,7 +56,7 @@ def with_confirmed(model: Model | None, names: Iterable[str]) -> Model:
         if info is None:
             known = sorted({*model.quantities, *(each.name for each in parameters.values())})
             wrong = f"model {model.name} has no parameter {shortened(name)} that could be confirmed"
-            raise UsageError(f"{wrong}; {near(name, known) or 'drivecomm models show lists them'}")
+            raise UsageError(f"{wrong}; {did_you_mean(name, known) or 'drivecomm models show lists them'}")
         if info.sure == "contradicted":
             raise UsageError(f"{name} cannot be confirmed, because {info.proof} contradicts it; correct it in a model")
         parameters[info.address] = replace(info, sure="drive", proof="confirmed for this drive")
@@ -74,7 +74,7 @@ def without_proofs(model: Model) -> Model:
     return replace(model, parameters=MappingProxyType(parameters), watchdog=watchdog, proofs=MappingProxyType({}))
 
 
-def taken_over(base: Model) -> Mapping[str, Mapping[str, Any]]:
+def inherited_proofs(base: Model) -> Mapping[str, Mapping[str, Any]]:
     """Return the proofs of a model that another series inherits: contradicted facts."""
     return {
         address: {"sure": each.sure, "proof": each.proof}

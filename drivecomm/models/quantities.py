@@ -81,7 +81,7 @@ def parameter_at(address: str, model: Model) -> ParameterInfo | None:
     return model.find(address) or model.find(address.partition("[")[0])
 
 
-def not_said(name: str, model: Model | None) -> ParameterAddressError:
+def unmapped_name_error(name: str, model: Model | None) -> ParameterAddressError:
     """Return the error for a common name that a drive's model does not map."""
     whose = f"model {model.name} does" if model else "a drive without a model does"
     return ParameterAddressError(f"{whose} not say which parameter is the {name}; give its address")

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import near
+from drivecomm.errors import did_you_mean
 from drivecomm.models.quantities import factor_between, parameter_at, quantities
 from drivecomm.models.schema import Mistake
 
@@ -25,7 +25,7 @@ _NO_SOURCE = "nothing says where it is from; name the manual and the page under 
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Given:
+class OwnContent:
     """The file's own part of a model, without the content that it takes over.
 
     parameters: with their positions in the file. quantities: as written. watchdog: whether the file has that table.
@@ -39,7 +39,7 @@ class Given:
     source: str
 
 
-def broken_rules(given: Given, model: Model, base: Model | None) -> Iterator[Mistake]:
+def broken_rules(given: OwnContent, model: Model, base: Model | None) -> Iterator[Mistake]:
     """Yield every inconsistency that this file causes; inherited ones belong to the base's file."""
     yield from _names(given, model)
     for number, info in given.parameters:
@@ -89,7 +89,7 @@ def _of(number: int, key: str, text: str) -> Mistake:
     return Mistake(text=text, key=key, table="parameter", number=number)
 
 
-def _names(given: Given, model: Model) -> Iterator[Mistake]:
+def _names(given: OwnContent, model: Model) -> Iterator[Mistake]:
     own = {info.address for _, info in given.parameters}
     names = {info.name: info.address for info in model.parameters.values() if info.address not in own}
     addresses: set[str] = set()
@@ -125,11 +125,11 @@ def _limits(number: int, info: ParameterInfo) -> Iterator[Mistake]:
         yield _of(number, "start", f"{info.start}{unit} is not within {limits}")
 
 
-def _quantities(given: Given, model: Model, base: Model | None) -> Iterator[Mistake]:
+def _quantities(given: OwnContent, model: Model, base: Model | None) -> Iterator[Mistake]:
     known = quantities()
     for name, address in given.quantities.items():
         if name not in known:
-            remedy = near(name, known) or "drivecomm models names lists them"
+            remedy = did_you_mean(name, known) or "drivecomm models names lists them"
             yield Mistake(table="quantities", key=name, text=f"no common name; {remedy}")
         elif not address and (base is None or name not in base.quantities):
             yield Mistake(table="quantities", key=name, text="is empty, and no other model has mapped it before")
@@ -164,11 +164,11 @@ def _misfits(name: str, info: ParameterInfo) -> Iterator[str]:
 
 
 def _unknown(address: str, model: Model) -> str:
-    remedy = near(address, {*model.parameters, *(info.name for info in model.parameters.values())})
+    remedy = did_you_mean(address, {*model.parameters, *(info.name for info in model.parameters.values())})
     return f"there is no parameter {address!r}" + (f"; {remedy}" if remedy else "")
 
 
-def _watchdog(watchdog: Watchdog, given: Given, model: Model) -> Iterator[Mistake]:
+def _watchdog(watchdog: Watchdog, given: OwnContent, model: Model) -> Iterator[Mistake]:
     for key, address in (("time", watchdog.time), ("action", watchdog.action)):
         info = parameter_at(address, model)
         if key == "action" and not address:

@@ -13,7 +13,7 @@ from drivecomm.errors import (
     ParameterAddressError,
     UsageError,
     ValueRefusedError,
-    near,
+    did_you_mean,
     unknown_key,
 )
 from drivecomm.models.files import load_model
@@ -38,7 +38,7 @@ def wrong_options(options: Mapping[str, Any], plugin: Protocol) -> Iterator[Mist
     for name, value in options.items():
         kind = kinds.get(name)
         if name not in allowed:
-            remedy = near(name, allowed) or f"they have {', '.join(sorted(own)) or 'none of their own'}"
+            remedy = did_you_mean(name, allowed) or f"they have {', '.join(sorted(own)) or 'none of their own'}"
             text = f"{plugin.name} drives have no such option; {remedy}"
         elif kind is not None and (not isinstance(value, kind) or (isinstance(value, bool) and bool not in kind)):
             text = f"cannot be {value!r}"

@@ -3,8 +3,8 @@ from .files import read_plant as read_plant
 from .line_faults import (
     TRANSMISSION_FAULTS as TRANSMISSION_FAULTS,
     UNDISTURBED as UNDISTURBED,
-    Fault as Fault,
     FaultPlan as FaultPlan,
+    LineFault as LineFault,
     PowerCut as PowerCut,
     disturbed as disturbed,
 )
@@ -24,16 +24,16 @@ from .scanned import (
     scanned_text as scanned_text,
 )
 from .script import (
-    Condition as Condition,
+    FaultWindow as FaultWindow,
     InjectStep as InjectStep,
-    Noise as Noise,
+    LineNoise as LineNoise,
     Of as Of,
     PowerCutStep as PowerCutStep,
-    Step as Step,
+    ScriptStep as ScriptStep,
     StuckStep as StuckStep,
     TelegramFault as TelegramFault,
+    TripCondition as TripCondition,
     TripStep as TripStep,
-    Window as Window,
     kind_named as kind_named,
 )
 from .script_files import Faults as Faults, bytes_of as bytes_of, read_fault as read_fault, script_of as script_of
@@ -51,5 +51,5 @@ from .tag_table import (
     model_of as model_of,
     tag_cells as tag_cells,
 )
-from .thinning import Outline as Outline
+from .thinning import SpanOutline as SpanOutline
 from .writing import plant_text as plant_text

@@ -7,7 +7,7 @@ from copy import deepcopy
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import FileFormatError
-from drivecomm.tomlfile import parse_toml, read_text_file, toml_line, toml_value, write_whole
+from drivecomm.tomlfile import parse_toml, read_text_file, toml_line, toml_value, write_atomically
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -39,7 +39,7 @@ def write_options(file: Path, number: int, options: Mapping[str, Any]) -> None:
     if not done:
         lines = ", ".join(toml_line(key, value) for key, value in options.items())
         raise FileFormatError(f"{file}: the options of drive {number + 1} cannot be changed; write there: {lines}")
-    write_whole(file, changed)
+    write_atomically(file, changed)
 
 
 def with_line_named(text: str, line: str) -> str:

@@ -80,7 +80,7 @@ from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.line import STATUS
 from drivecomm.plant.groups import check_apart, checked_groups
 from drivecomm.plant.plant import Plant, PlantLine
-from drivecomm.plant.script import Noise, kind_named
+from drivecomm.plant.script import LineNoise, kind_named
 from drivecomm.plant.script_files import errors_in, fault_of
 from drivecomm.protocol import (
     DriveConfig,
@@ -110,7 +110,7 @@ from drivecomm.tomlfile import (
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from drivecomm.tomlfile import Table
+    from drivecomm.tomlfile import TomlTable
 
 _ADDRESS = re.compile(r"[a-z0-9-]+:[0-9]+")
 _TOP = {
@@ -191,7 +191,7 @@ def read_plant(path: Path) -> Plant:
         raise FileFormatError(f"{path}: {error}") from error
 
 
-def _line(table: Table) -> PlantLine:
+def _line(table: TomlTable) -> PlantLine:
     given = table.take(_LINE, "name")
     given.pop("backup", None)
     with errors_in(table):
@@ -202,14 +202,14 @@ def _line(table: Table) -> PlantLine:
         return PlantLine(**given, settings=settings)
 
 
-def _noise(table: Table) -> Noise:
+def _noise(table: TomlTable) -> LineNoise:
     given = table.take(_NOISE, "rate")
     if "kinds" in given:
         given["kinds"] = tuple(kind_named(str(name)) for name in given["kinds"])
-    return Noise(**given)
+    return LineNoise(**given)
 
 
-def _drive(table: Table, only_line: str) -> DriveConfig:
+def _drive(table: TomlTable, only_line: str) -> DriveConfig:
     given = {"line": only_line, **table.take(_DRIVE, *(["drive"] if only_line else ["drive", "line"]))}
     given.pop("backup", None)
     for key, kind in (("values", RAW), ("motor", NUMBER)):
@@ -235,7 +235,7 @@ def _drive(table: Table, only_line: str) -> DriveConfig:
         return replace(drive, **given)
 
 
-def _told_apart(drive: DriveConfig, before: tuple[DriveConfig, ...], table: Table) -> DriveConfig:
+def _told_apart(drive: DriveConfig, before: tuple[DriveConfig, ...], table: TomlTable) -> DriveConfig:
     """Return a drive. Raises FileFormatError if another drive has its name or its place."""
     if _ADDRESS.fullmatch(drive.name) and drive.name != str(drive):
         what = f"{drive} is named as if it were {drive.name}; give it another name, or leave the name out"
@@ -247,20 +247,20 @@ def _told_apart(drive: DriveConfig, before: tuple[DriveConfig, ...], table: Tabl
     return drive
 
 
-def _network(table: Table) -> NetworkAccess:
+def _network(table: TomlTable) -> NetworkAccess:
     for key, listed in table.take(dict.fromkeys(table.content, LIST)).items():
         _texts(table, key, listed, '["start", "reset"]')
     lists = {key: tuple(listed) for key, listed in table.content.items()}
     return NetworkAccess(write=lists.pop("write", ()), verbs=lists)
 
 
-def _texts(table: Table, key: str, listed: list[Any], such_as: str) -> tuple[str, ...]:
+def _texts(table: TomlTable, key: str, listed: list[Any], such_as: str) -> tuple[str, ...]:
     if not all(isinstance(each, str) for each in listed):
         raise table.error(f"{key} holds texts in quotes, such as {such_as}", key)
     return tuple(listed)
 
 
-def _tags(table: Table, poll: tuple[PollGroup, ...]) -> dict[str, Tag]:
+def _tags(table: TomlTable, poll: tuple[PollGroup, ...]) -> dict[str, Tag]:
     polled = {STATUS, *(name for group in poll for name in group.parameters)}
     tags = {}
     for name in table.content:
@@ -271,19 +271,19 @@ def _tags(table: Table, poll: tuple[PollGroup, ...]) -> dict[str, Tag]:
     return tags
 
 
-def _machine(table: Table) -> MachineUnit:
+def _machine(table: TomlTable) -> MachineUnit:
     with errors_in(table):
         return MachineUnit(**table.take(_MACHINE, "unit"))
 
 
-def _poll(table: Table) -> tuple[PollGroup, ...]:
+def _poll(table: TomlTable) -> tuple[PollGroup, ...]:
     for each in table.content["poll"]:
         if not isinstance(each, dict):
             raise table.error(f'poll cannot hold {each!r}; write {{ parameters = ["output_frequency"] }}', "poll")
     return tuple(_poll_group(each) for each in table.tables("poll"))
 
 
-def _poll_group(table: Table) -> PollGroup:
+def _poll_group(table: TomlTable) -> PollGroup:
     given: dict[str, Any] = table.take(_POLL, "parameters")
     if not all(isinstance(each, str) for each in given["parameters"]):
         raise table.error('parameters are texts in quotes, such as ["481", "output_current"]', "parameters")

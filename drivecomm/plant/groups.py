@@ -8,12 +8,12 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from drivecomm.protocol import DriveConfig
-    from drivecomm.tomlfile import Table
+    from drivecomm.tomlfile import TomlTable
 
 _KEY = "groups"
 
 
-def checked_groups(names: Sequence[str], table: Table) -> tuple[str, ...]:
+def checked_groups(names: Sequence[str], table: TomlTable) -> tuple[str, ...]:
     """Return the groups of a drive. Raises FileFormatError for an invalid name and for a name given twice.
 
     table: table of the drive.
@@ -26,7 +26,7 @@ def checked_groups(names: Sequence[str], table: Table) -> tuple[str, ...]:
     return tuple(names)
 
 
-def check_apart(drives: Sequence[DriveConfig], tables: Sequence[Table]) -> None:
+def check_apart(drives: Sequence[DriveConfig], tables: Sequence[TomlTable]) -> None:
     """Raise FileFormatError for a group that has the name of a drive. tables: of these drives, in the same order."""
     names = {drive.name for drive in drives}
     for drive, table in zip(drives, tables, strict=True):

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import LineSettings
 
 
-class Fault(Enum):
+class LineFault(Enum):
     """Kinds of faults on a line.
 
     Faults of a transmission, DROP: nothing arrives. CORRUPT: one character is changed. TRUNCATE: the end is missing.
@@ -37,7 +37,7 @@ class Fault(Enum):
     POWER = "power"
 
 
-TRANSMISSION_FAULTS = (Fault.DROP, Fault.CORRUPT, Fault.TRUNCATE, Fault.DELAY, Fault.DUPLICATE)
+TRANSMISSION_FAULTS = (LineFault.DROP, LineFault.CORRUPT, LineFault.TRUNCATE, LineFault.DELAY, LineFault.DUPLICATE)
 """Faults of a telegram on the wires."""
 
 
@@ -72,7 +72,7 @@ class FaultPlan:
 
     rate: float
     seed: int = 0
-    kinds: Sequence[Fault] = TRANSMISSION_FAULTS
+    kinds: Sequence[LineFault] = TRANSMISSION_FAULTS
     requests: bool = True
     replies: bool = True
     delay_s: float = 1.0
@@ -82,7 +82,7 @@ class FaultPlan:
     outage_s: float = 2.0
     factory: LineSettings | None = None
     mismatch_s: float = 3.0
-    happened: dict[Fault, int] = field(default_factory=dict)
+    happened: dict[LineFault, int] = field(default_factory=dict)
     _random: Random = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -98,24 +98,24 @@ class FaultPlan:
 
     def echo(self, data: bytes) -> bytes:
         """Return the echo of a master's transmission from an adapter that echoes."""
-        fault = self._draw(Fault.ECHO_PARTIAL, Fault.ECHO_NOISY)
-        if fault is Fault.ECHO_PARTIAL:
+        fault = self._draw(LineFault.ECHO_PARTIAL, LineFault.ECHO_NOISY)
+        if fault is LineFault.ECHO_PARTIAL:
             first = self._random.randrange(len(data))
             return data[:first] + data[self._random.randint(first + 1, len(data)) :]
-        if fault is Fault.ECHO_NOISY:
+        if fault is LineFault.ECHO_NOISY:
             for _ in range(self._random.randint(1, 3)):
                 data = _corrupted(data, self._random, self.bits)
         return data
 
     def foreign(self) -> list[tuple[float, bytes]]:
         """Return foreign telegrams around a transmission, as delays in seconds from its beginning and bytes."""
-        if not self.traffic or self._draw(Fault.FOREIGN) is None:
+        if not self.traffic or self._draw(LineFault.FOREIGN) is None:
             return []
         return [(self._random.uniform(0, self.traffic_within_s), self._random.choice(self.traffic))]
 
     def power(self) -> PowerCut | None:
         """Return the power cut of the drive that now begins to answer, None for no power cut."""
-        if self._draw(Fault.POWER) is None:
+        if self._draw(LineFault.POWER) is None:
             return None
         return PowerCut(
             share=self._random.random(),
@@ -124,7 +124,7 @@ class FaultPlan:
             mismatch_s=self._random.uniform(0, self.mismatch_s),
         )
 
-    def _draw(self, *possible: Fault) -> Fault | None:
+    def _draw(self, *possible: LineFault) -> LineFault | None:
         """Return the fault that happens now if it is one of these kinds, otherwise None."""
         if not self.rate or not any(kind in possible for kind in self.kinds) or self._random.random() >= self.rate:
             return None
@@ -138,22 +138,22 @@ class FaultPlan:
         fault = self._draw(*TRANSMISSION_FAULTS)
         if fault is None:
             return [(0.0, data)]
-        if fault is Fault.DELAY:
+        if fault is LineFault.DELAY:
             return [(self._random.uniform(0, self.delay_s), data)]
         return disturbed(fault, data, self._random, bits=self.bits)
 
 
 def disturbed(
-    fault: Fault, data: bytes, random: Random, *, delay_s: float = 0.0, bits: int = 8
+    fault: LineFault, data: bytes, random: Random, *, delay_s: float = 0.0, bits: int = 8
 ) -> list[tuple[float, bytes]]:
     """Return the bytes that arrive of a faulty transmission, with delays in seconds. delay_s: delay of Fault.DELAY."""
-    if fault is Fault.DROP:
+    if fault is LineFault.DROP:
         return []
-    if fault is Fault.CORRUPT:
+    if fault is LineFault.CORRUPT:
         return [(0.0, _corrupted(data, random, bits))]
-    if fault is Fault.TRUNCATE:
+    if fault is LineFault.TRUNCATE:
         return [(0.0, data[: random.randrange(len(data))])]
-    if fault is Fault.DELAY:
+    if fault is LineFault.DELAY:
         return [(delay_s, data)]
     return [(0.0, data), (0.0, data)]
 

@@ -9,13 +9,13 @@ from collections import Counter
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from drivecomm.errors import UsageError, meant, near
-from drivecomm.line import STATUS, Plan, PollItem, items_of
+from drivecomm.errors import UsageError, did_you_mean, suggestion
+from drivecomm.line import STATUS, PollItem, PollPlan, items_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from drivecomm.plant.script import Noise, Step
+    from drivecomm.plant.script import LineNoise, ScriptStep
     from drivecomm.protocol import DriveConfig
 
 
@@ -39,7 +39,7 @@ class PlantLine:
     echo: bool = False
     paced: bool = True
     settings: Mapping[str, Any] = field(default_factory=dict, hash=False)
-    noise: Noise | None = None
+    noise: LineNoise | None = None
 
     def __post_init__(self) -> None:
         if not self.name:
@@ -79,7 +79,7 @@ class Plant:
 
     lines: tuple[PlantLine, ...]
     drives: tuple[DriveConfig, ...] = ()
-    script: tuple[Step, ...] = ()
+    script: tuple[ScriptStep, ...] = ()
     file: str = field(default="", compare=False)
     content: bytes = field(default=b"", repr=False, compare=False)
     read_s: float | None = field(default=None, repr=False, compare=False)
@@ -128,7 +128,7 @@ class Plant:
         """Return the drives of a group, in the order of the file. Raises UsageError."""
         groups = self.groups
         if name not in groups:
-            known = meant(name, groups, "it has")
+            known = suggestion(name, groups, "it has")
             raise UsageError(f"{self._in_file}there is no group {name!r} in this plant; {known}")
         return groups[name]
 
@@ -166,7 +166,7 @@ class Plant:
         """Return the same plant with only these drives, and without its faults, which may concern other drives."""
         return replace(self, drives=tuple(drives), script=())
 
-    def poll_plan(self) -> Plan:
+    def poll_plan(self) -> PollPlan:
         """Return the poll plan of the drives, for a master. Raises UsageError if nothing is polled."""
         reads: list[PollItem[Any]] = []
         for drive in self.drives:
@@ -176,9 +176,9 @@ class Plant:
                 f'{self._in_file}nothing is polled; write poll = [{{ parameters = ["output_frequency"] }}] in a drive, '
                 "or name drives and parameters"
             )
-        return Plan(reads=tuple(reads))
+        return PollPlan(reads=tuple(reads))
 
-    def served_plan(self, status_period_s: float) -> Plan:
+    def served_plan(self, status_period_s: float) -> PollPlan:
         """Return the poll plan of a server: the status of each drive once per period, and the polled values.
 
         Raises UsageError for a plant without drives.
@@ -188,15 +188,15 @@ class Plant:
             reached = self.line(drive.line).reached(drive)
             reads.append(PollItem(drive=reached, parameter=STATUS, period_s=status_period_s, priority=1))
             reads += items_of(drive.poll, reached)
-        return Plan(reads=tuple(reads))
+        return PollPlan(reads=tuple(reads))
 
     def _meant(self, name: str) -> str:
         """Return a suggestion for a mistyped name, and the names of all drives and groups."""
         names, groups = [*map(_name, self.drives)], [*self.groups]
         if not groups:
-            return meant(name, names, "it has")
+            return suggestion(name, names, "it has")
         there = f"it has {', '.join(names)}, and the groups {', '.join(groups)}"
-        question = near(name, [*names, *groups])
+        question = did_you_mean(name, [*names, *groups])
         return f"{question} {there[0].upper()}{there[1:]}" if question else there
 
     @property
@@ -215,4 +215,4 @@ def _named(name: str, known: Sequence[_Named], refusal: str) -> _Named:
     for each in known:
         if each.name == name:
             return each
-    raise UsageError(f"{refusal} {name!r} in this plant; {meant(name, [*map(_name, known)], 'it has')}")
+    raise UsageError(f"{refusal} {name!r} in this plant; {suggestion(name, [*map(_name, known)], 'it has')}")

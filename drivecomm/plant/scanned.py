@@ -14,7 +14,7 @@ from drivecomm.plant.editing import with_line_named
 from drivecomm.plant.files import read_plant
 from drivecomm.plant.plant import Plant, PlantLine
 from drivecomm.plant.writing import drive_text, line_text, plant_text
-from drivecomm.tomlfile import parse_toml, read_text_file, write_whole
+from drivecomm.tomlfile import parse_toml, read_text_file, write_atomically
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Sequence
@@ -107,7 +107,7 @@ def add_scanned(file: Path, lines: Iterable[ScannedLine]) -> Sequence[DriveConfi
     changed = "\n".join([text.rstrip("\n") + "\n", *parts])
     _check_adds(file, changed, plant, added)
     if parts:
-        write_whole(file, changed)
+        write_atomically(file, changed)
     return added
 
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, fields
 from math import inf
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
-from drivecomm.errors import UsageError, meant
-from drivecomm.plant.line_faults import TRANSMISSION_FAULTS, Fault, FaultPlan
+from drivecomm.errors import UsageError, suggestion
+from drivecomm.plant.line_faults import TRANSMISSION_FAULTS, FaultPlan, LineFault
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -23,12 +23,12 @@ LARGEST_CODE = 0xFFFF
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Noise:
+class LineNoise:
     """Permanent random disturbance of a line; the fields are those of `FaultPlan`."""
 
     rate: float
     seed: int = 0
-    kinds: tuple[Fault, ...] = TRANSMISSION_FAULTS
+    kinds: tuple[LineFault, ...] = TRANSMISSION_FAULTS
     requests: bool = True
     replies: bool = True
     delay_s: float = 1.0
@@ -37,7 +37,7 @@ class Noise:
     def __post_init__(self) -> None:
         _share(self.rate)
         _not_negative("delay_s", self.delay_s)
-        if not self.kinds or Fault.FOREIGN in self.kinds:
+        if not self.kinds or LineFault.FOREIGN in self.kinds:
             raise UsageError(f"invalid kinds; write one or more of {', '.join(_NOISE)}")
         if not 1 <= self.bits <= 8:
             raise UsageError(f"bits = {self.bits} is not between 1 and 8")
@@ -48,7 +48,7 @@ class Noise:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Window:
+class FaultWindow:
     """Time span in which a fault is active, from from_s up to until_s."""
 
     from_s: float = 0.0
@@ -73,7 +73,7 @@ class TelegramFault:
     telegram.
     """
 
-    kind: Fault
+    kind: LineFault
     line: str = ""
     drive: str = ""
     of: Of | None = None
@@ -82,7 +82,7 @@ class TelegramFault:
     rate: float | None = None
     seed: int = 0
     delay_s: float = 1.0
-    window: Window = field(default_factory=Window)
+    window: FaultWindow = field(default_factory=FaultWindow)
 
     def __post_init__(self) -> None:
         if bool(self.line) == bool(self.drive):
@@ -126,7 +126,7 @@ class PowerCutStep:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Condition:
+class TripCondition:
     """Value of a parameter, as a master reads it, above or below a limit for for_s seconds without a break."""
 
     parameter: str
@@ -151,7 +151,7 @@ class TripStep:
     drive: str
     code: int
     at_s: float | None = None
-    when: Condition | None = None
+    when: TripCondition | None = None
 
     def __post_init__(self) -> None:
         if not 1 <= self.code <= LARGEST_CODE:
@@ -172,7 +172,7 @@ class StuckStep:
     drive: str
     parameter: str
     value: float | str
-    window: Window = field(default_factory=Window)
+    window: FaultWindow = field(default_factory=FaultWindow)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -189,21 +189,21 @@ class InjectStep:
             raise UsageError("no bytes to inject")
 
 
-Step: TypeAlias = TelegramFault | PowerCutStep | TripStep | StuckStep | InjectStep
+ScriptStep: TypeAlias = TelegramFault | PowerCutStep | TripStep | StuckStep | InjectStep
 """Fault of a plant, at one time or for a time span."""
 
 
-def kind_named(name: str) -> Fault:
+def kind_named(name: str) -> LineFault:
     """Return the kind of fault with this name, such as drop. Raises UsageError."""
     try:
-        return Fault(name)
+        return LineFault(name)
     except ValueError:
-        known = meant(name, _NOISE, "write one of")
+        known = suggestion(name, _NOISE, "write one of")
         raise UsageError(f"unknown kind of fault {name!r}; {known}") from None
 
 
 # Foreign traffic needs bytes, which a script gives with `inject`.
-_NOISE = tuple(kind.value for kind in Fault if kind is not Fault.FOREIGN)
+_NOISE = tuple(kind.value for kind in LineFault if kind is not LineFault.FOREIGN)
 
 
 def _share(rate: float) -> None:

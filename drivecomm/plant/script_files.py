@@ -7,19 +7,19 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from drivecomm.errors import DriveCommError, FileFormatError, UsageError, shortened
-from drivecomm.plant.line_faults import Fault
+from drivecomm.plant.line_faults import LineFault
 from drivecomm.plant.script import (
-    Condition,
+    FaultWindow,
     InjectStep,
     PowerCutStep,
-    Step,
+    ScriptStep,
     StuckStep,
     TelegramFault,
+    TripCondition,
     TripStep,
-    Window,
     kind_named,
 )
-from drivecomm.tomlfile import CHOICE, NUMBER, SECONDS, TABLE, TEXT, WHOLE, Kind, Table, parse_toml
+from drivecomm.tomlfile import CHOICE, NUMBER, SECONDS, TABLE, TEXT, WHOLE, Kind, TomlTable, parse_toml
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -45,32 +45,32 @@ _STUCK = {"parameter": TEXT, "value": _VALUE, **_WINDOW}
 _INJECT = {"data": TEXT, "at_s": SECONDS}
 
 
-Faults: TypeAlias = "str | Mapping[str, Any] | Step | Iterable[str | Mapping[str, Any] | Step]"
+Faults: TypeAlias = "str | Mapping[str, Any] | ScriptStep | Iterable[str | Mapping[str, Any] | ScriptStep]"
 """Faults of one line: each as a text, as a table with the keys of a [[fault]], or as a step."""
 
 
-def read_fault(text: str) -> Step:
+def read_fault(text: str) -> ScriptStep:
     """Read a fault from the body of a [[fault]], or from one line with commas. Raises FileFormatError."""
-    return fault_of(Table(_content(text), "the fault"))
+    return fault_of(TomlTable(_content(text), "the fault"))
 
 
-def script_of(faults: Faults, *, line: str, drives: Sequence[str], seed: int = 0) -> tuple[Step, ...]:
+def script_of(faults: Faults, *, line: str, drives: Sequence[str], seed: int = 0) -> tuple[ScriptStep, ...]:
     """Return the faults of a line as a script.
 
     A fault that names neither line nor drive is for this line, or for its drive if it has only one. A random fault
     without a seed gets this seed. Raises FileFormatError, and UsageError for an invalid fault.
     """
-    several = [faults] if isinstance(faults, str | Mapping | Step) else list(faults)
+    several = [faults] if isinstance(faults, str | Mapping | ScriptStep) else list(faults)
     return tuple(_step_of(each, line, drives, seed) for each in several)
 
 
-def _step_of(fault: object, line: str, drives: Sequence[str], seed: int) -> Step:
-    if isinstance(fault, Step):
+def _step_of(fault: object, line: str, drives: Sequence[str], seed: int) -> ScriptStep:
+    if isinstance(fault, ScriptStep):
         return fault
     if not isinstance(fault, str | Mapping):
         raise UsageError(f'{shortened(fault)} is not a fault; write a table such as {{"kind": "drop", "every": 3}}')
     table = dict(_content(fault) if isinstance(fault, str) else fault)
-    if isinstance(table.get("kind"), Fault):
+    if isinstance(table.get("kind"), LineFault):
         table["kind"] = table["kind"].value
     if not table.keys() & {"line", "drive"}:
         if not table.keys() & {"power", "trip", "stuck"}:
@@ -79,7 +79,7 @@ def _step_of(fault: object, line: str, drives: Sequence[str], seed: int) -> Step
             table["drive"] = drives[0]
     if "rate" in table:
         table.setdefault("seed", seed)
-    return fault_of(Table(table, "the fault"))
+    return fault_of(TomlTable(table, "the fault"))
 
 
 def _content(text: str) -> dict[str, Any]:
@@ -95,7 +95,7 @@ def _content(text: str) -> dict[str, Any]:
         return content
 
 
-def fault_of(table: Table) -> Step:
+def fault_of(table: TomlTable) -> ScriptStep:
     """Return the step that a [[fault]] describes. Raises FileFormatError."""
     ways = {"kind": _telegram_fault, "power": _power, "trip": _trip, "stuck": _stuck, "inject": _inject}
     named = [way for way in ways if way in table.content]
@@ -106,7 +106,7 @@ def fault_of(table: Table) -> Step:
 
 
 @contextmanager
-def errors_in(table: Table) -> Iterator[None]:
+def errors_in(table: TomlTable) -> Iterator[None]:
     """Add this table, its file and its line to errors raised in the block."""
     try:
         yield
@@ -124,43 +124,43 @@ def bytes_of(text: str) -> bytes:
         raise UsageError(f'invalid bytes {text!r}; write two hexadecimal digits for each, such as "04 41 FF"') from None
 
 
-def _telegram_fault(table: Table) -> Step:
+def _telegram_fault(table: TomlTable) -> ScriptStep:
     given = table.take(_TELEGRAMS)
     window = _window(given)
     return TelegramFault(**{**given, "kind": kind_named(given["kind"])}, window=window)
 
 
-def _power(table: Table) -> Step:
+def _power(table: TomlTable) -> ScriptStep:
     drive, inner = _inner(table, "drive", "power")
     return PowerCutStep(drive=drive, **inner.take(_POWER, "off_at_s"))
 
 
-def _trip(table: Table) -> Step:
+def _trip(table: TomlTable) -> ScriptStep:
     drive, inner = _inner(table, "drive", "trip")
     given = inner.take(_TRIP, "code")
     if "when" in given:
-        given["when"] = Condition(**inner.table("when").take(_WHEN, "parameter"))
+        given["when"] = TripCondition(**inner.table("when").take(_WHEN, "parameter"))
     return TripStep(drive=drive, **given)
 
 
-def _stuck(table: Table) -> Step:
+def _stuck(table: TomlTable) -> ScriptStep:
     drive, inner = _inner(table, "drive", "stuck")
     given = inner.take(_STUCK, "parameter", "value")
     window = _window(given)
     return StuckStep(drive=drive, **given, window=window)
 
 
-def _inject(table: Table) -> Step:
+def _inject(table: TomlTable) -> ScriptStep:
     line, inner = _inner(table, "line", "inject")
     given = inner.take(_INJECT, "data", "at_s")
     return InjectStep(line=line, data=bytes_of(given["data"]), at_s=given["at_s"])
 
 
-def _inner(table: Table, whose: str, key: str) -> tuple[Any, Table]:
+def _inner(table: TomlTable, whose: str, key: str) -> tuple[Any, TomlTable]:
     """Return the line or drive of a fault, and the table below its key; no other key is allowed."""
     return table.take({whose: TEXT, key: TABLE}, whose)[whose], table.table(key)
 
 
-def _window(given: dict[str, Any]) -> Window:
+def _window(given: dict[str, Any]) -> FaultWindow:
     """Remove the times of a window from the given keys and return the window."""
-    return Window(**{key: float(given.pop(key)) for key in _WINDOW if key in given})
+    return FaultWindow(**{key: float(given.pop(key)) for key in _WINDOW if key in given})

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import FileFormatError
-from drivecomm.tomlfile import parse_toml, read_text_file, write_whole
+from drivecomm.tomlfile import parse_toml, read_text_file, write_atomically
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -49,7 +49,7 @@ def write_tags(file: Path, tags: Mapping[int, Mapping[str, Tag]]) -> None:
         raise FileFormatError(
             f"{file}: the tags cannot be written there; write [[drive]] for each drive, and try again"
         )
-    write_whole(file, changed)
+    write_atomically(file, changed)
 
 
 def _set(drive: Any, tags: Mapping[str, Tag], new: Any) -> None:

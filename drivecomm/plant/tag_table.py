@@ -11,7 +11,7 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import DriveCommError, UsageError, in_one_line, meant
+from drivecomm.errors import DriveCommError, UsageError, in_one_line, suggestion
 from drivecomm.line import STATUS
 from drivecomm.models import load_model, parameter_at, quantities
 from drivecomm.protocol import Tag, installed
@@ -155,9 +155,9 @@ def _check_first(seen: dict[tuple[str, str], int], value: tuple[str, str], line:
 def _value_of(row: Mapping[str, str], polled: Mapping[str, tuple[DriveConfig, list[str]]]) -> tuple[DriveConfig, str]:
     drive, name = (row.get(column, "") for column in _NEEDED)
     if drive not in polled:
-        raise UsageError(f"there is no drive {drive!r:.80}; {meant(drive, polled, 'the plant has')}")
+        raise UsageError(f"there is no drive {drive!r:.80}; {suggestion(drive, polled, 'the plant has')}")
     if name not in polled[drive][1]:
-        raise UsageError(f"{drive} has no value {name!r:.80}; {meant(name, polled[drive][1], 'it has')}")
+        raise UsageError(f"{drive} has no value {name!r:.80}; {suggestion(name, polled[drive][1], 'it has')}")
     return polled[drive][0], name
 
 

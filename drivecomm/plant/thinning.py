@@ -22,7 +22,7 @@ class _Seen(NamedTuple, Generic[P]):
     value: Value | float | None
 
 
-class Outline(Generic[P]):
+class SpanOutline(Generic[P]):
     """Points of one time span, added in order; `kept` returns those to draw."""
 
     POINTS: ClassVar = 4

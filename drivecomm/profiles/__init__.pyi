@@ -1,8 +1,13 @@
-from .commander import Carrier as Carrier, Commander as Commander, check_needs as check_needs, taken_over as taken_over
+from .commander import (
+    Commander as Commander,
+    WordTransport as WordTransport,
+    check_needs as check_needs,
+    signed_reference as signed_reference,
+)
 from .control_table import (
     CONTROL_KEYS as CONTROL_KEYS,
     ControlTable as ControlTable,
-    WayOfWriting as WayOfWriting,
+    WritePlan as WritePlan,
     control_entries as control_entries,
     references_of as references_of,
     views_of as views_of,
@@ -15,12 +20,8 @@ from .files import (
     control_profiles as control_profiles,
 )
 from .full_scale import FullScale as FullScale, full_scale_of as full_scale_of
-from .machine import ProfileMachine as ProfileMachine, have_do as have_do
+from .machine import ProfileMachine as ProfileMachine, drive_motor as drive_motor
 from .mistakes import mistakes_in as mistakes_in
-from .order_carrier import OrderCarrier as OrderCarrier, RegisterTelegrams as RegisterTelegrams
-from .order_memory import OrderMemory as OrderMemory, stop_for_sure as stop_for_sure
-from .order_tables import TRIPPED as TRIPPED
-from .orders import OrderMachine as OrderMachine
 from .plugin import register_protocol as register_protocol
 from .process_words import (
     CommandMemory as CommandMemory,
@@ -28,19 +29,31 @@ from .process_words import (
     WordTelegrams as WordTelegrams,
 )
 from .profile import (
-    ONLY as ONLY,
-    Condition as Condition,
+    SOLE_PLACE as SOLE_PLACE,
+    BitCondition as BitCondition,
     ControlProfile as ControlProfile,
+    ControlStep as ControlStep,
     MotorDoes as MotorDoes,
-    Refusal as Refusal,
+    StartRefusal as StartRefusal,
     State as State,
-    Step as Step,
-    Transition as Transition,
+    StateTransition as StateTransition,
     Words as Words,
 )
-from .references import References as References
+from .references import ReferenceConverter as ReferenceConverter
+from .register_command_carrier import (
+    RegisterCommandTransport as RegisterCommandTransport,
+    RegisterTelegrams as RegisterTelegrams,
+)
+from .register_command_memory import RegisterCommandMemory as RegisterCommandMemory, stop_safely as stop_safely
+from .register_command_tables import FAULT_PLACE as FAULT_PLACE
+from .register_commands import RegisterCommandMachine as RegisterCommandMachine
 from .register_conversation import RegisterConversation as RegisterConversation
 from .register_machine import RegisterMachine as RegisterMachine, RegisterRefusal as RegisterRefusal
 from .register_operations import RegisterOperations as RegisterOperations
-from .registers import Place as Place, Target as Target, blocks_of as blocks_of, span_of as span_of
+from .registers import (
+    RegisterParameter as RegisterParameter,
+    RegisterPlace as RegisterPlace,
+    blocks_of as blocks_of,
+    span_of as span_of,
+)
 from .virtual_registers import VirtualRegisterDrive as VirtualRegisterDrive

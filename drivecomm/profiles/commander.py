@@ -25,7 +25,7 @@ from drivecomm.protocol import Pause, unless_refused
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
 
-    from drivecomm.profiles.profile import Condition, ControlProfile, Step, Words
+    from drivecomm.profiles.profile import BitCondition, ControlProfile, ControlStep, Words
     from drivecomm.protocol import DriveStatus, Exchange, Model, Reading, Stop
 
 _POLL_S = 0.05
@@ -36,13 +36,13 @@ _BUSY_S = 1.0
 """Seconds for which a stop is repeated to a busy drive; not longer, since other drives may wait for their stops."""
 
 
-class Carrier(Protocol):
+class WordTransport(Protocol):
     """Transport of control words to a drive and of status words back, which a protocol package provides."""
 
     def look(self) -> Exchange[Words]:
         """Return the status words, read by requests that command nothing."""
 
-    def send(self, step: Step, *, urgent: bool) -> Exchange[Words | None]:
+    def send(self, step: ControlStep, *, urgent: bool) -> Exchange[Words | None]:
         """Send a control word; return the status words that came with the reply, None if it had none.
 
         urgent: for a word that stops the motor, see `Ask`.
@@ -62,14 +62,14 @@ class Commander:
     def __init__(
         self,
         profile: ControlProfile,
-        carrier: Carrier,
+        carrier: WordTransport,
         *,
         state_timeout_s: float,
         advice: str = "",
         answers: bool = True,
         fault_code: Callable[[], Exchange[int | None]] | None = None,
         busy: Collection[int] = (),
-        again: Callable[[Step], Exchange[Words]] | None = None,
+        again: Callable[[ControlStep], Exchange[Words]] | None = None,
     ) -> None:
         self._profile = profile
         self._carrier = carrier
@@ -169,7 +169,7 @@ class Commander:
                     f"the drive is still tripped after the reset, the cause of its fault may last; {error.shown}"
                 ) from None
 
-    def _carry_out(self, step: Step, *, urgent: bool) -> Exchange[Words | None]:
+    def _carry_out(self, step: ControlStep, *, urgent: bool) -> Exchange[Words | None]:
         """Send a step, and wait until the drive reaches the state to which it leads."""
         if step.pause_s:
             yield Pause(seconds=step.pause_s)
@@ -187,7 +187,7 @@ class Commander:
             seen = yield from self._seen_after(step)
         return seen
 
-    def _seen_after(self, step: Step) -> Exchange[Words]:
+    def _seen_after(self, step: ControlStep) -> Exchange[Words]:
         """Return the status words while the effect of a step is awaited.
 
         A drive may restart on its reset and be silent for a second or two, so some missing replies are ignored then.
@@ -201,7 +201,7 @@ class Commander:
                     raise
             patience -= 1
 
-    def _insisted(self, step: Step) -> Exchange[Words | None]:
+    def _insisted(self, step: ControlStep) -> Exchange[Words | None]:
         """Send a word that stops the motor, repeatedly while the drive is busy."""
         waited = 0.0
         while True:
@@ -222,10 +222,10 @@ class Commander:
             f"{error.shown}{self._advice}"
         ) from None
 
-    def _goal(self, step: Step) -> str:
+    def _goal(self, step: ControlStep) -> str:
         return next((state.name for state in self._profile.states if state.known_by in step.until), "what was awaited")
 
-    def _shown(self, step: Step, seen: Words) -> str:
+    def _shown(self, step: ControlStep, seen: Words) -> str:
         word = next(iter(seen.values()))
         says = ", ".join(self._profile.status(seen).flags) or "nothing"
         return f"after 0x{step.word:04X} its status word 0x{word:04X} says: {says}"
@@ -242,11 +242,11 @@ class _NotReachedError(Exception):
         super().__init__(shown)
 
 
-def _any_holds(conditions: Sequence[Condition], seen: Words) -> bool:
+def _any_holds(conditions: Sequence[BitCondition], seen: Words) -> bool:
     return any(condition.holds(seen) for condition in conditions)
 
 
-def taken_over(raw: int | None) -> int:
+def signed_reference(raw: int | None) -> int:
     """Return the reference that a drive shows in 16 bits, with its sign. Raises StateError if the drive shows none."""
     if raw is None:
         raise StateError(

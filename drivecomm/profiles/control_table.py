@@ -1,7 +1,7 @@
 """The table [control] of a model: how drives whose commands are registers are commanded, and how they store a write.
 
-Besides the commands and the status of `drivecomm.profiles.order_tables`, the table names the parameters that hold the
-references and the code of a fault, the requirements of a start, and the place to which a write goes.
+Besides the commands and the status of `drivecomm.profiles.register_command_tables`, the table names the parameters that
+hold the references and the code of a fault, the requirements of a start, and the place to which a write goes.
 """
 
 from __future__ import annotations
@@ -13,8 +13,14 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 from drivecomm.errors import NotSupported, UsageError
 from drivecomm.profiles.files import control_profile
 from drivecomm.profiles.full_scale import full_scale_of
-from drivecomm.profiles.order_tables import ORDERS, condition_of, profile_of_orders, status_of, steps_of
 from drivecomm.profiles.profile import ControlProfile
+from drivecomm.profiles.register_command_tables import (
+    COMMAND_KEYS,
+    condition_of,
+    profile_of_orders,
+    status_of,
+    steps_of,
+)
 from drivecomm.profiles.state_machine import StateMachine
 from drivecomm.protocol import Capabilities, Stop, check_store
 
@@ -22,11 +28,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from drivecomm.profiles.full_scale import FullScale
-    from drivecomm.profiles.profile import Condition, Step
-    from drivecomm.profiles.registers import Place, Target
+    from drivecomm.profiles.profile import BitCondition, ControlStep
+    from drivecomm.profiles.registers import RegisterParameter, RegisterPlace
     from drivecomm.protocol import Model, ParameterInfo
 
-Views: TypeAlias = "Mapping[str, tuple[tuple[Place, Place], ...]]"
+Views: TypeAlias = "Mapping[str, tuple[tuple[RegisterPlace, RegisterPlace], ...]]"
 """Registers and coils that show others, or bits of them, and pass on writes to them.
 
 By name, as pairs of the own part and the place that it shows. A register that shows several places passes on writes to
@@ -56,19 +62,19 @@ _PLAIN = (
 )
 CONTROL_KEYS = frozenset(
     {
-        *(*ORDERS, *_STORING, *_PLAIN),
+        *(*COMMAND_KEYS, *_STORING, *_PLAIN),
         *("full_scale", "status", "start_pause_s", "views", "fed_by", "command_shown", "way", "state_machine"),
     }
 )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class WayOfWriting:
+class WritePlan:
     """Steps before and after a write, and the offset from the parameter's place to the place of the write."""
 
-    before: tuple[Step, ...] = ()
+    before: tuple[ControlStep, ...] = ()
     offset: int = 0
-    after: tuple[Step, ...] = ()
+    after: tuple[ControlStep, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,8 +112,8 @@ class ControlTable:
     """
 
     profile: ControlProfile = field(default_factory=lambda: ControlProfile(name=""))
-    storing: Mapping[str, tuple[Step, ...]] = field(default_factory=dict)
-    status: Mapping[str, Condition] = field(default_factory=dict)
+    storing: Mapping[str, tuple[ControlStep, ...]] = field(default_factory=dict)
+    status: Mapping[str, BitCondition] = field(default_factory=dict)
     fault_code: str = ""
     reference_hz: str = ""
     reference_percent: str = ""
@@ -117,8 +123,8 @@ class ControlTable:
     needs_reverse: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     needs_reference: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
     code_tells: bool = False
-    way: Condition | None = None
-    fed_by: Condition | None = None
+    way: BitCondition | None = None
+    fed_by: BitCondition | None = None
     command_shown: str = ""
     plain_write: Literal["", "stored", "volatile"] = ""
     volatile_offset: int = 0
@@ -133,13 +139,8 @@ class ControlTable:
     starts: frozenset[str] = frozenset()
     imported: bool = False
 
-    def may_start(self, written: Target, words: Iterable[int]) -> bool:
-        """Return whether words written to a parameter may start the motor.
-
-        A word may do so at the place of a start's last step, unless it is 0 or belongs to a stop or a reset. On a drive
-        that is monitoring only, any word may do so at a place that the model does not list, and at any place if the
-        registers were imported.
-        """
+    def may_start(self, written: RegisterParameter, words: Iterable[int]) -> bool:
+        """Return whether words written to a parameter may start the motor."""
         if self.is_monitoring_only and (self.imported or written.info is None):
             return True
         orders = (*self.profile.stops.values(), self.profile.reset)
@@ -147,7 +148,7 @@ class ControlTable:
         pairs = zip(written.spots, words, strict=True)
         return any(word and spot in self.starts and (spot, word) not in harmless for spot, word in pairs)
 
-    def way_of_writing(self, address: str, info: ParameterInfo | None, *, store: bool) -> WayOfWriting:
+    def write_plan(self, address: str, info: ParameterInfo | None, *, store: bool) -> WritePlan:
         """Return the steps and the offset of a write, stored or not. Raises NotSupported if such a write is impossible.
 
         address: for the error. info: the model's facts about the parameter, if it has any.
@@ -160,12 +161,12 @@ class ControlTable:
         check_store(address, "never" if never else "always" if always else "as asked", store=store)
         unlocking = self.storing.get("write_before", ())
         if plain:
-            return WayOfWriting(before=unlocking)
+            return WritePlan(before=unlocking)
         if store:
             before = (*unlocking, *self.storing.get("store_before", ()))
-            return WayOfWriting(before=before, after=self.storing.get("store_after", ()))
+            return WritePlan(before=before, after=self.storing.get("store_after", ()))
         before, after = (self.storing.get(f"volatile_{each}", ()) for each in ("before", "after"))
-        return WayOfWriting(before=(*unlocking, *before), offset=self.volatile_offset, after=after)
+        return WritePlan(before=(*unlocking, *before), offset=self.volatile_offset, after=after)
 
     def capabilities(self, model: Model | None, *, broadcast: bool) -> Capabilities:
         """Return the capabilities of a drive with this table.
@@ -218,7 +219,7 @@ def references_of(model: Model | None) -> frozenset[str]:
     return frozenset(written.union(*(views.get(each, ()) for each in written)) - {""})
 
 
-def control_entries(model: Model, place_of: Callable[[str], Place]) -> dict[str, Any]:
+def control_entries(model: Model, place_of: Callable[[str], RegisterPlace]) -> dict[str, Any]:
     """Return the arguments of `ControlTable` from the table of a model. Raises UsageError for an invalid table.
 
     place_of: returns the register, the coil or the part of a register for an address.
@@ -229,7 +230,7 @@ def control_entries(model: Model, place_of: Callable[[str], Place]) -> dict[str,
         return place.name, place.bits[1]
 
     given = model.control
-    steps = {name: steps_of(name, given[name], spot_of) for name in (*ORDERS, *_STORING) if name in given}
+    steps = {name: steps_of(name, given[name], spot_of) for name in (*COMMAND_KEYS, *_STORING) if name in given}
     status = status_of(given.get("status", {}), spot_of)
     for key in CONTROL_PARAMETERS:
         if key in given and model.find(given[key]) is None:
@@ -276,12 +277,12 @@ def _state_machine(given: Any, spot_of: Callable[[str], tuple[str, int]]) -> Sta
     )
 
 
-def views_of(model: Model, place_of: Callable[[str], Place]) -> Views:
+def views_of(model: Model, place_of: Callable[[str], RegisterPlace]) -> Views:
     """Return the views in the table [control.views] of a model, for a virtual drive.
 
     place_of: as in `control_entries`.
     """
-    views: dict[str, tuple[tuple[Place, Place], ...]] = {}
+    views: dict[str, tuple[tuple[RegisterPlace, RegisterPlace], ...]] = {}
     for address, given in model.control.get("views", {}).items():
         for shown in given if isinstance(given, tuple) else (given,):
             for own, source in _parts(place_of(address), place_of(shown)):
@@ -289,7 +290,7 @@ def views_of(model: Model, place_of: Callable[[str], Place]) -> Views:
     return views
 
 
-def _parts(own: Place, shown: Place) -> list[tuple[Place, Place]]:
+def _parts(own: RegisterPlace, shown: RegisterPlace) -> list[tuple[RegisterPlace, RegisterPlace]]:
     """Return pairs of a place and the place that it shows: sixteen coils in a row show the bits of a register."""
     if not own.is_bit or shown.is_bit or shown.part:
         return [(own, shown)]

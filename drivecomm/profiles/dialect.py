@@ -1,10 +1,4 @@
-"""Dialects: how the telegrams of a protocol carry registers.
-
-A dialect is the one small class that a protocol package writes for drives that hold registers. A register is anything
-that the protocol can read or write by itself: a parameter, an instruction code, a coil. All other behaviour of such a
-drive is the same in every protocol, and is in `drivecomm.profiles`: its verbs (`RegisterOperations`), its requests and
-replies (`RegisterConversation`), and the virtual drive (`VirtualRegisterDrive`).
-"""
+"""Dialects: how the telegrams of a protocol carry registers."""
 
 from __future__ import annotations
 
@@ -16,8 +10,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from drivecomm.errors import UsageError
 from drivecomm.profiles.control_table import CONTROL_PARAMETERS, ControlTable, control_entries
 from drivecomm.profiles.register_machine import RegisterRefusal
-from drivecomm.profiles.registers import Place, Target
-from drivecomm.protocol import WORD_TYPES, Intent, Model, WordFormat, difference, kept, tables_beside
+from drivecomm.profiles.registers import RegisterParameter, RegisterPlace
+from drivecomm.protocol import WORD_TYPES, Intent, Model, WordFormat, cached, difference, tables_beside
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
@@ -35,65 +29,25 @@ class Access:
     to RAM on a drive whose other writes go to EEPROM.
     """
 
-    place: Place
+    place: RegisterPlace
     count: int = 1
     words: tuple[int, ...] | None = None
     only_ram: bool = False
 
 
 class Dialect:
-    """The registers of one drive, and the telegrams that read and write them.
-
-    A master and a virtual drive have a dialect each, so that a virtual drive may keep in its own the state that a
-    request has left behind (a page, an index). address: of the drive. options: an object of the package's options.
-    model: None if it is unknown.
-
-    - title: the protocol in messages, "Modbus has no start of its own".
-    - common_model: the file of the model that commands a drive without a model, if all are commanded alike; empty
-      otherwise.
-    - broadcast_address: the address that all drives obey, None if there is none.
-    - requests: the message classes to which a drive listens, if the codec decodes others as well.
-    - probe: the place that a scan reads.
-    - identity: the addresses that `identify` reads, by name.
-    - repeats: the fields, besides the address, that a reply has in common with its request, by the kind of the reply;
-      "" stands for every kind. This and reply_kinds_of decide which reply belongs to which request.
-    - refusals: texts by code.
-    - codes: the code with which a virtual drive refuses, by `Why`. A drive with a code for "not set up" obeys no
-      command while the model's `needs` do not hold.
-    - reason: the place that shows the code of the last refusal, if refusals carry no code of their own. `codes` then
-      also holds the codes for damaged requests, by the category of the error.
-    - damage: codes for a request that arrived damaged; the request is sent three times in all.
-    - busy: codes of a drive that wants the request again a little later.
-    - stop_again: further codes after which a stop is repeated.
-    - types: the possible types of a parameter. Without u16, the first one is the type of a parameter that is not in a
-      model.
-    - joins: whether one telegram reads and writes several words from a place on, which then hold 32 bits or a text.
-    - most: the maximum number of registers that one telegram reads for several parameters.
-    - bridged: the maximum number of unneeded registers between two that are read together.
-    - whole: kinds of place that a telegram always reads completely, with the numbers of their places.
-    - feeds_all: whether a telegram to any drive feeds this drive's watchdog.
-    - continues: whether some requests name no drive and continue the one before (`continued`). A drive forgets that one
-      when another drive is addressed, or anything else is received.
-    - doubts_echoes: whether the reply to a `mirrored` write, which could be the echo of an adapter, is trusted only
-      after a read has proved that the drive is there.
-    - follows: the common names of the parameters that set a virtual drive's motor.
-    - state_timeout_s: seconds that a drive has to obey.
-    - reply_delay_s: delay of a virtual drive's reply, in seconds.
-    - reference_range: the frequencies of 0 and 100 %, by the options.
-    - reference_option: how a caller gives the frequency of 100 %.
-    - advice: what to check when the drive does not start.
-    """
+    """The registers of one drive, and the telegrams that read and write them."""
 
     title: ClassVar[str]
     common_model: ClassVar[str] = ""
     broadcast_address: ClassVar[int | None] = None
     requests: ClassVar[type[Any] | tuple[type[Any], ...]] = object
-    probe: Place = Place("", 0)
+    probe: RegisterPlace = RegisterPlace("", 0)
     identity: Mapping[str, str] = {}
     repeats: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     refusals: Mapping[int, str] = {}
     codes: Mapping[str, int] = {}
-    reason: Place | None = None
+    reason: RegisterPlace | None = None
     damage: Collection[int] = ()
     busy: Collection[int] = ()
     stop_again: Collection[int] = ()
@@ -117,20 +71,20 @@ class Dialect:
 
     # Registers and their places
 
-    def place_of(self, address: str) -> Place:
+    def place_of(self, address: str) -> RegisterPlace:
         """Return the place of an address as the manual prints it. Raises ParameterAddressError."""
         raise NotImplementedError
 
-    def address_at(self, place: Place) -> str:
+    def address_at(self, place: RegisterPlace) -> str:
         """Return the address of a place for messages: that of the model, or else the name of the place."""
         known = self.places.get(place)
         return known.address if known else place.name
 
-    def allowed(self, place: Place) -> range | None:  # noqa: ARG002 - overriding methods use it
+    def allowed(self, place: RegisterPlace) -> range | None:  # noqa: ARG002 - overriding methods use it
         """Return the numbers that a place can hold; None for all numbers of 16 bits or of its type."""
         return None
 
-    def is_wide(self, place: Place, type: str) -> bool:  # noqa: ARG002 - overriding methods use it
+    def is_wide(self, place: RegisterPlace, type: str) -> bool:  # noqa: ARG002 - overriding methods use it
         """Return whether one place holds 32 bits; if not, two neighbours do."""
         return "u16" not in self.types
 
@@ -140,15 +94,15 @@ class Dialect:
 
     # Methods for a master
 
-    def reading(self, place: Place, count: int, /) -> Ask:
+    def reading(self, place: RegisterPlace, count: int, /) -> Ask:
         """Return the request that reads registers from a place on."""
         raise NotImplementedError
 
-    def writing(self, place: Place, words: Sequence[int], /) -> Ask:
+    def writing(self, place: RegisterPlace, words: Sequence[int], /) -> Ask:
         """Return the request that writes registers from a place on; callers restrict its repetition if necessary."""
         raise NotImplementedError
 
-    def words(self, reply: Any, place: Place, /) -> tuple[int, ...]:
+    def words(self, reply: Any, place: RegisterPlace, /) -> tuple[int, ...]:
         """Return the words, unsigned, in the reply to a read of a place."""
         raise NotImplementedError
 
@@ -163,7 +117,7 @@ class Dialect:
         """
         return self.refusals.get(code, "not listed in the manual")
 
-    def preparing(self, place: Place) -> Ask | None:  # noqa: ARG002 - overriding methods use it
+    def preparing(self, place: RegisterPlace) -> Ask | None:  # noqa: ARG002 - overriding methods use it
         """Return the request to send before each request for a place, such as the choice of its page, if any."""
         return None
 
@@ -189,11 +143,11 @@ class Dialect:
 
     # Methods for a virtual drive
 
-    def meant(self, request: Any) -> Access | None:
+    def access_of(self, request: Any) -> Access | None:
         """Return the effect of a request to this drive, None if it only prepares another. Raises RegisterRefusal."""
         raise NotImplementedError
 
-    def continued(self, request: Any) -> Any:
+    def complete_request(self, request: Any) -> Any:
         """Return a request that names no drive, completed from the one before; other requests stay as they are."""
         return request
 
@@ -225,7 +179,7 @@ class Dialect:
         if not isinstance(request, self.requests):
             return Intent()
         try:
-            access = self.meant(request)
+            access = self.access_of(request)
         except RegisterRefusal:
             # Another drive may obey a request that this one does not know.
             return Intent(commands=True)
@@ -244,12 +198,12 @@ class Dialect:
         return control_of(type(self), self.options, self.model)
 
     @cached_property
-    def places(self) -> Mapping[Place, ParameterInfo]:
+    def places(self) -> Mapping[RegisterPlace, ParameterInfo]:
         """Parameters of the model by place; of several at one place, the first counts."""
         infos = [] if self.model is None else list(self.model.parameters.values())
         return {self.place_of(info.address): info for info in reversed(infos)}
 
-    def target(self, parameter: str, type: str = "") -> Target:
+    def target(self, parameter: str, type: str = "") -> RegisterParameter:
         """Return the parameter to read or write.
 
         type: overrides the type of the model. Raises ParameterAddressError, and UsageError for a type that the
@@ -267,7 +221,7 @@ class Dialect:
         wide = kind.endswith("32") and self.is_wide(place, kind)
         if size > 1 and not wide and not self.joins:
             raise UsageError(f"{parameter} cannot be of type {kind}: a {self.title} parameter has 16 bits")
-        return Target(
+        return RegisterParameter(
             address=info.address if info else self.address_at(place),
             place=place,
             format=WordFormat(type=kind, size=size, low_first=low_first, allowed=self.allowed(place)),
@@ -277,7 +231,7 @@ class Dialect:
         )
 
 
-@kept
+@cached
 def control_of(dialect: type[Dialect], options: Any, model: Model | None) -> ControlTable:
     """Return the table [control] of a model, or the common one of the dialect, with the dialect's own entries."""
     if model is None:

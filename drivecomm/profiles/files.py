@@ -24,10 +24,18 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import UsageError, meant
-from drivecomm.profiles.profile import ONLY, Condition, ControlProfile, Refusal, State, Step, Transition
+from drivecomm.errors import UsageError, suggestion
+from drivecomm.profiles.profile import (
+    SOLE_PLACE,
+    BitCondition,
+    ControlProfile,
+    ControlStep,
+    StartRefusal,
+    State,
+    StateTransition,
+)
 from drivecomm.protocol import DriveState, Stop
-from drivecomm.tomlfile import CHOICE, LIST, NUMBER, TABLE, TABLES, TEXT, WHOLE, Kind, Table, read_toml
+from drivecomm.tomlfile import CHOICE, LIST, NUMBER, TABLE, TABLES, TEXT, WHOLE, Kind, TomlTable, read_toml
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -64,7 +72,7 @@ def control_profile(name: str) -> ControlProfile:
     return control_profile_from(_content(name))
 
 
-def control_profile_from(table: Table) -> ControlProfile:
+def control_profile_from(table: TomlTable) -> ControlProfile:
     """Return the profile that a table describes. Raises FileFormatError that names the key and the mistake."""
     given = table.take(KEYS, "name")
     states = tuple(_state(each) for each in table.tables("state"))
@@ -96,52 +104,54 @@ def control_profile_from(table: Table) -> ControlProfile:
 class _Reader:
     """Reader of entries that refer to states by name."""
 
-    def __init__(self, states: Mapping[str, Condition]) -> None:
+    def __init__(self, states: Mapping[str, BitCondition]) -> None:
         self.states = states
 
-    def steps(self, tables: Iterable[Table]) -> tuple[Step, ...]:
+    def steps(self, tables: Iterable[TomlTable]) -> tuple[ControlStep, ...]:
         return tuple(self._step(each) for each in tables)
 
-    def refusal(self, table: Table) -> Refusal:
+    def refusal(self, table: TomlTable) -> StartRefusal:
         given = table.take({"when": _WHEN, "say": TEXT}, "when", "say")
-        return Refusal(when=self.conditions(table, "when"), say=given["say"])
+        return StartRefusal(when=self.conditions(table, "when"), say=given["say"])
 
-    def conditions(self, table: Table, key: str) -> tuple[Condition, ...]:
+    def conditions(self, table: TomlTable, key: str) -> tuple[BitCondition, ...]:
         given = table.content.get(key, [])
         each_given = given if isinstance(given, list) else [given]
         return tuple(self._condition(table, key, each) for each in each_given)
 
-    def _step(self, table: Table) -> Step:
+    def _step(self, table: TomlTable) -> ControlStep:
         given = table.take(_STEP, "word")
         awaited = {key: self.conditions(table, key) for key in ("unless", "until")}
-        return Step(**{**given, **awaited})
+        return ControlStep(**{**given, **awaited})
 
-    def _condition(self, table: Table, key: str, given: Any) -> Condition:
+    def _condition(self, table: TomlTable, key: str, given: Any) -> BitCondition:
         if isinstance(given, str):
             if given not in self.states:
-                raise table.error(f"{key}: there is no state {given!r}; {meant(given, self.states, 'there are')}", key)
+                raise table.error(
+                    f"{key}: there is no state {given!r}; {suggestion(given, self.states, 'there are')}", key
+                )
             return self.states[given]
         if isinstance(given, int) and not isinstance(given, bool):
-            return Condition(mask=1 << given, values=(1 << given,))
+            return BitCondition(mask=1 << given, values=(1 << given,))
         if not isinstance(given, dict):
             raise table.error(f"{key} cannot be {given!r}; write {_WHEN.words}", key)
-        said = Table(given, "", None, key).take(_CONDITION)
+        said = TomlTable(given, "", None, key).take(_CONDITION)
         if "bit" in said:
             mask = 1 << said["bit"]
-            return Condition(mask=mask, values=(mask * said.get("active", 1),), place=said.get("place", ONLY))
+            return BitCondition(mask=mask, values=(mask * said.get("active", 1),), place=said.get("place", SOLE_PLACE))
         if "mask" not in said or not {"value", "values"} & said.keys():
             raise table.error(f"{key}: write mask and value, or bit and active", key)
         values = tuple(said["values"]) if "values" in said else (said["value"],)
-        return Condition(mask=said["mask"], values=values, place=said.get("place", ONLY))
+        return BitCondition(mask=said["mask"], values=values, place=said.get("place", SOLE_PLACE))
 
 
-def _stops(table: Table) -> Table:
+def _stops(table: TomlTable) -> TomlTable:
     stops = table.table("stop")
     stops.take({how.value: TABLES for how in Stop})
     return stops
 
 
-def _state(table: Table) -> State:
+def _state(table: TomlTable) -> State:
     given = table.take(_STATE, "name", "mask", "value", "means")
     if given["means"] not in {each.value for each in DriveState}:
         raise table.error(f"means {given['means']!r}: write {' or '.join(each.value for each in DriveState)}", "means")
@@ -149,7 +159,7 @@ def _state(table: Table) -> State:
         raise table.error(f"motor {given['motor']!r}: write {' or '.join(_MOTOR)}", "motor")
     return State(
         name=given["name"],
-        known_by=Condition(mask=given["mask"], values=(given["value"],)),
+        known_by=BitCondition(mask=given["mask"], values=(given["value"],)),
         means=DriveState(given["means"]),
         shows=given.get("shows", given["value"]),
         motor=given.get("motor", "off"),
@@ -157,12 +167,12 @@ def _state(table: Table) -> State:
     )
 
 
-def _transition(table: Table, states: Mapping[str, Condition]) -> Transition:
+def _transition(table: TomlTable, states: Mapping[str, BitCondition]) -> StateTransition:
     given = table.take(_TRANSITION, "from", "to")
     for name in (*given["from"], given["to"]):
         if name not in states:
-            raise table.error(f"there is no state {name!r}; {meant(str(name), states, 'there are')}")
-    return Transition(
+            raise table.error(f"there is no state {name!r}; {suggestion(str(name), states, 'there are')}")
+    return StateTransition(
         origins=frozenset(given["from"]),
         mask=given.get("mask", 0),
         value=given.get("value", 0),
@@ -171,15 +181,15 @@ def _transition(table: Table, states: Mapping[str, Condition]) -> Transition:
     )
 
 
-def _flags(table: Table) -> dict[int, str]:
+def _flags(table: TomlTable) -> dict[int, str]:
     given = table.take({str(bit): TEXT for bit in range(32)})
     return {int(bit): given[bit] for bit in sorted(given, key=int)}
 
 
-def _content(name: str) -> Table:
+def _content(name: str) -> TomlTable:
     """Return the table of a profile, merged over the table of the profile that it extends."""
     if name not in control_profiles():
-        raise UsageError(f"there is no control profile {name!r}; {meant(name, control_profiles(), 'there are')}")
+        raise UsageError(f"there is no control profile {name!r}; {suggestion(name, control_profiles(), 'there are')}")
     own = read_toml(_TABLES / f"{name}.toml", "a control profile", shown=f"control profile {name}")
     below = own.content.get("extends")
     if not isinstance(below, str):
@@ -187,4 +197,4 @@ def _content(name: str) -> Table:
     base = _content(below).content
     single = {key: {**base.get(key, {}), **own.content.get(key, {})} for key in ("bits", "flags")}
     content = {**base, **own.content, **single}
-    return Table({key: value for key, value in content.items() if key != "extends"}, f"control profile {name}")
+    return TomlTable({key: value for key, value in content.items() if key != "extends"}, f"control profile {name}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm.protocol import Command, DriveState, Stop
+from drivecomm.protocol import DriveState, MotorCommand, Stop
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -13,15 +13,15 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Motor
 
 _STOPS = {
-    "off": Command.OFF,
-    "ramp": Command.RAMP_STOP,
-    "quick": Command.QUICK_STOP,
-    "dc_brake": Command.DC_BRAKE,
-    "hold": Command.HOLD,
+    "off": MotorCommand.OFF,
+    "ramp": MotorCommand.RAMP_STOP,
+    "quick": MotorCommand.QUICK_STOP,
+    "dc_brake": MotorCommand.DC_BRAKE,
+    "hold": MotorCommand.HOLD,
 }
 
 
-def have_do(motor: Motor, does: MotorDoes, hz: Callable[[], float], now: float) -> None:
+def drive_motor(motor: Motor, does: MotorDoes, hz: Callable[[], float], now: float) -> None:
     """Make a motor act as a state demands.
 
     hz: returns the frequency at which it runs, signed.
@@ -53,7 +53,7 @@ class ProfileMachine:
 
     def power_up(self, now: float) -> None:
         """Begin as after a power-up: no command, no fault."""
-        self.motor.stop(Command.OFF, now)
+        self.motor.stop(MotorCommand.OFF, now)
         self.motor.reset(now)
         self.word, self.state = 0, self.profile.states[0]
 
@@ -86,7 +86,7 @@ class ProfileMachine:
 
     def act(self, now: float) -> None:
         """Make the motor act as the state demands, with the present reference."""
-        have_do(self.motor, self.state.motor, lambda: self._wanted_hz(self.word), now)
+        drive_motor(self.motor, self.state.motor, lambda: self._wanted_hz(self.word), now)
 
     def trip(self, code: int, now: float) -> None:
         """Switch the output off until a reset."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm.profiles.profile import ONLY
+from drivecomm.profiles.profile import SOLE_PLACE
 from drivecomm.protocol import DriveState
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ def _starts_and_stops(profile: ControlProfile) -> Iterator[str]:
     for how, steps in profile.stops.items():
         if any(not step.repeats for step in steps):
             yield f"a stop by {how.value} that no reply came to would not be sent again; write repeats = true"
-        if any(profile.lets_run(step.word) for step in steps if step.place == ONLY):
+        if any(profile.lets_run(step.word) for step in steps if step.place == SOLE_PLACE):
             yield f"a stop by {how.value} lets the motor run"
     for steps, name in ((profile.start, "start"), (profile.start_reverse, "start_reverse")):
         acting = [step for step in steps if (step.place, step.word) not in stopping and _may_act(profile, step.word)]
@@ -36,7 +36,7 @@ def _starts_and_stops(profile: ControlProfile) -> Iterator[str]:
             yield f"a word of {name} that may start a motor would be sent again; leave repeats out"
         if steps and (steps[-1].place, steps[-1].word) in stopping:
             yield f"the last word of {name} stops the motor"
-    if any(profile.lets_run(step.word) for step in profile.reset if step.place == ONLY):
+    if any(profile.lets_run(step.word) for step in profile.reset if step.place == SOLE_PLACE):
         yield "the reset has a word that lets the motor run"
     if profile.idle is not None and profile.commands(profile.idle) and profile.lets_run(profile.idle):
         yield "the word that commands nothing lets a motor run"

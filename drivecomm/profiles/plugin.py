@@ -6,7 +6,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.profiles.control_table import CONTROL_KEYS, references_of
-from drivecomm.profiles.order_memory import OrderMemory
+from drivecomm.profiles.register_command_memory import RegisterCommandMemory
 from drivecomm.protocol import Protocol, later
 
 if TYPE_CHECKING:
@@ -31,7 +31,9 @@ def register_protocol(
     def judge() -> Dialect:
         return dialect(0, options(), None)
 
-    def operations(address: int, own: Any, model: Model | None, memory: OrderMemory | None = None) -> Operations:
+    def operations(
+        address: int, own: Any, model: Model | None, memory: RegisterCommandMemory | None = None
+    ) -> Operations:
         # Imported late, since a master that only listens needs no verbs.
         from drivecomm.profiles.register_operations import RegisterOperations
 
@@ -51,7 +53,7 @@ def register_protocol(
         "intent": lambda request: dialect(0, options(), None).intent(request),
         "operations": operations,
         "virtual": virtual,
-        "memory": OrderMemory,
+        "memory": RegisterCommandMemory,
         "broadcast_address": dialect.broadcast_address,
         "control_keys": CONTROL_KEYS,
         "parameter_keys": frozenset({"word_order", "characters", "decimals"}),

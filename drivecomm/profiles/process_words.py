@@ -12,14 +12,14 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from drivecomm.errors import CommandTooOldError, StateError
-from drivecomm.profiles.commander import Commander, taken_over
-from drivecomm.profiles.profile import ONLY
-from drivecomm.protocol import Ask, DriveState, kept
+from drivecomm.profiles.commander import Commander, signed_reference
+from drivecomm.profiles.profile import SOLE_PLACE
+from drivecomm.protocol import Ask, DriveState, cached
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.profiles.profile import ControlProfile, Step, Words
+    from drivecomm.profiles.profile import ControlProfile, ControlStep, Words
     from drivecomm.protocol import Exchange, Message
 
 
@@ -89,7 +89,7 @@ class ProcessWords:
         self._frames = frames
         self.memory = memory
         self.seen = 0
-        self._question = kept(
+        self._question = cached(
             lambda acts, attempts, **task: Ask(
                 message=frames.block(0, 0, **task), acts=acts, attempts=attempts, nameless=not task
             )
@@ -109,7 +109,7 @@ class ProcessWords:
             except CommandTooOldError:
                 self.remember(0)
         ask = self._question(acts, attempts, **task)
-        return self.noticed((yield ask) if self._answer is None else (yield from self._answer(ask)))
+        return self.process_status((yield ask) if self._answer is None else (yield from self._answer(ask)))
 
     def command(
         self, word: int, *, repeated: bool = False, attempts: int | None = None, acts: bool = True,
@@ -125,7 +125,7 @@ class ProcessWords:
             age = "repeated" if repeated and self.profile.lets_run(word) else "new"
         message = self._frames.block(word, (self.memory.reference or 0) if age else 0, **task)
         ask = Ask(message=message, attempts=attempts, acts=acts, nameless=not task, urgent=urgent, command=age)
-        return self.noticed((yield ask) if self._answer is None else (yield from self._answer(ask)))
+        return self.process_status((yield ask) if self._answer is None else (yield from self._answer(ask)))
 
     def remember(self, word: int) -> None:
         """Set the control word that commands the drive from now on."""
@@ -133,7 +133,7 @@ class ProcessWords:
         memory.word, memory.obeyed, memory.owed = word, False, False
         memory.idle = 0 if self.profile.lets_run(word) else word
 
-    def noticed(self, reply: Any) -> Any:
+    def process_status(self, reply: Any) -> Any:
         """Process the status in a reply, which may end the command in force; return the reply.
 
         A trip ends a start. A command also ends if a status contradicts it after an earlier status has confirmed it.
@@ -154,7 +154,7 @@ class ProcessWords:
 
     def says(self, bit: str) -> bool:
         """Return whether a statement, such as "running", is true in the last status."""
-        return bool(self.profile.says(bit, {ONLY: self.seen}))
+        return bool(self.profile.says(bit, {SOLE_PLACE: self.seen}))
 
     @property
     def runs(self) -> bool:
@@ -172,14 +172,14 @@ class ProcessWords:
         yield from self.ask()
         if obeys_all:
             yield from self.take_over_reference()
-        return {ONLY: self.seen}
+        return {SOLE_PLACE: self.seen}
 
-    def send(self, step: Step, *, urgent: bool) -> Exchange[Words]:
+    def send(self, step: ControlStep, *, urgent: bool) -> Exchange[Words]:
         """Send a word of the profile.
 
         Of a reset, only the first word is remembered, so that a status that contradicts it later still ends it.
         """
-        seen, word, runs = {ONLY: self.seen}, step.word | self.memory.functions, self.profile.lets_run(step.word)
+        seen, word, runs = {SOLE_PLACE: self.seen}, step.word | self.memory.functions, self.profile.lets_run(step.word)
         if step in self.profile.start[:-1] and self.runs and self.profile.status(seen).state is DriveState.RUNNING:
             # A motor that already runs by a command from here is not stopped for the next start.
             return seen
@@ -188,7 +188,7 @@ class ProcessWords:
         yield from self.command(word, attempts=None if step.repeats else 1, urgent=urgent)
         if runs:
             self.remember(word)
-        return {ONLY: self.seen}
+        return {SOLE_PLACE: self.seen}
 
     def commander(self, profile: ControlProfile | None = None, **how: Any) -> Commander:
         """Return a commander of the drive, by this profile instead of its own.
@@ -197,7 +197,7 @@ class ProcessWords:
         """
         return Commander(profile or self.profile, self, again=self.again, **how)
 
-    def again(self, step: Step) -> Exchange[Words]:
+    def again(self, step: ControlStep) -> Exchange[Words]:
         """Return the status words after a step: repeat it if it may be repeated, which keeps it in force, or look."""
         return self.send(step, urgent=False) if step.repeats else self.look()
 
@@ -226,7 +226,7 @@ class ProcessWords:
             self.remember(0)
         return self.runs
 
-    def must_hold(self, verb: str) -> Exchange[None]:
+    def check_repeatable(self, verb: str) -> Exchange[None]:
         """Raise StateError if repeating the last command, with an addition, would start the motor."""
         if not (yield from self.holds()):
             raise StateError(
@@ -252,7 +252,7 @@ class ProcessWords:
                     says=anew,
                 )
             self.remember(self.profile.reset[0].word | memory.functions)
-        yield from self.must_hold("set_reference")
+        yield from self.check_repeatable("set_reference")
         before, memory.reference = memory.reference, steps
         try:
             yield from self.command(memory.word, repeated=True)
@@ -263,7 +263,7 @@ class ProcessWords:
     def take_over_reference(self) -> Exchange[None]:
         """Adopt the reference that the drive shows if none was set here. Raises StateError if the drive shows none."""
         if self.memory.reference is None:
-            self.memory.reference = taken_over((yield from self._frames.shown("reference")))
+            self.memory.reference = signed_reference((yield from self._frames.shown("reference")))
 
     def release(self) -> Exchange[None]:
         """End the repetition of the command: the drive keeps it until its watchdog acts. Sends nothing."""

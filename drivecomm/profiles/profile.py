@@ -17,19 +17,19 @@ from drivecomm.protocol import DriveState, DriveStatus, Stop
 Words: TypeAlias = Mapping[str, int]
 """Words that were read from a drive, by place."""
 
-ONLY = ""
+SOLE_PLACE = ""
 """The place of the control word, or of the status word, if a drive has only one."""
 
 MotorDoes: TypeAlias = Literal["off", "run", "ramp", "quick", "dc_brake", "hold"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Condition:
+class BitCondition:
     """Condition on bits of a word: the masked word is one of the values."""
 
     mask: int
     values: tuple[int, ...]
-    place: str = ONLY
+    place: str = SOLE_PLACE
 
     def holds(self, words: Words) -> bool:
         """Return whether the condition holds; False if its word was not read."""
@@ -38,7 +38,7 @@ class Condition:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Step:
+class ControlStep:
     """One control word in a sequence.
 
     unless: the step is left out if one of these conditions holds at the start of the sequence. until: conditions of
@@ -47,19 +47,19 @@ class Step:
     """
 
     word: int
-    place: str = ONLY
+    place: str = SOLE_PLACE
     mask: int = 0xFFFF
-    unless: tuple[Condition, ...] = ()
-    until: tuple[Condition, ...] = ()
+    unless: tuple[BitCondition, ...] = ()
+    until: tuple[BitCondition, ...] = ()
     repeats: bool = False
     pause_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Refusal:
+class StartRefusal:
     """Conditions under which a motor must not be started, and the reason as a sentence."""
 
-    when: tuple[Condition, ...]
+    when: tuple[BitCondition, ...]
     say: str
 
 
@@ -72,7 +72,7 @@ class State:
     """
 
     name: str
-    known_by: Condition
+    known_by: BitCondition
     means: DriveState
     shows: int = 0
     motor: MotorDoes = "off"
@@ -80,7 +80,7 @@ class State:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Transition:
+class StateTransition:
     """Change from some states into another, caused by bits of the control word or by a rising one."""
 
     origins: frozenset[str]
@@ -122,25 +122,25 @@ class ControlProfile:
     off: int = 0
     reverse: int = 0
     full: int = 0
-    runs: Condition | None = None
-    follows: Condition | None = None
-    start: tuple[Step, ...] = ()
-    start_reverse: tuple[Step, ...] = ()
-    stops: Mapping[Stop, tuple[Step, ...]] = field(default_factory=dict)
-    reset: tuple[Step, ...] = ()
-    refusals: tuple[Refusal, ...] = ()
+    runs: BitCondition | None = None
+    follows: BitCondition | None = None
+    start: tuple[ControlStep, ...] = ()
+    start_reverse: tuple[ControlStep, ...] = ()
+    stops: Mapping[Stop, tuple[ControlStep, ...]] = field(default_factory=dict)
+    reset: tuple[ControlStep, ...] = ()
+    refusals: tuple[StartRefusal, ...] = ()
     states: tuple[State, ...] = ()
     named_states: bool = False
-    bits: Mapping[str, tuple[Condition, ...]] = field(default_factory=dict)
+    bits: Mapping[str, tuple[BitCondition, ...]] = field(default_factory=dict)
     flags: Mapping[int, str] = field(default_factory=dict)
-    transitions: tuple[Transition, ...] = ()
+    transitions: tuple[StateTransition, ...] = ()
 
     @property
-    def take_back(self) -> tuple[Step, ...]:
+    def take_back(self) -> tuple[ControlStep, ...]:
         """Steps that take back a start which the drive did not obey: the gentlest stop."""
         return next((self.stops[how] for how in Stop if how in self.stops), ())
 
-    def start_towards(self, *, reverse: bool) -> tuple[Step, ...]:
+    def start_towards(self, *, reverse: bool) -> tuple[ControlStep, ...]:
         """Return the steps of a start in a direction; only the words that let the motor run carry the direction."""
         if not reverse:
             return self.start
@@ -214,7 +214,7 @@ class ControlProfile:
 
     def directed(self, word: int, reference: float) -> float:
         """Return a signed reference with the direction of a control word; 0 if the motor does not follow it."""
-        if self.follows is not None and not self.follows.holds({ONLY: word}):
+        if self.follows is not None and not self.follows.holds({SOLE_PLACE: word}):
             return 0.0
         return -reference if word & self.reverse else reference
 
@@ -225,7 +225,7 @@ class ControlProfile:
 
     def lets_run(self, word: int) -> bool:
         """Return whether a control word lets a motor run."""
-        return self.runs is not None and self.runs.holds({ONLY: word})
+        return self.runs is not None and self.runs.holds({SOLE_PLACE: word})
 
     def status(self, words: Words, **further: Any) -> DriveStatus:
         """Return the status that status words mean.

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Exchange, Reading, Value
 
 
-class References:
+class ReferenceConverter:
     """References of one drive, converted to the form that the drive takes.
 
     capabilities: those of its model, with both forms if one can be converted. read: reads a parameter by its address.

@@ -7,16 +7,16 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DeadlineError, NotSupported, OvertakenError, RefusedError, ReplyError
-from drivecomm.profiles.registers import Place
+from drivecomm.profiles.registers import RegisterPlace
 from drivecomm.protocol import Pause, Tell
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from drivecomm.profiles.dialect import Dialect
-    from drivecomm.profiles.order_memory import OrderMemory
-    from drivecomm.profiles.profile import Step, Words
-    from drivecomm.profiles.registers import Target
+    from drivecomm.profiles.profile import ControlStep, Words
+    from drivecomm.profiles.register_command_memory import RegisterCommandMemory
+    from drivecomm.profiles.registers import RegisterParameter
     from drivecomm.protocol import Ask, Exchange
 
 _BUSY_S, _POLL_S = 1.0, 0.05
@@ -31,7 +31,7 @@ class RegisterConversation:
     is_there: whether the drive has sent a reply that cannot be the echo of an adapter.
     """
 
-    def __init__(self, dialect: Dialect, memory: OrderMemory) -> None:
+    def __init__(self, dialect: Dialect, memory: RegisterCommandMemory) -> None:
         self._dialect, self._memory = dialect, memory
         self.answers = dialect.address != dialect.broadcast_address
         self.is_there = False
@@ -43,7 +43,7 @@ class RegisterConversation:
         if not self.answers:
             raise NotSupported("that is for one drive; all drives of a series can only be stopped")
 
-    def words(self, place: Place, count: int, called: str) -> Exchange[tuple[int, ...]]:
+    def words(self, place: RegisterPlace, count: int, called: str) -> Exchange[tuple[int, ...]]:
         """Read registers from a place on.
 
         called: the name of the request in the error for a refusal.
@@ -54,7 +54,7 @@ class RegisterConversation:
 
     def word(self, place: str) -> Exchange[int]:
         """Read one register by the name of its place."""
-        found = Place.named(place)
+        found = RegisterPlace.named(place)
         return (yield from self.words(found, 1, self._dialect.address_at(found)))[0]
 
     def words_of(self, places: Iterable[str]) -> Exchange[dict[str, int]]:
@@ -64,38 +64,38 @@ class RegisterConversation:
         """
         told: dict[str, int] = {}
         for name in places:
-            place = Place.named(name)
+            place = RegisterPlace.named(name)
             numbers = self._dialect.whole.get(place.kind)
             if numbers is None:
                 told[name] = yield from self.word(name)
             elif name not in told:
-                first = Place(place.kind, numbers.start)
+                first = RegisterPlace(place.kind, numbers.start)
                 words = yield from self.words(first, len(numbers), self._dialect.address_at(place))
                 told |= {f"{place.kind}{number}": word for number, word in zip(numbers, words, strict=True)}
         return told
 
-    def raw(self, wanted: Target) -> Exchange[int | str]:
+    def raw(self, wanted: RegisterParameter) -> Exchange[int | str]:
         """Read the raw value of a parameter from its registers."""
         count = 1 if wanted.wide else wanted.format.size
         return wanted.raw_of((yield from self.words(wanted.place, count, wanted.address)))
 
-    def put(self, wanted: Target, raw: int | str, goal: Place, **how: Any) -> Exchange[None]:
+    def put(self, wanted: RegisterParameter, raw: int | str, goal: RegisterPlace, **how: Any) -> Exchange[None]:
         """Write a parameter.
 
         goal: the place to which the words go. how: see `Ask`.
         """
         return self.write(goal, wanted.words_for(raw, 0), wanted.address, **how)
 
-    def write(self, place: Place, words: Sequence[int], called: str, **how: Any) -> Exchange[None]:
+    def write(self, place: RegisterPlace, words: Sequence[int], called: str, **how: Any) -> Exchange[None]:
         """Write registers from a place on; at the broadcast address, without a reply. Raises RefusedError.
 
         how: see `Ask`.
         """
         yield from self._send(place, words, called, **how)
 
-    def carry(self, step: Step, **how: Any) -> Exchange[Words | None]:
+    def carry(self, step: ControlStep, **how: Any) -> Exchange[Words | None]:
         """Write one step of a command. Returns the status words that came with the reply, None if it had none."""
-        place = Place.named(step.place)
+        place = RegisterPlace.named(step.place)
         yield from self.write(place, (step.word,), self._dialect.address_at(place), **how)
         return None
 
@@ -104,7 +104,7 @@ class RegisterConversation:
         raw = (yield from self.raw(self._fault_code)) if self._fault_code else 0
         return raw if isinstance(raw, int) and raw else None
 
-    def asked(self, ask: Ask, called: str, place: Place | None = None) -> Exchange[Any]:
+    def asked(self, ask: Ask, called: str, place: RegisterPlace | None = None) -> Exchange[Any]:
         """Send a request; repeat it while the drive is busy, or if it arrived damaged. Raises RefusedError.
 
         A stop is not repeated here while the drive is busy, but by its caller. called: the name of the request in the
@@ -140,7 +140,7 @@ class RegisterConversation:
         except ReplyError:
             return code
 
-    def _send(self, place: Place, words: Sequence[int], called: str, **how: Any) -> Exchange[Any]:
+    def _send(self, place: RegisterPlace, words: Sequence[int], called: str, **how: Any) -> Exchange[Any]:
         ask = self._dialect.writing(place, words)
         if not self.answers:
             yield Tell(message=ask.message)
@@ -150,7 +150,7 @@ class RegisterConversation:
         else:
             return (yield from self._done(replace(ask, acts=True, **how), called, place))
 
-    def _done(self, ask: Ask, called: str, place: Place) -> Exchange[Any]:
+    def _done(self, ask: Ask, called: str, place: RegisterPlace) -> Exchange[Any]:
         """Send a request on which the drive acts, and make sure that the reply is not an echo.
 
         If an echo could be the reply, a read proves that the drive is there. A stop is sent before the read and again
@@ -167,7 +167,7 @@ class RegisterConversation:
             reply = yield from self.asked(ask, called, place)
         return reply
 
-    def _prepared(self, ask: Ask, called: str, place: Place | None) -> Exchange[Any]:
+    def _prepared(self, ask: Ask, called: str, place: RegisterPlace | None) -> Exchange[Any]:
         """Send a request for a place, after the request that prepares it.
 
         Without a reply both are sent again, since the drive may have restarted meanwhile.
@@ -186,6 +186,6 @@ class RegisterConversation:
                 if not left:
                     raise
 
-    def _prepare(self, place: Place, called: str, *, urgent: bool) -> Exchange[None]:
+    def _prepare(self, place: RegisterPlace, called: str, *, urgent: bool) -> Exchange[None]:
         if (ask := self._dialect.preparing(place)) is not None:
             yield from self.asked(replace(ask, urgent=urgent), called)

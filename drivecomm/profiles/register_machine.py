@@ -9,15 +9,15 @@ import math
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from drivecomm.profiles.control_table import SIGNED
-from drivecomm.profiles.orders import OrderMachine
+from drivecomm.profiles.register_commands import RegisterCommandMachine
 from drivecomm.profiles.state_machine import StateMachineOrders
-from drivecomm.protocol import Command, Stop
+from drivecomm.protocol import MotorCommand, Stop
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping, Sequence
 
     from drivecomm.profiles.control_table import ControlTable, Views
-    from drivecomm.profiles.registers import Target
+    from drivecomm.profiles.registers import RegisterParameter
     from drivecomm.protocol import Model, Motor
 
 _DIRECTED = frozenset({"output_frequency", "motor_speed"})
@@ -42,7 +42,7 @@ class RegisterMachine:
     """
 
     def __init__(
-        self, model: Model, targets: Mapping[str, Target], control: ControlTable, motor: Motor, views: Views
+        self, model: Model, targets: Mapping[str, RegisterParameter], control: ControlTable, motor: Motor, views: Views
     ) -> None:
         self._model, self._targets, self._motor = model, targets, motor
         self._all = [(each, each.spots) for each in targets.values()]
@@ -66,11 +66,11 @@ class RegisterMachine:
         self._orders = self._obeying(control, motor)
         self._orders.power_up(self.words, 0.0)
 
-    def _obeying(self, control: ControlTable, motor: Motor) -> OrderMachine | StateMachineOrders:
+    def _obeying(self, control: ControlTable, motor: Motor) -> RegisterCommandMachine | StateMachineOrders:
         """Return the machine that obeys commands: that of a standard, or else one for the words of the commands."""
         machine = control.state_machine
         if machine is None:
-            return OrderMachine(control.profile, motor, self._wanted_hz, control.way)
+            return RegisterCommandMachine(control.profile, motor, self._wanted_hz, control.way)
         place = machine.control_word
         parts = {source.name for _, source in self._views.get(place, ())}
         return StateMachineOrders(
@@ -91,7 +91,7 @@ class RegisterMachine:
         """Return whether one of these places commands the drive while it is not set up to obey."""
         return not self._ordering.isdisjoint(places) and not self.is_set_up()
 
-    def _begin_with(self, wanted: Target) -> None:
+    def _begin_with(self, wanted: RegisterParameter) -> None:
         """Write the model's start value of a parameter into its registers."""
         info = wanted.info
         if info is None or info.start is None:
@@ -150,11 +150,11 @@ class RegisterMachine:
         self.words = dict(self._stored)
         self._orders.power_up(self.words, now)
 
-    def fetch(self, wanted: Target) -> int | str:
+    def fetch(self, wanted: RegisterParameter) -> int | str:
         """Return the raw value of a parameter."""
         return wanted.raw_of([self._seen(spot) for spot in wanted.spots])
 
-    def put(self, wanted: Target, raw: int | str) -> None:
+    def put(self, wanted: RegisterParameter, raw: int | str) -> None:
         """Set the raw value of a parameter, as if at the keypad."""
         words = wanted.words_for(raw, self._seen(wanted.spots[0]))
         self.words |= self._passed_on(dict(zip(wanted.spots, words, strict=True)))
@@ -190,7 +190,7 @@ class RegisterMachine:
         for reference in {each.address for each in touched}.intersection(self._references):
             # The reference that was written last counts.
             self._references.insert(0, self._references.pop(self._references.index(reference)))
-            if self._motor.command is Command.RUN:
+            if self._motor.command is MotorCommand.RUN:
                 self._orders.act(now)
         self._orders.written(whole, self.words, now)
 
@@ -216,12 +216,12 @@ class RegisterMachine:
                 whole[source.name] = source.put(whole.get(source.name, self.words[source.name]), own.cut(word))
         return whole
 
-    def _show(self, wanted: Target, value: float) -> None:
+    def _show(self, wanted: RegisterParameter, value: float) -> None:
         """Set the value that a parameter shows, as exactly as its factor allows."""
         factor = 1 if wanted.info is None else wanted.info.factor
         self.put(wanted, round(value / float(factor)) & 0xFFFFFFFF)
 
-    def _check(self, wanted: Target) -> None:
+    def _check(self, wanted: RegisterParameter) -> None:
         """Raise RegisterRefusal if the value just written to a parameter is not permitted."""
         info = wanted.info
         if info is None:
@@ -270,7 +270,7 @@ class RegisterMachine:
         elif policy != "hold":
             self._orders.stop(Stop.COAST if policy == "coast" else Stop.RAMP, silent_at)
 
-    def _turned(self, measured: float, quantity: str, wanted: Target) -> float:
+    def _turned(self, measured: float, quantity: str, wanted: RegisterParameter) -> float:
         """Return a measured value with the sign of the direction, if this parameter shows the direction."""
         shows_sign = wanted.format.type in SIGNED or wanted.address in self._control.signed
         directed = quantity in _DIRECTED and shows_sign

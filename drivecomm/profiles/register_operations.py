@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DoubtfulReplyError, NotSupported, RefusedError
 from drivecomm.profiles.commander import Commander, check_needs
-from drivecomm.profiles.order_carrier import OrderCarrier
-from drivecomm.profiles.order_memory import OrderMemory, stop_for_sure
-from drivecomm.profiles.references import References
+from drivecomm.profiles.references import ReferenceConverter
+from drivecomm.profiles.register_command_carrier import RegisterCommandTransport
+from drivecomm.profiles.register_command_memory import RegisterCommandMemory, stop_safely
 from drivecomm.profiles.register_conversation import RegisterConversation
-from drivecomm.profiles.registers import Place, blocks_of, span_of
-from drivecomm.protocol import Stop, kept, unless_refused
+from drivecomm.profiles.registers import RegisterPlace, blocks_of, span_of
+from drivecomm.protocol import Stop, cached, unless_refused
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
-    from drivecomm.profiles.control_table import WayOfWriting
+    from drivecomm.profiles.control_table import WritePlan
     from drivecomm.profiles.dialect import Dialect
-    from drivecomm.profiles.registers import Target
+    from drivecomm.profiles.registers import RegisterParameter
     from drivecomm.protocol import DriveStatus, Exchange, Reading, Value
 
 
@@ -28,12 +28,12 @@ class RegisterOperations:
     """Verbs of one drive, or, at the broadcast address, the stop of all drives of a series on the line."""
 
     def __init__(
-        self, dialect: Dialect, memory: OrderMemory | None = None, drive: RegisterConversation | None = None
+        self, dialect: Dialect, memory: RegisterCommandMemory | None = None, drive: RegisterConversation | None = None
     ) -> None:
         self._dialect, self._model, self._control = dialect, dialect.model, dialect.control
-        self._memory, self._known = memory or OrderMemory(), kept(dialect.target)
+        self._memory, self._known = memory or RegisterCommandMemory(), cached(dialect.target)
         self._drive = drive or RegisterConversation(dialect, self._memory)
-        self._carrier = OrderCarrier(self._control, self._drive, self._memory)
+        self._carrier = RegisterCommandTransport(self._control, self._drive, self._memory)
         self._commander = Commander(
             self._control.profile,
             self._carrier,
@@ -43,7 +43,7 @@ class RegisterOperations:
             fault_code=self._drive.fault_code,
             busy={*dialect.busy, *dialect.stop_again},
         )
-        self._references = References(dialect, self.read)
+        self._references = ReferenceConverter(dialect, self.read)
         self.capabilities, self.extra = self._references.capabilities, dialect.verbs(self._drive)
 
     def read(self, parameter: str, *, type: str = "") -> Exchange[Reading]:
@@ -103,7 +103,7 @@ class RegisterOperations:
         self._must_have("stop", self._control.profile.stops)
         if not self._drive.answers:
             return self._commander.stop(Stop(self._control.sure_stop or how))
-        return stop_for_sure(how, self._commander, self._control, self._memory, self.read)
+        return stop_safely(how, self._commander, self._control, self._memory, self.read)
 
     def reset(self) -> Exchange[None]:
         """Acknowledge a fault; without a fault, send nothing that could stop a running motor."""
@@ -155,14 +155,14 @@ class RegisterOperations:
                 found[name] = str(reading)
         return found
 
-    def _reading(self, wanted: Target) -> Exchange[Reading]:
+    def _reading(self, wanted: RegisterParameter) -> Exchange[Reading]:
         raw, info = (yield from self._drive.raw(wanted)), wanted.info
         if info is not None and (place := info.extra.get("decimals")):
             decimals = int((yield from self._drive.raw(self._known(place))))
             wanted = replace(wanted, info=replace(info, factor=Decimal(1).scaleb(-decimals)))
         return self._told(wanted, raw)
 
-    def _told(self, wanted: Target, raw: int | str) -> Reading:
+    def _told(self, wanted: RegisterParameter, raw: int | str) -> Reading:
         return wanted.reading(raw)
 
     def _turns_backwards(self) -> Exchange[bool | None]:
@@ -171,18 +171,18 @@ class RegisterOperations:
         turns = 0 if found is None or isinstance(found.value, str) else found.value
         return turns < 0 if turns else None
 
-    def _write(self, wanted: Target, raw: int | str, *, store: bool) -> Exchange[None]:
+    def _write(self, wanted: RegisterParameter, raw: int | str, *, store: bool) -> Exchange[None]:
         self._drive.must_be_one()
         control = self._control
-        writing = self._written(wanted, raw, control.way_of_writing(wanted.address, wanted.info, store=store))
+        writing = self._written(wanted, raw, control.write_plan(wanted.address, wanted.info, store=store))
         refers = wanted.address in (control.reference_hz, control.reference_percent)
         return self._once_set_up(writing) if refers and control.needs_reference else writing
 
-    def _written(self, wanted: Target, raw: int | str, way: WayOfWriting) -> Exchange[None]:
+    def _written(self, wanted: RegisterParameter, raw: int | str, way: WritePlan) -> Exchange[None]:
         place, drive = wanted.place, self._drive
         for step in way.before:
             yield from drive.carry(step)
-        goal = Place(place.kind, place.start + way.offset)
+        goal = RegisterPlace(place.kind, place.start + way.offset)
         # A write that acts immediately must not be sent twice.
         acts = wanted.info is not None and wanted.info.kind == "command"
         once = not way.offset and (acts or self._control.may_start(wanted, wanted.words_for(raw, 0)))
@@ -195,7 +195,7 @@ class RegisterOperations:
         for step in way.after:
             yield from drive.carry(step)
 
-    def _holds(self, wanted: Target, raw: int | str) -> Exchange[bool]:
+    def _holds(self, wanted: RegisterParameter, raw: int | str) -> Exchange[bool]:
         try:
             return (yield from self._drive.raw(wanted)) == raw
         except (NotSupported, RefusedError):

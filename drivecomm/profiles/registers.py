@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class RegisterPlace:
     """Place of a value: a register, a coil, or a part of a register.
 
     kind: letters, empty for a holding register; i is an input register, c a coil, d a discrete input. i and d are only
@@ -28,7 +28,7 @@ class Place:
     part: str = ""
 
     @classmethod
-    def named(cls, name: str) -> Place:
+    def named(cls, name: str) -> RegisterPlace:
         """Return the whole register or coil that has this name."""
         kind = name.rstrip("0123456789")
         return cls(kind, int(name.removeprefix(kind)))
@@ -72,14 +72,14 @@ def _names(kind: str, start: int, end: int) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Target:
+class RegisterParameter:
     """A parameter in registers or in a coil.
 
     wide: whether 32 bits, or a whole text, are under one address. name: the name that was requested.
     """
 
     address: str
-    place: Place
+    place: RegisterPlace
     format: WordFormat
     wide: bool
     info: ParameterInfo | None
@@ -113,7 +113,7 @@ class Target:
             return words[0]
         return self.place.cut(words[0]) if self.place.part else self.format.raw_of(words)
 
-    def raw_in(self, words: Sequence[int], first: Place) -> int | str:
+    def raw_in(self, words: Sequence[int], first: RegisterPlace) -> int | str:
         """Return the raw value of this parameter from registers that were read from a place on."""
         return self.raw_of(words[self.place.start - first.start : self.end - first.start])
 
@@ -140,13 +140,15 @@ class Target:
         return self.format.raw_for(value, self.address, self.info, rounded=rounded)
 
 
-def span_of(wanted: Sequence[Target]) -> tuple[Place, int]:
+def span_of(wanted: Sequence[RegisterParameter]) -> tuple[RegisterPlace, int]:
     """Return the first place and the number of the registers that hold all these parameters."""
     first = min((each.place for each in wanted), key=lambda place: place.start)
-    return Place(first.kind, first.start), max(each.end for each in wanted) - first.start
+    return RegisterPlace(first.kind, first.start), max(each.end for each in wanted) - first.start
 
 
-def blocks_of(wanted: Sequence[Target], *, most: int, bridged: int, whole: Collection[str] = ()) -> list[list[int]]:
+def blocks_of(
+    wanted: Sequence[RegisterParameter], *, most: int, bridged: int, whole: Collection[str] = ()
+) -> list[list[int]]:
     """Return groups of parameters that one telegram reads, as positions in the list.
 
     most: the maximum number of registers in one telegram. bridged: the maximum number of unneeded registers between two

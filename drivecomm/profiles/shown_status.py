@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm.protocol import Command
+from drivecomm.protocol import MotorCommand
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from drivecomm.profiles.profile import Condition
+    from drivecomm.profiles.profile import BitCondition
     from drivecomm.protocol import Motor
 
 
@@ -20,7 +20,7 @@ _ORDER = (
 )  # fmt: skip
 
 
-def own_truth(motor: Motor) -> dict[str, bool]:
+def facts_without_state(motor: Motor) -> dict[str, bool]:
     """Return the statements that do not follow from a state, and whether each holds now, by name."""
     return {
         "remote": True,
@@ -31,7 +31,7 @@ def own_truth(motor: Motor) -> dict[str, bool]:
     }
 
 
-def motor_truth(motor: Motor) -> dict[str, bool]:
+def facts_of_state(motor: Motor) -> dict[str, bool]:
     """Return the statements that follow from a state, and whether each holds now, for a drive without states."""
     return {
         "always": True,
@@ -39,12 +39,14 @@ def motor_truth(motor: Motor) -> dict[str, bool]:
         "way": not motor.fault,
         "running": motor.running,
         "started": motor.running,
-        "stopping": motor.command is Command.QUICK_STOP and motor.running,
+        "stopping": motor.command is MotorCommand.QUICK_STOP and motor.running,
         "fault": bool(motor.fault),
     }
 
 
-def shown(words: Mapping[str, int], said: Mapping[str, Condition], truth: Mapping[str, bool]) -> dict[str, int]:
+def set_status_bits(
+    words: Mapping[str, int], said: Mapping[str, BitCondition], truth: Mapping[str, bool]
+) -> dict[str, int]:
     """Return status words with bits set or cleared so that each condition holds exactly if its name is true.
 
     A condition whose name is not in `truth` is left alone.

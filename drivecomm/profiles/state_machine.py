@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from drivecomm.profiles.machine import ProfileMachine
-from drivecomm.profiles.shown_status import own_truth, shown
+from drivecomm.profiles.shown_status import facts_without_state, set_status_bits
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
 
-    from drivecomm.profiles.profile import Condition, ControlProfile, Words
+    from drivecomm.profiles.profile import BitCondition, ControlProfile, Words
     from drivecomm.protocol import Motor, Stop
 
 
@@ -89,9 +89,9 @@ class StateMachineOrders:
         """Run with the present reference."""
         self._machine.act(now)
 
-    def status_words(self, said: Mapping[str, Condition]) -> dict[str, int]:
+    def status_words(self, said: Mapping[str, BitCondition]) -> dict[str, int]:
         """Return the status words: the state as the profile shows it, and further statements by these conditions."""
         words = dict.fromkeys((condition.place for condition in said.values()), 0)
         words[self._status_place] = self._machine.status_word()
         remote = not self._contacts or self._is_set_up()
-        return shown(words, said, {**own_truth(self._machine.motor), "remote": remote})
+        return set_status_bits(words, said, {**facts_without_state(self._machine.motor), "remote": remote})

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from drivecomm.profiles.dialect import Dialect
     from drivecomm.profiles.register_machine import Why
-    from drivecomm.profiles.registers import Target
+    from drivecomm.profiles.registers import RegisterParameter
     from drivecomm.protocol import Codec, LineSettings, Message
 
 _OBEYED = {"maximum_frequency": "maximum_hz", "acceleration_time": "ramp_up_s", "deceleration_time": "ramp_down_s"}
@@ -63,7 +63,7 @@ class VirtualRegisterDrive(DriveRepr):
             return None
         if isinstance(find, Damaged):
             return self._sent(self.complain(find))
-        request: Any = self._dialect.continued(find.message)
+        request: Any = self._dialect.complete_request(find.message)
         if not isinstance(request, self._dialect.requests):
             return None
         for_all = request.address in self.shared_addresses
@@ -101,7 +101,7 @@ class VirtualRegisterDrive(DriveRepr):
                 raise ValueRefusedError(f"{parameter}{where} has no room for {raw}")
         self._machine.put(wanted, raw)
 
-    def _held(self, parameter: str) -> Target:
+    def _held(self, parameter: str) -> RegisterParameter:
         found = self._dialect.target(parameter)
         if found.place.name not in self._machine.words:
             raise ParameterAddressError(f"the virtual drive holds no parameter {parameter!r}")
@@ -109,7 +109,7 @@ class VirtualRegisterDrive(DriveRepr):
 
     def answer(self, request: Any, now: float) -> Message:
         """Carry out a request and return the reply. Raises RegisterRefusal."""
-        dialect, access = self._dialect, self._dialect.meant(request)
+        dialect, access = self._dialect, self._dialect.access_of(request)
         if access is None:
             return dialect.taken(request)
         first, words = access.place, access.words

@@ -1,12 +1,13 @@
 from .address_space import NO_ELEMENTS as NO_ELEMENTS, AddressSpace as AddressSpace, Elements as Elements
-from .addressees import is_broadcast as is_broadcast, is_for as is_for
-from .answering import needs_answer as needs_answer
+from .answered_verbs import needs_answer as needs_answer
 from .argument_types import (
     choices_of as choices_of,
     is_duration as is_duration,
     is_whole as is_whole,
-    misfit as misfit,
+    wrong_argument as wrong_argument,
 )
+from .broadcast_stops import commanded_by_model as commanded_by_model, one_stop_fits_all as one_stop_fits_all
+from .caching import cached as cached
 from .code_texts import code_texts as code_texts, tables_beside as tables_beside
 from .contract import (
     DESCRIBE as DESCRIBE,
@@ -39,11 +40,11 @@ from .exchange import (
     Exchange as Exchange,
     Pause as Pause,
     Tell as Tell,
-    answered as answered,
-    asked_once as asked_once,
-    resumed as resumed,
+    run_with_answers as run_with_answers,
     unless_refused as unless_refused,
     with_each_command as with_each_command,
+    with_first_command as with_first_command,
+    without_repeats as without_repeats,
 )
 from .float32 import float_bits as float_bits, float_of as float_of
 from .framing import (
@@ -55,7 +56,7 @@ from .framing import (
     Noise as Noise,
     begins_again as begins_again,
 )
-from .keeping import kept as kept
+from .frozen_factory import frozen_factory as frozen_factory
 from .line import (
     LINE_FACT_NAMES as LINE_FACT_NAMES,
     SETTING_NAMES as SETTING_NAMES,
@@ -70,7 +71,6 @@ from .machine_unit import (
     MachineUnit as MachineUnit,
     MachineValue as MachineValue,
 )
-from .maker import maker as maker
 from .model import (
     CERTAIN as CERTAIN,
     DOUBTFUL as DOUBTFUL,
@@ -88,7 +88,7 @@ from .model import (
     Sureness as Sureness,
     Watchdog as Watchdog,
 )
-from .motor import Command as Command, Motor as Motor
+from .motor import Motor as Motor, MotorCommand as MotorCommand
 from .options import (
     ABOUT_THE_DRIVE as ABOUT_THE_DRIVE,
     CONFIRMED as CONFIRMED,
@@ -100,7 +100,6 @@ from .options import (
     resolve_options as resolve_options,
 )
 from .parameter_store import ParameterStore as ParameterStore
-from .reaching_all import commanded_by_model as commanded_by_model, one_stop_fits_all as one_stop_fits_all
 from .reading import (
     Quality as Quality,
     Reading as Reading,
@@ -114,7 +113,7 @@ from .reading import (
     unscaled as unscaled,
     whole_number as whole_number,
 )
-from .refusal import Refusal as Refusal, looked_into as looked_into
+from .refusal import Refusal as Refusal, refusals_as_address_errors as refusals_as_address_errors
 from .registry import (
     Protocols as Protocols,
     decode as decode,
@@ -123,6 +122,7 @@ from .registry import (
     protocols as protocols,
     unknown_protocol as unknown_protocol,
 )
+from .request_addressing import is_broadcast as is_broadcast, is_for as is_for
 from .status import (
     DriveState as DriveState,
     DriveStatus as DriveStatus,
@@ -131,7 +131,7 @@ from .status import (
     StopName as StopName,
     way_to_stop as way_to_stop,
 )
-from .storing import check_store as check_store
+from .store_rule import check_store as check_store
 from .telegram import (
     Direction as Direction,
     Message as Message,

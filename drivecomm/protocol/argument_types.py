@@ -32,7 +32,7 @@ _FURTHER = "**"
 """Key for the type of all keyword arguments that a function collects with `**`."""
 
 
-def misfit(owner: Callable[..., Any], given: Mapping[str, Any]) -> tuple[str, str] | None:
+def wrong_argument(owner: Callable[..., Any], given: Mapping[str, Any]) -> tuple[str, str] | None:
     """Return the name of the first argument of the wrong type and a text for the right type; None if all types fit.
 
     owner: a function or a dataclass.
@@ -45,7 +45,7 @@ def misfit(owner: Callable[..., Any], given: Mapping[str, Any]) -> tuple[str, st
     return None
 
 
-def as_asked(owner: Callable[..., Any], given: Mapping[str, Any]) -> dict[str, Any]:
+def as_declared(owner: Callable[..., Any], given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the arguments, with a whole number as text if only text is declared, as for an address."""
     hints = _hints(owner)
     texts = {name: str(value) for name, value in given.items() if hints.get(name) is str and type(value) is int}

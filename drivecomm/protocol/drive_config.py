@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from math import inf
 from typing import TYPE_CHECKING, Any, TypeVar, cast, get_args
 
-from drivecomm.errors import AddressError, UsageError, meant
+from drivecomm.errors import AddressError, UsageError, suggestion
 from drivecomm.protocol.argument_types import is_duration
 from drivecomm.protocol.model import LinkLoss
 from drivecomm.protocol.motor import MOTOR_DATA
@@ -57,7 +57,7 @@ class LinkLossPolicy:
 
     def __post_init__(self) -> None:
         if self.policy not in get_args(LinkLoss):
-            raise UsageError(f"unknown policy {self.policy!r}; {meant(self.policy, get_args(LinkLoss), 'use')}")
+            raise UsageError(f"unknown policy {self.policy!r}; {suggestion(self.policy, get_args(LinkLoss), 'use')}")
         if not 0 < self.watchdog_s < inf:
             raise UsageError(f"invalid watchdog_s = {self.watchdog_s:g}; write seconds above 0")
 
@@ -87,7 +87,7 @@ class NetworkAccess:
                 if verb == "*":
                     raise UsageError(f"network has no wildcard; list each verb that {door} may use")
                 if verb not in NETWORK_VERBS:
-                    raise UsageError(f"unknown verb {verb!r} for {door}; {meant(verb, NETWORK_VERBS, 'use')}")
+                    raise UsageError(f"unknown verb {verb!r} for {door}; {suggestion(verb, NETWORK_VERBS, 'use')}")
         for parameter in self.write:
             if not parameter or "*" in parameter:
                 raise UsageError("network has no wildcard; list each parameter that may be written")
@@ -177,7 +177,7 @@ class DriveConfig:
             raise UsageError(f"invalid needs_pause_s = {self.needs_pause_s:g}; write 0 to {LONGEST_DELAY_S:g} seconds")
         for key, value in self.motor.items():
             if key not in MOTOR_DATA:
-                raise UsageError(f"unknown motor data {key!r}; {meant(key, sorted(MOTOR_DATA), 'use')}")
+                raise UsageError(f"unknown motor data {key!r}; {suggestion(key, sorted(MOTOR_DATA), 'use')}")
             if value < 0 or (not value and key not in _MAY_BE_ZERO):
                 raise UsageError(f"invalid motor data {key} = {value}; write a number above 0")
 

@@ -103,7 +103,7 @@ def unless_refused(exchange: Exchange[T], *others: type[DriveCommError]) -> Exch
         return None
 
 
-def answered(exchange: Exchange[T], answer: Callable[[Ask | Tell], Message | None]) -> T:
+def run_with_answers(exchange: Exchange[T], answer: Callable[[Ask | Tell], Message | None]) -> T:
     """Run an exchange with a function in place of the line, and return its result; pauses take no time.
 
     answer: returns the reply to an `Ask`, and None for a `Tell`. A ReplyError that it raises is thrown into the
@@ -125,7 +125,7 @@ def answered(exchange: Exchange[T], answer: Callable[[Ask | Tell], Message | Non
         exchange.close()
 
 
-def asked_once(exchange: Exchange[T]) -> Exchange[T]:
+def without_repeats(exchange: Exchange[T]) -> Exchange[T]:
     """Run an exchange without repeating any of its requests, as is needed before a stop.
 
     Raises UnexpectedReplyError if the exchange pauses, for example because the drive is busy.
@@ -154,7 +154,7 @@ def with_each_command(
     return (yield from _from(command, exchange, change, heard))
 
 
-def resumed(command: Command, exchange: Exchange[T]) -> Exchange[T]:
+def with_first_command(command: Command, exchange: Exchange[T]) -> Exchange[T]:
     """Return an exchange that has already yielded its first command as one that yields this command again."""
     return _from(command, exchange, _unchanged, None)
 

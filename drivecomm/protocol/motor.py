@@ -14,7 +14,7 @@ MOTOR_DATA = frozenset({
 """Fields of `Motor` that a user can configure: name plate, ramps, load, mains and surroundings."""
 
 
-class Command(Enum):
+class MotorCommand(Enum):
     """Action of a drive on its motor."""
 
     OFF = "off"
@@ -52,7 +52,7 @@ class Motor:
     output_hz: float = 0.0
     shaft_hz: float = 0.0
     target_hz: float = 0.0
-    command: Command = Command.OFF
+    command: MotorCommand = MotorCommand.OFF
     fault: int = 0
     warning: bool = False
     temperature_c: float = 30.0
@@ -64,25 +64,25 @@ class Motor:
         """Run at this frequency; no effect while the drive is tripped."""
         self.advance(now)
         if not self.fault:
-            self.command = Command.RUN
+            self.command = MotorCommand.RUN
             self.target_hz = max(-self.maximum_hz, min(self.maximum_hz, hz))
 
-    def stop(self, how: Command, now: float) -> None:
+    def stop(self, how: MotorCommand, now: float) -> None:
         """Stop by coasting (OFF), RAMP_STOP, QUICK_STOP or DC_BRAKE, or HOLD the output as it is."""
         self.advance(now)
-        if self.command is Command.OFF and how is not Command.OFF:
+        if self.command is MotorCommand.OFF and how is not MotorCommand.OFF:
             return
         self.command = how
-        if how is not Command.HOLD:
+        if how is not MotorCommand.HOLD:
             self.target_hz = 0.0
-        if how is Command.OFF:
+        if how is MotorCommand.OFF:
             self.output_hz = 0.0
 
     def trip(self, code: int, now: float) -> None:
         """Switch the output off with this fault code. Raises ValueError for code 0, which means no fault."""
         if code == 0:
             raise ValueError("fault code 0 means no fault")
-        self.stop(Command.OFF, now)
+        self.stop(MotorCommand.OFF, now)
         self.fault = code
 
     def reset(self, now: float) -> None:
@@ -96,24 +96,28 @@ class Motor:
         if elapsed <= 0:
             return
         self.time = now
-        if self.command is Command.OFF:
+        if self.command is MotorCommand.OFF:
             self.shaft_hz = _towards(self.shaft_hz, 0.0, self.rated_hz / self.coast_s * elapsed)
             self._warm(elapsed)
             return
         before = self.output_hz
-        if self.command is Command.DC_BRAKE:
+        if self.command is MotorCommand.DC_BRAKE:
             self.output_hz = _towards(before, 0.0, self.rated_hz / self.dc_brake_s * elapsed)
-        elif self.command is not Command.HOLD:
+        elif self.command is not MotorCommand.HOLD:
             self.output_hz = self._ramped(before, elapsed)
         self.shaft_hz = self.output_hz
         self.running_s += elapsed
         self.energy_kwh += self.power_kw * elapsed / 3600
-        if self.output_hz == 0 and self.command in (Command.RAMP_STOP, Command.QUICK_STOP, Command.DC_BRAKE):
-            self.command = Command.OFF
+        if self.output_hz == 0 and self.command in (
+            MotorCommand.RAMP_STOP,
+            MotorCommand.QUICK_STOP,
+            MotorCommand.DC_BRAKE,
+        ):
+            self.command = MotorCommand.OFF
         self._warm(elapsed)
 
     def _ramped(self, start: float, elapsed: float) -> float:
-        down = self.quick_ramp_s if self.command is Command.QUICK_STOP else self.ramp_down_s
+        down = self.quick_ramp_s if self.command is MotorCommand.QUICK_STOP else self.ramp_down_s
         if start * self.target_hz >= 0 and abs(self.target_hz) > abs(start):
             return _towards(start, self.target_hz, self._slope(self.ramp_up_s) * elapsed)
         # Ramp down first, to zero at most, then up again in the other direction.
@@ -134,22 +138,22 @@ class Motor:
     @property
     def running(self) -> bool:
         """Whether the output is on."""
-        return self.command is not Command.OFF
+        return self.command is not MotorCommand.OFF
 
     @property
     def at_reference(self) -> bool:
         """Whether the motor runs at the frequency that was commanded."""
-        return self.command is Command.RUN and self.output_hz == self.target_hz
+        return self.command is MotorCommand.RUN and self.output_hz == self.target_hz
 
     @property
     def accelerating(self) -> bool:
         """Whether the output frequency rises."""
-        return self.command is Command.RUN and self._away_from_zero and abs(self.target_hz) > abs(self.output_hz)
+        return self.command is MotorCommand.RUN and self._away_from_zero and abs(self.target_hz) > abs(self.output_hz)
 
     @property
     def decelerating(self) -> bool:
         """Whether the output frequency falls."""
-        if not self.running or self.command is Command.HOLD:
+        if not self.running or self.command is MotorCommand.HOLD:
             return False
         return not self._away_from_zero or abs(self.target_hz) < abs(self.output_hz)
 

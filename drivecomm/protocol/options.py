@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import AddressError, UsageError, meant, shortened
-from drivecomm.protocol.argument_types import as_asked, misfit
+from drivecomm.errors import AddressError, UsageError, shortened, suggestion
+from drivecomm.protocol.argument_types import as_declared, wrong_argument
 from drivecomm.protocol.line import LINE_FACT_NAMES
 
 if TYPE_CHECKING:
@@ -48,8 +48,8 @@ def resolve_options(
 def protocol_options(plugin: Protocol, given: Mapping[str, Any]) -> Any:
     """Return the protocol's own drive options. Raises UsageError for an unknown name or an invalid value."""
     _known(plugin, given, option_names(plugin))
-    chosen = as_asked(plugin.options, given)
-    if wrong := misfit(plugin.options, chosen):
+    chosen = as_declared(plugin.options, given)
+    if wrong := wrong_argument(plugin.options, chosen):
         name, takes = wrong
         raise UsageError(f"{name} cannot be {shortened(chosen[name])}; it takes {takes}")
     try:
@@ -71,7 +71,7 @@ def option_names(plugin: Protocol) -> frozenset[str]:
 def line_overrides(facts: Mapping[str, Any]) -> dict[str, Any]:
     """Return the line facts that are not None. Raises UsageError for an unknown name."""
     if unknown := sorted(set(facts) - LINE_FACT_NAMES):
-        known = meant(unknown[0], sorted(LINE_FACT_NAMES), "use one of")
+        known = suggestion(unknown[0], sorted(LINE_FACT_NAMES), "use one of")
         raise UsageError(f"unknown line setting {unknown[0]!r}; {known}")
     return {name: value for name, value in facts.items() if value is not None}
 
@@ -93,5 +93,5 @@ def _known(plugin: Protocol, given: Iterable[str], allowed: frozenset[str], also
     also: options that are handled elsewhere, for the suggestion in the error.
     """
     if unknown := sorted(set(given) - allowed):
-        known = meant(unknown[0], sorted({*allowed, *also}), "they have")
+        known = suggestion(unknown[0], sorted({*allowed, *also}), "they have")
         raise UsageError(f"{plugin.name} drives have no option {shortened(unknown[0])}; {known}")

@@ -8,7 +8,7 @@ from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from drivecomm.errors import UsageError, ValueRefusedError, shortened
-from drivecomm.protocol.maker import maker
+from drivecomm.protocol.frozen_factory import frozen_factory
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -103,7 +103,7 @@ class Reading:
 _set_time_s = vars(Reading)["time_s"].__set__
 _set_doubt = vars(Reading)["doubt"].__set__
 
-new_reading = maker(Reading)
+new_reading = frozen_factory(Reading)
 """Return a Reading, like its constructor and faster; one is made for every value that is read."""
 
 _LARGEST, _SMALLEST = 38, -54

@@ -20,7 +20,7 @@ class Refusal(Exception):  # noqa: N818 - a reply of the drive, not an error of 
 
 
 @contextmanager
-def looked_into(parameter: str) -> Iterator[None]:
+def refusals_as_address_errors(parameter: str) -> Iterator[None]:
     """Raise ParameterAddressError for a refusal while a caller reads or sets values inside a virtual drive.
 
     No access is checked then, so a refused parameter is one that does not exist.

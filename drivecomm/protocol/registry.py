@@ -13,8 +13,8 @@ from drivecomm.errors import (
     TelegramError,
     UnknownProtocolError,
     UsageError,
-    meant,
     shortened,
+    suggestion,
 )
 from drivecomm.protocol.contract import Protocol
 from drivecomm.protocol.entry_points import entry_points
@@ -100,7 +100,7 @@ class Protocols(Mapping[str, Protocol]):
 
 def unknown_protocol(name: str, known: Iterable[str]) -> UnknownProtocolError:
     """Return the error for a name that none of the known protocols has."""
-    there = meant(name, sorted(known), "installed are")
+    there = suggestion(name, sorted(known), "installed are")
     return UnknownProtocolError(f"no installed protocol is named {shortened(name)}; {there}")
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
-from drivecomm.errors import UsageError, meant, shortened
+from drivecomm.errors import UsageError, shortened, suggestion
 
 if TYPE_CHECKING:
     from decimal import Decimal
@@ -37,7 +37,7 @@ def way_to_stop(how: Stop | StopName) -> Stop:
     try:
         return Stop(how)
     except ValueError:
-        known = meant(how, [stop.value for stop in Stop], "use")
+        known = suggestion(how, [stop.value for stop in Stop], "use")
         raise UsageError(f"unknown way to stop {shortened(how)}; {known}") from None
 
 

@@ -8,22 +8,22 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.models import read_model
 from drivecomm.protocol import WATCHDOG_PROOF, installed
-from drivecomm.proving.link_loss import said_of_watchdog
-from drivecomm.proving.parameters import said_by_model
-from drivecomm.proving.report import plain
-from drivecomm.tomlfile import read_text_file, write_whole
+from drivecomm.proving.link_loss import watchdog_facts
+from drivecomm.proving.parameters import model_facts
+from drivecomm.proving.report import proof_value
+from drivecomm.tomlfile import read_text_file, write_atomically
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
     from drivecomm.protocol import Model, Sureness
-    from drivecomm.proving.findings import Finding
+    from drivecomm.proving.findings import ProofFinding
     from drivecomm.proving.report import Proof
 
 
 @dataclass(slots=True)
-class Applied:
+class AppliedMarks:
     """Effect of a proof on the facts of its model, by address.
 
     raised, contradicted: facts that were given this mark. unchanged: facts that had the mark before. kept: facts that
@@ -53,22 +53,22 @@ def marks_of(proof: Proof, model: Model) -> dict[str, Sureness]:
     return marks
 
 
-def is_stale(finding: Finding, model: Model) -> bool:
+def is_stale(finding: ProofFinding, model: Model) -> bool:
     """Whether the model has changed since the finding was made."""
     if not finding.addresses:
         return False
     if finding.kind == "link loss":
-        return bool(plain(said_of_watchdog(model)) != plain(finding.model))
+        return bool(proof_value(watchdog_facts(model)) != proof_value(finding.model))
     said = finding.model if finding.kind == "name plate" else {finding.addresses[0]: finding.model}
     return any(not _still_says(model, address, fact) for address, fact in said.items())
 
 
 def _still_says(model: Model, address: str, fact: Any) -> bool:
     info = model.parameters.get(address)
-    return info is not None and plain(said_by_model(info)) == plain(fact)
+    return info is not None and proof_value(model_facts(info)) == proof_value(fact)
 
 
-def apply_proof(proof: Proof, named: str, file: Path) -> Applied:
+def apply_proof(proof: Proof, named: str, file: Path) -> AppliedMarks:
     """Write the marks of a proof into a model's file; comments and layout stay. named: name of the proof in the marks.
 
     Applying the same proof again changes nothing. Raises UsageError for a proof of another model, and FileFormatError
@@ -86,7 +86,7 @@ def apply_proof(proof: Proof, named: str, file: Path) -> Applied:
         document: Any = tomlkit.parse(text)
     except TOMLKitError as error:
         raise FileFormatError(f"{file}: cannot be read as a model: {error}") from error
-    applied = Applied(stale=list(_stale(proof, model)))
+    applied = AppliedMarks(stale=list(_stale(proof, model)))
     table = document.get("proofs")
     new = {} if table is None else dict(table)
     for address, mark in marks_of(proof, model).items():
@@ -103,7 +103,7 @@ def apply_proof(proof: Proof, named: str, file: Path) -> Applied:
             entry.update({"sure": mark, "proof": named})
             table[address] = entry
     if applied.raised or applied.contradicted:
-        write_whole(file, tomlkit.dumps(document))
+        write_atomically(file, tomlkit.dumps(document))
     return applied
 
 
@@ -132,7 +132,7 @@ def _stale(proof: Proof, model: Model) -> Iterator[str]:
             yield finding.addresses[0] if finding.addresses else finding.about
 
 
-def _facts(finding: Finding, model: Model) -> Iterator[str]:
+def _facts(finding: ProofFinding, model: Model) -> Iterator[str]:
     """Yield the keys in [proofs] of the facts that a finding is about."""
     if finding.kind == "link loss":
         if model.watchdog is not None:

@@ -30,7 +30,7 @@ DECISIVE: frozenset[Shown] = frozenset({"described", "option", "scale", "text", 
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Finding:
+class ProofFinding:
     """One entry of a proof.
 
     about: the fact, in words. addresses: the parameters of the fact. model: the model's facts by key. drive: the

@@ -8,20 +8,20 @@ from drivecomm.errors import DriveCommError, ReadOnlyError, in_one_line
 from drivecomm.line import Job, Rank
 from drivecomm.models import packaged_models, read_model
 from drivecomm.protocol import KnowsSeries, Pause, with_each_command
-from drivecomm.proving.findings import Finding
-from drivecomm.proving.private import public_identity
+from drivecomm.proving.findings import ProofFinding
+from drivecomm.proving.private_data import public_identity
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from drivecomm.bus import Bus, Drive
     from drivecomm.protocol import Ask, Exchange, Model, Protocol, SeriesFound, Tell
-    from drivecomm.proving.asker import Asker
+    from drivecomm.proving.patient_reader import PatientReader
 
 T = TypeVar("T")
 
 
-def told_identity(asker: Asker, drive: Drive) -> Mapping[str, str] | DriveCommError:
+def reported_identity(asker: PatientReader, drive: Drive) -> Mapping[str, str] | DriveCommError:
     """Return the identity that a drive reports, without its state, or the error that prevents it."""
     told = asker.answer(drive.identify)
     if isinstance(told, DriveCommError):
@@ -29,30 +29,34 @@ def told_identity(asker: Asker, drive: Drive) -> Mapping[str, str] | DriveCommEr
     return {key: text for key, text in told.items() if key != "state"}
 
 
-def identity_findings(told: Mapping[str, str] | DriveCommError, model: Model, plugin: Protocol) -> Iterator[Finding]:
+def identity_findings(
+    told: Mapping[str, str] | DriveCommError, model: Model, plugin: Protocol
+) -> Iterator[ProofFinding]:
     """Yield the findings that follow from the drive's own identity."""
     rule = dict(model.identified_by)
     about = "which series it is, by its own word"
     if not rule:
-        yield Finding(
+        yield ProofFinding(
             kind="identity", verdict="not asked", about=about, why="the model has no rule that a drive's word must meet"
         )
         return
     if isinstance(told, DriveCommError):
         why = f"the drive does not tell it: {in_one_line(told)}"
-        yield Finding(kind="identity", verdict="contradicts", about=about, model=rule, why=why)
+        yield ProofFinding(kind="identity", verdict="contradicts", about=about, model=rule, why=why)
         return
     said = {key: told[key] for key in rule if key in told}
     if model.matches(told) or _is_of_its_family(told, model, plugin):
-        yield Finding(kind="identity", verdict="agrees", about=about, model=rule, drive=said)
+        yield ProofFinding(kind="identity", verdict="agrees", about=about, model=rule, drive=said)
         return
     fitting = [each.name for each in _packaged(plugin) if each.matches(told)]
     could = f"; it is of model {' or '.join(fitting)} by that" if fitting else ""
     why = f"what it tells does not meet the rule{could}" if said else "it tells nothing that the rule is about"
-    yield Finding(kind="identity", verdict="contradicts", about=about, model=rule, drive=said, why=why)
+    yield ProofFinding(kind="identity", verdict="contradicts", about=about, model=rule, drive=said, why=why)
 
 
-def series_findings(asker: Asker, drive: Drive, model: Model, plugin: Protocol, options: Any) -> Iterator[Finding]:
+def series_findings(
+    asker: PatientReader, drive: Drive, model: Model, plugin: Protocol, options: Any
+) -> Iterator[ProofFinding]:
     """Yield the findings that distinguish the model's series from others, for protocols that can check a series."""
     address = drive.peer.name.rpartition(":")[2]
     operations = plugin.operations(int(address), options, model)
@@ -63,20 +67,20 @@ def series_findings(asker: Asker, drive: Drive, model: Model, plugin: Protocol, 
 
     def ask() -> SeriesFound:
         found: SeriesFound = cast("Bus", drive.bus).run(
-            Job(drive.peer, only_asking(operations.check_series(others), plugin), Rank.READ)
+            Job(drive.peer, read_only_exchange(operations.check_series(others), plugin), Rank.READ)
         )
         return found
 
     about = "which series it is, by what it has and lacks"
     found = asker.answer(ask)
     if isinstance(found, DriveCommError):
-        yield Finding(kind="identity", verdict="not asked", about=about, why=in_one_line(found))
+        yield ProofFinding(kind="identity", verdict="not asked", about=about, why=in_one_line(found))
         return
     if found.against:
         could = f"; it could be {', '.join(found.candidates)}" if found.candidates else ""
-        yield Finding(kind="identity", verdict="contradicts", about=about, why=f"{found.against}{could}")
+        yield ProofFinding(kind="identity", verdict="contradicts", about=about, why=f"{found.against}{could}")
     elif found.open:
-        yield Finding(
+        yield ProofFinding(
             kind="identity",
             verdict="new",
             about=about,
@@ -84,17 +88,17 @@ def series_findings(asker: Asker, drive: Drive, model: Model, plugin: Protocol, 
             why="drives of these models would answer the same",
         )
     else:
-        yield Finding(kind="identity", verdict="agrees", about=about)
+        yield ProofFinding(kind="identity", verdict="agrees", about=about)
 
 
-def public(told: Mapping[str, str] | DriveCommError, model: Model, *, with_names: bool) -> dict[str, str]:
+def public_part(told: Mapping[str, str] | DriveCommError, model: Model, *, with_names: bool) -> dict[str, str]:
     """Return the part of a drive's identity that goes into a proof."""
     if isinstance(told, DriveCommError):
         return {}
     return dict(told) if with_names else public_identity(told, model.identified_by)
 
 
-def only_asking(exchange: Exchange[T], plugin: Protocol) -> Exchange[T]:
+def read_only_exchange(exchange: Exchange[T], plugin: Protocol) -> Exchange[T]:
     """Run an exchange, but raise ReadOnlyError at the first telegram that does more than read."""
 
     def checked(command: Ask | Tell | Pause) -> Ask | Tell | Pause:

@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import read_watchdog
 from drivecomm.errors import DriveCommError, in_one_line
-from drivecomm.proving.findings import Finding
+from drivecomm.proving.findings import ProofFinding
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from drivecomm.bus import Drive
     from drivecomm.protocol import Model
-    from drivecomm.proving.asker import Asker
-    from drivecomm.proving.parameters import Told
+    from drivecomm.proving.parameters import ParameterAnswers
+    from drivecomm.proving.patient_reader import PatientReader
 
 _LONGEST_S = 3600
 """Longest plausible watchdog timeout in seconds; a longer one indicates another scale or another parameter."""
@@ -22,7 +22,7 @@ _LONGEST_S = 3600
 ABOUT = "what it does when its master falls silent"
 
 
-def said_of_watchdog(model: Model) -> dict[str, Any]:
+def watchdog_facts(model: Model) -> dict[str, Any]:
     """Return the watchdog fact of the model as a proof records it."""
     watchdog = model.watchdog
     if watchdog is None:
@@ -32,16 +32,20 @@ def said_of_watchdog(model: Model) -> dict[str, Any]:
     return {key: value for key, value in said.items() if value not in ("", None)}
 
 
-def link_loss_findings(asker: Asker, drive: Drive, model: Model, told: Mapping[str, Told]) -> Iterator[Finding]:
+def link_loss_findings(
+    asker: PatientReader, drive: Drive, model: Model, told: Mapping[str, ParameterAnswers]
+) -> Iterator[ProofFinding]:
     """Yield the findings about the drive's watchdog settings. told: the answers about parameters read before."""
     if model.watchdog is None:
-        yield Finding(kind="link loss", verdict="not asked", about=ABOUT, why="the model has no watchdog to be read")
+        yield ProofFinding(
+            kind="link loss", verdict="not asked", about=ABOUT, why="the model has no watchdog to be read"
+        )
         return
-    watchdog, said = model.watchdog, said_of_watchdog(model)
+    watchdog, said = model.watchdog, watchdog_facts(model)
     places = tuple(each for each in (watchdog.time, watchdog.action) if each)
     setting = asker.answer(lambda: read_watchdog(drive))
     if isinstance(setting, DriveCommError):
-        yield Finding(
+        yield ProofFinding(
             kind="link loss",
             verdict="contradicts",
             about=ABOUT,
@@ -55,7 +59,7 @@ def link_loss_findings(asker: Asker, drive: Drive, model: Model, told: Mapping[s
     against = list(_against(setting.policy is None, setting.time_s, setting.action_value, places, told))
     # Without an action parameter, a time of 0 proves nothing: many parameters hold 0.
     decisive = not against and bool(setting.action_value or setting.time_value)
-    yield Finding(
+    yield ProofFinding(
         kind="link loss",
         verdict="contradicts" if against else "agrees",
         about=ABOUT,
@@ -68,7 +72,7 @@ def link_loss_findings(asker: Asker, drive: Drive, model: Model, told: Mapping[s
 
 
 def _against(
-    unknown: bool, time_s: Any, action: Any, places: tuple[str, ...], told: Mapping[str, Told]
+    unknown: bool, time_s: Any, action: Any, places: tuple[str, ...], told: Mapping[str, ParameterAnswers]
 ) -> Iterator[str]:
     if unknown:
         yield f"the drive's action is set to {action}, which is none of the model's actions"

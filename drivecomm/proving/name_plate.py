@@ -37,14 +37,14 @@ _MOST_SLIP = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class Broken:
+class BrokenRule:
     """A rule that the values break. names: the common names in the rule. text: the mistake, with the values."""
 
     names: tuple[str, ...]
     text: str
 
 
-def broken_rules(plate: Mapping[str, Decimal], *, stands: bool, address: int | None = None) -> Iterator[Broken]:
+def broken_rules(plate: Mapping[str, Decimal], *, stands: bool, address: int | None = None) -> Iterator[BrokenRule]:
     """Yield each rule that the values of one drive break; the values have common names and common units.
 
     stands: whether the motor stands. address: the drive's address on the line.
@@ -52,17 +52,17 @@ def broken_rules(plate: Mapping[str, Decimal], *, stands: bool, address: int | N
     known = {name: float(value) for name, value in plate.items() if value}
     for name, (low, high) in _RANGES.items():
         if name in known and not low <= known[name] <= high:
-            yield Broken((name,), f"{name} {known[name]:g} is not within {low:g} to {high:g}")
+            yield BrokenRule((name,), f"{name} {known[name]:g} is not within {low:g} to {high:g}")
     for names, holds, text in _RELATIONS:
         if all(each in known for each in names) and not holds(*(known[each] for each in names)):
             values = ", ".join(f"{each} {known[each]:g}" for each in names)
-            yield Broken(names, f"{values}: {text}")
+            yield BrokenRule(names, f"{values}: {text}")
     if stands:
         for name, most in _STANDING.items():
             if abs(known.get(name, 0.0)) > most:
-                yield Broken((name,), f"{name} {known[name]:g} while the motor stands")
+                yield BrokenRule((name,), f"{name} {known[name]:g} while the motor stands")
     if address is not None and "bus_address" in known and known["bus_address"] != address:
-        yield Broken(("bus_address",), "it is not the address at which the drive was asked")
+        yield BrokenRule(("bus_address",), "it is not the address at which the drive was asked")
 
 
 def scale_shown(name: str, plate: Mapping[str, Decimal], *, stands: bool) -> bool:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, NotSupported, RefusedError, ReplyError, UnexpectedReplyError, in_one_line
 from drivecomm.models import factor_between, quantities as common_quantities
-from drivecomm.proving.findings import Finding
-from drivecomm.proving.private import LEFT_OUT, is_private
+from drivecomm.proving.findings import ProofFinding
+from drivecomm.proving.private_data import LEFT_OUT, is_private
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(slots=True, kw_only=True)
-class Told:
+class ParameterAnswers:
     """The drive's answers about one parameter.
 
     readings: by the address of each element that was read. described: the drive's own description of the parameter;
@@ -39,7 +39,7 @@ def why_not_asked(info: ParameterInfo) -> str:
     return "" if "r" in info.access else "it can only be written"
 
 
-def said_by_model(info: ParameterInfo) -> dict[str, Any]:
+def model_facts(info: ParameterInfo) -> dict[str, Any]:
     """Return the model's facts about a parameter as a proof records them, to detect later changes of the model."""
     said: dict[str, Any] = {"name": info.name, "type": info.type, "unit": info.unit, "factor": info.factor}
     said |= {"access": info.access, "minimum": info.minimum, "maximum": info.maximum}
@@ -48,7 +48,7 @@ def said_by_model(info: ParameterInfo) -> dict[str, Any]:
     return {key: value for key, value in said.items() if value not in ("", None)}
 
 
-def judged(told: Told, *, scale: bool, answers_all: bool, with_names: bool) -> Finding:
+def parameter_finding(told: ParameterAnswers, *, scale: bool, answers_all: bool, with_names: bool) -> ProofFinding:
     """Return the finding about one parameter. scale: whether any other scale would be implausible.
 
     answers_all: whether the drive also answers for unknown addresses, so that an answer proves little.
@@ -59,19 +59,19 @@ def judged(told: Told, *, scale: bool, answers_all: bool, with_names: bool) -> F
     readings = [each for each in told.readings.values() if not isinstance(each, DriveCommError)]
     if not against:
         shows = list(_shown(told, readings, scale=scale, exists=not answers_all))
-    return Finding(
+    return ProofFinding(
         kind="parameter",
         verdict="contradicts" if against else "agrees",
         about=f"parameter {info.address}",
         addresses=(info.address,),
-        model=said_by_model(info),
+        model=model_facts(info),
         drive=_said_by_drive(told, with_names=with_names),
         shows=tuple(shows),
         why="; ".join(against),
     )
 
 
-def _against(told: Told) -> Iterator[str]:
+def _against(told: ParameterAnswers) -> Iterator[str]:
     info = told.info
     for address, answer in told.readings.items():
         of = "" if address == info.address else f"{address}: "
@@ -147,7 +147,7 @@ def _against_scale(info: ParameterInfo, said: ParameterInfo) -> Iterator[str]:
             yield f"{end} {ours:f} in the model, {theirs * between:f} by the drive"
 
 
-def _shown(told: Told, readings: Sequence[Reading], *, scale: bool, exists: bool) -> Iterator[Shown]:
+def _shown(told: ParameterAnswers, readings: Sequence[Reading], *, scale: bool, exists: bool) -> Iterator[Shown]:
     if exists and readings:
         yield "exists"
     if told.described is not None and not isinstance(told.described, DriveCommError):
@@ -162,7 +162,7 @@ def _shown(told: Told, readings: Sequence[Reading], *, scale: bool, exists: bool
         yield "scale"
 
 
-def _said_by_drive(told: Told, *, with_names: bool) -> dict[str, Any]:
+def _said_by_drive(told: ParameterAnswers, *, with_names: bool) -> dict[str, Any]:
     said: dict[str, Any] = {}
     for address, answer in told.readings.items():
         key = "value" if len(told.readings) == 1 else address
@@ -177,7 +177,7 @@ def _said_by_drive(told: Told, *, with_names: bool) -> dict[str, Any]:
             said |= {} if str(answer.raw) == str(answer.value) else {f"{key}_raw": answer.raw}
     described = told.described
     if described is not None and not isinstance(described, DriveCommError):
-        said["described"] = {key: each for key, each in said_by_model(described).items() if key != "name"}
+        said["described"] = {key: each for key, each in model_facts(described).items() if key != "name"}
     elif isinstance(described, DriveCommError) and not isinstance(described, NotSupported):
         said["described"] = "it does not say"
     return said
@@ -191,12 +191,12 @@ def asked_addresses(addresses: Sequence[str]) -> Sequence[str]:
 _MOST_ELEMENTS = 4
 
 
-def plate_of(told: Mapping[str, Told], quantities: Mapping[str, str]) -> dict[str, Decimal]:
+def plate_of(told: Mapping[str, ParameterAnswers], quantities: Mapping[str, str]) -> dict[str, Decimal]:
     """Return the values of the common names in common units. told: the answers by address of the parameter."""
     return {name: value for name, address in quantities.items() if (value := _common(told, name, address)) is not None}
 
 
-def _common(told: Mapping[str, Told], name: str, address: str) -> Decimal | None:
+def _common(told: Mapping[str, ParameterAnswers], name: str, address: str) -> Decimal | None:
     one = told.get(address) or told.get(address.partition("[")[0])
     known = common_quantities().get(name)
     if one is None or known is None:

@@ -11,12 +11,19 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.protocol import DESCRIBE, installed, resolve_options
-from drivecomm.proving.asker import Asker
-from drivecomm.proving.findings import Finding
-from drivecomm.proving.identity import identity_findings, public, series_findings, told_identity
+from drivecomm.proving.findings import ProofFinding
+from drivecomm.proving.identity import identity_findings, public_part, reported_identity, series_findings
 from drivecomm.proving.link_loss import link_loss_findings
 from drivecomm.proving.name_plate import broken_rules, scale_shown
-from drivecomm.proving.parameters import Told, asked_addresses, judged, plate_of, said_by_model, why_not_asked
+from drivecomm.proving.parameters import (
+    ParameterAnswers,
+    asked_addresses,
+    model_facts,
+    parameter_finding,
+    plate_of,
+    why_not_asked,
+)
+from drivecomm.proving.patient_reader import PatientReader
 from drivecomm.proving.refusals import absent_codes, provocations, refusal_finding
 from drivecomm.proving.timing import timing_findings
 
@@ -30,7 +37,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Subject:
+class ProofSubject:
     """Subject of a proof.
 
     options: the drive's options for the protocol; the model's if none are given.
@@ -41,7 +48,7 @@ class Subject:
     options: Any
 
     @classmethod
-    def of(cls, protocol: str, model: Model | None, given: Mapping[str, Any]) -> Subject:
+    def of(cls, protocol: str, model: Model | None, given: Mapping[str, Any]) -> ProofSubject:
         """Return the subject of a drive with these options. Raises UsageError if it has no model."""
         if model is None:
             raise UsageError("a proof holds a drive against its model; name one, such as with --model")
@@ -74,14 +81,14 @@ class Proving:
     """
 
     drive: Drive
-    subject: Subject
+    subject: ProofSubject
     with_names: bool = False
     progress: Callable[[str, int, int], None] = _unseen
     on_section: Callable[[], object] = lambda: None
-    findings: list[Finding] = field(default_factory=list)
+    findings: list[ProofFinding] = field(default_factory=list)
     identity: dict[str, str] = field(default_factory=dict)
     at: str = "the first question"
-    _told: dict[str, Told] = field(default_factory=dict)
+    _told: dict[str, ParameterAnswers] = field(default_factory=dict)
     _stands: bool = False
     _answers_all: bool = False
 
@@ -92,7 +99,7 @@ class Proving:
         """
         if not self.drive.read_only_reason:
             raise UsageError("only a read-only drive is proved, so that nothing can be written; make it so")
-        asker = Asker(self.drive)
+        asker = PatientReader(self.drive)
         self._identity(asker)
         self._refusals(asker)
         self._parameters(asker)
@@ -106,20 +113,20 @@ class Proving:
         """Return the number of findings by verdict."""
         return Counter(each.verdict for each in self.findings)
 
-    def _add(self, findings: Iterable[Finding]) -> None:
+    def _add(self, findings: Iterable[ProofFinding]) -> None:
         self.findings += findings
         self.on_section()
 
-    def _identity(self, asker: Asker) -> None:
+    def _identity(self, asker: PatientReader) -> None:
         subject, self.at = self.subject, "its status and identity"
         status = asker.answer(self.drive.status)
         self._stands = not isinstance(status, DriveCommError) and not status.running
-        told = told_identity(asker, self.drive)
-        self.identity = public(told, subject.model, with_names=self.with_names)
+        told = reported_identity(asker, self.drive)
+        self.identity = public_part(told, subject.model, with_names=self.with_names)
         self._add(identity_findings(told, subject.model, subject.plugin))
         self._add(series_findings(asker, self.drive, subject.model, subject.plugin, subject.options))
 
-    def _refusals(self, asker: Asker) -> None:
+    def _refusals(self, asker: PatientReader) -> None:
         subject, found, told = self.subject, [], 0
         asked = provocations(subject.plugin, subject.model, subject.options)
         absent = absent_codes(subject.plugin, subject.model, subject.options)
@@ -132,10 +139,10 @@ class Proving:
         self._answers_all = told > 0 and told == sum(not each.of for each in asked)
         if not asked:
             why = f"the package {subject.plugin.package} does not tell which addresses drives refuse, and how"
-            found.append(Finding(kind="refusal", verdict="not asked", about="codes of refusals", why=why))
+            found.append(ProofFinding(kind="refusal", verdict="not asked", about="codes of refusals", why=why))
         self._add(found)
 
-    def _parameters(self, asker: Asker) -> None:
+    def _parameters(self, asker: PatientReader) -> None:
         asked = [info for info in self.subject.model.parameters.values() if not why_not_asked(info)]
         self._add(
             _not_asked(info, why) for info in self.subject.model.parameters.values() if (why := why_not_asked(info))
@@ -149,8 +156,8 @@ class Proving:
             # The proof includes all answers received before an interruption.
             self._hold_against_each_other()
 
-    def _answers(self, asker: Asker, info: ParameterInfo) -> Told:
-        told = Told(info=info, common=self.subject.common_names().get(info.address, ""))
+    def _answers(self, asker: PatientReader, info: ParameterInfo) -> ParameterAnswers:
+        told = ParameterAnswers(info=info, common=self.subject.common_names().get(info.address, ""))
         for address in self.subject.addresses(info):
             told.readings[address] = asker.answer(lambda address=address: self.drive.read(address))  # type: ignore[misc]
         if self.subject.describes() and not all(isinstance(each, DriveCommError) for each in told.readings.values()):
@@ -166,45 +173,45 @@ class Proving:
             places = tuple(quantities[name].partition("[")[0] for name in each.names)
             self._add(
                 [
-                    Finding(
+                    ProofFinding(
                         kind="name plate",
                         verdict="contradicts",
                         about=" and ".join(each.names),
                         addresses=places,
-                        model={place: said_by_model(parameters[place]) for place in places if place in parameters},
+                        model={place: model_facts(parameters[place]) for place in places if place in parameters},
                         why=each.text,
                     )
                 ]
             )
 
-    def _judged(self, plate: Mapping[str, Decimal]) -> Iterable[Finding]:
+    def _judged(self, plate: Mapping[str, Decimal]) -> Iterable[ProofFinding]:
         names = self.subject.common_names()
         for address, told in self._told.items():
             name = names.get(address, "")
             scale = bool(name) and scale_shown(name, plate, stands=self._stands)
-            yield judged(told, scale=scale, answers_all=self._answers_all, with_names=self.with_names)
+            yield parameter_finding(told, scale=scale, answers_all=self._answers_all, with_names=self.with_names)
 
     def _timing(self) -> None:
         self.at = "its reply times"
         if not self._stands:
             why = "the motor may run, and measuring feeds no watchdog"
-            self._add([Finding(kind="timing", verdict="not asked", about="reply times", why=why)])
+            self._add([ProofFinding(kind="timing", verdict="not asked", about="reply times", why=why)])
             return
         self._add(timing_findings(self.drive, self.progress))
 
 
-def _not_asked(info: ParameterInfo, why: str) -> Finding:
-    return Finding(
+def _not_asked(info: ParameterInfo, why: str) -> ProofFinding:
+    return ProofFinding(
         kind="parameter",
         verdict="not asked",
         about=f"parameter {info.address}",
         addresses=(info.address,),
-        model=said_by_model(info),
+        model=model_facts(info),
         why=why,
     )
 
 
-def questions(subject: Subject) -> list[str]:
+def questions(subject: ProofSubject) -> list[str]:
     """Return the requests of a proof without --move, in words; nothing is sent."""
     asked = ["status", "identity: what the drive tells of itself"]
     asked += [

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.proving.report import Proof, proof_text
-from drivecomm.tomlfile import write_whole
+from drivecomm.tomlfile import write_atomically
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -71,7 +71,7 @@ class ProofRecord:
             identity=dict(proving.identity),
             findings=tuple(replace(each, why=self._without_names(each.why)) for each in proving.findings),
         )
-        write_whole(self._path, proof_text(proof))
+        write_atomically(self._path, proof_text(proof))
         return proof
 
     def _without_names(self, text: str) -> str:

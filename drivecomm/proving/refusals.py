@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, ParameterAddressError, RefusedError, ReplyError, in_one_line
-from drivecomm.proving.findings import Finding
+from drivecomm.proving.findings import ProofFinding
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
     from drivecomm.protocol import AddressSpace, Model, Protocol, Reading
-    from drivecomm.proving.parameters import Told
+    from drivecomm.proving.parameters import ParameterAnswers
 
 _ASKED = 3
 _ELEMENTS_ASKED = 2
@@ -57,8 +57,11 @@ def provocations(plugin: Protocol, model: Model, options: Any) -> Sequence[Provo
 
 
 def refusal_finding(
-    provoked: Provocation, answer: Reading | DriveCommError, absent: Collection[int], told: Mapping[str, Told]
-) -> Finding:
+    provoked: Provocation,
+    answer: Reading | DriveCommError,
+    absent: Collection[int],
+    told: Mapping[str, ParameterAnswers],
+) -> ProofFinding:
     """Return the finding about the protocol's refusal codes that follows from an answer."""
     codes = sorted(absent)
     about = f"the refusal of {provoked.address}, " + (
@@ -66,26 +69,26 @@ def refusal_finding(
     )
     model = {"codes": codes}
     if isinstance(answer, ParameterAddressError):
-        return Finding(kind="refusal", verdict="not asked", about=about, why=in_one_line(answer))
+        return ProofFinding(kind="refusal", verdict="not asked", about=about, why=in_one_line(answer))
     if isinstance(answer, RefusedError):
         said = {"code": answer.code} if answer.code is not None else {}
         if answer.code in absent:
-            return Finding(kind="refusal", verdict="agrees", about=about, model=model, drive=said)
+            return ProofFinding(kind="refusal", verdict="agrees", about=about, model=model, drive=said)
         why = (
             f"the drive refused it with code {answer.code}, and the protocol has {', '.join(map(str, codes))} for that"
         )
-        return Finding(kind="refusal", verdict="contradicts", about=about, model=model, drive=said, why=why)
+        return ProofFinding(kind="refusal", verdict="contradicts", about=about, model=model, drive=said, why=why)
     if isinstance(answer, ReplyError):
         why = "the drive is silent to it, and the protocol has a code for that"
-        return Finding(kind="refusal", verdict="contradicts", about=about, model=model, why=why)
+        return ProofFinding(kind="refusal", verdict="contradicts", about=about, model=model, why=why)
     if isinstance(answer, DriveCommError):
-        return Finding(kind="refusal", verdict="contradicts", about=about, model=model, why=in_one_line(answer))
+        return ProofFinding(kind="refusal", verdict="contradicts", about=about, model=model, why=in_one_line(answer))
     first = told.get(provoked.of)
     same = first is not None and any(
         not isinstance(each, DriveCommError) and each.raw == answer.raw for each in first.readings.values()
     )
     why = "the drive does not look at the element" if same else "the drive told a value, which the model does not know"
-    return Finding(kind="refusal", verdict="new", about=about, model=model, why=why)
+    return ProofFinding(kind="refusal", verdict="new", about=about, model=model, why=why)
 
 
 def absent_codes(plugin: Protocol, model: Model, options: Any) -> Collection[int]:

@@ -8,7 +8,7 @@ from datetime import date
 from decimal import Decimal
 from typing import TYPE_CHECKING, Any, get_args
 
-from drivecomm.proving.findings import Finding, Kind, Shown, Verdict
+from drivecomm.proving.findings import Kind, ProofFinding, Shown, Verdict
 from drivecomm.tomlfile import CHOICE, LIST, TABLE, TABLES, TEXT, WHOLE, Kind as KeyKind, read_toml, toml_line
 from drivecomm.version import __version__
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from pathlib import Path
 
-    from drivecomm.tomlfile import Table
+    from drivecomm.tomlfile import TomlTable
 
 FORMAT = 1
 
@@ -70,7 +70,7 @@ class Proof:
     interrupted: str = ""
     options: Mapping[str, Any] = field(default_factory=dict)
     identity: Mapping[str, str] = field(default_factory=dict)
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[ProofFinding, ...] = ()
 
     def counts(self) -> Counter[Verdict]:
         """Return the number of findings by verdict."""
@@ -108,7 +108,7 @@ def read_proof(path: Path) -> Proof:
     return Proof(**given, findings=tuple(_findings(top)))
 
 
-def _findings(top: Table) -> Iterator[Finding]:
+def _findings(top: TomlTable) -> Iterator[ProofFinding]:
     for table in top.tables("fact"):
         given = table.take(_FACT, "about", "kind", "verdict")
         for key, words in _WORDS.items():
@@ -120,10 +120,10 @@ def _findings(top: Table) -> Iterator[Finding]:
         places = given.get("addresses", [])
         if not all(isinstance(each, str) for each in places):
             raise table.error("addresses are texts", "addresses")
-        yield Finding(**{**given, "addresses": tuple(places), "shows": tuple(shown)})
+        yield ProofFinding(**{**given, "addresses": tuple(places), "shows": tuple(shown)})
 
 
-def _keys(finding: Finding) -> dict[str, Any]:
+def _keys(finding: ProofFinding) -> dict[str, Any]:
     keys: dict[str, Any] = {"about": finding.about, "kind": finding.kind, "verdict": finding.verdict}
     keys |= {"why": finding.why, "addresses": finding.addresses, "shows": finding.shows}
     keys |= {"model": finding.model, "drive": finding.drive}
@@ -131,13 +131,13 @@ def _keys(finding: Finding) -> dict[str, Any]:
 
 
 def _lines(table: Mapping[str, Any]) -> str:
-    return "".join(f"{toml_line(key, plain(value))}\n" for key, value in table.items())
+    return "".join(f"{toml_line(key, proof_value(value))}\n" for key, value in table.items())
 
 
-def plain(value: Any) -> Any:
+def proof_value(value: Any) -> Any:
     """Return a value in the types of a proof file: exact numbers become texts, to keep their digits."""
     if isinstance(value, Decimal):
         return f"{value:f}"
     if isinstance(value, dict) or hasattr(value, "items"):
-        return {str(key): plain(each) for key, each in value.items()}
-    return [plain(each) for each in value] if isinstance(value, list | tuple) else value
+        return {str(key): proof_value(each) for key, each in value.items()}
+    return [proof_value(each) for each in value] if isinstance(value, list | tuple) else value

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.commissioning import tune
 from drivecomm.errors import NotSupported
-from drivecomm.proving.findings import Finding
+from drivecomm.proving.findings import ProofFinding
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -19,7 +19,7 @@ EXCHANGES = 100
 _ABOUT = "the pause after a reply, and the time for a reply"
 
 
-def timing_findings(drive: Drive, progress: Callable[[str, int, int], None]) -> Iterator[Finding]:
+def timing_findings(drive: Drive, progress: Callable[[str, int, int], None]) -> Iterator[ProofFinding]:
     """Yield the findings of a `tune` measurement; it sends only the protocol's probe, and changes no setting.
 
     Raises ReplyError if the drive stops answering, and LinkError if the port fails.
@@ -30,22 +30,22 @@ def timing_findings(drive: Drive, progress: Callable[[str, int, int], None]) -> 
     try:
         found = tune(drive, EXCHANGES, progress=progress)
     except NotSupported as error:
-        yield Finding(kind="timing", verdict="not asked", about=_ABOUT, why=str(error))
+        yield ProofFinding(kind="timing", verdict="not asked", about=_ABOUT, why=str(error))
         return
     delays = found.reply_delays
     said = {"reply_begins_after_ms": [_ms(delays.shortest_s), _ms(delays.longest_s)]} if delays.count else {}
     if found.error:
         why = f"it fails with its usual pause, and with longer ones: {found.error}"
-        yield Finding(kind="timing", verdict="contradicts", about=_ABOUT, model=model, drive=said, why=why)
+        yield ProofFinding(kind="timing", verdict="contradicts", about=_ABOUT, model=model, drive=said, why=why)
         return
     if found.before.error:
         needs = {"turnaround_ms": _ms(found.turnaround_s), "reply_timeout_ms": _ms(found.reply_timeout_s)}
         why = f"it fails with its usual times ({found.before.error}), and does with longer ones"
-        yield Finding(kind="timing", verdict="contradicts", about=_ABOUT, model=model, drive=said | needs, why=why)
+        yield ProofFinding(kind="timing", verdict="contradicts", about=_ABOUT, model=model, drive=said | needs, why=why)
         return
-    yield Finding(kind="timing", verdict="agrees", about=_ABOUT, model=model, drive=said)
+    yield ProofFinding(kind="timing", verdict="agrees", about=_ABOUT, model=model, drive=said)
     if found.held_s < usual_s:
-        yield Finding(
+        yield ProofFinding(
             kind="timing",
             verdict="new",
             about="the shortest pause after a reply",

@@ -6,29 +6,34 @@ from .capacity import (
     LOCAL_BOUNDS as LOCAL_BOUNDS,
     Bounds as Bounds,
     TakesConnections as TakesConnections,
-    allotted as allotted,
-    needed as needed,
+    needed_descriptors as needed_descriptors,
+    share_connections as share_connections,
     system_limits as system_limits,
 )
 from .command_words import command_words as command_words
 from .credentials import new_token as new_token, password_hash as password_hash, token_hash as token_hash
 from .door import (
     AddressesValues as AddressesValues,
-    Answer as Answer,
-    Changes as Changes,
-    Command as Command,
+    ChangeStream as ChangeStream,
+    CommandAnswer as CommandAnswer,
+    CommandRequest as CommandRequest,
     Door as Door,
     DoorHealth as DoorHealth,
     Examination as Examination,
-    History as History,
     KnownUsers as KnownUsers,
-    LoggedIn as LoggedIn,
+    LoginToken as LoginToken,
     MakeDoor as MakeDoor,
     NamesDrives as NamesDrives,
     Outcome as Outcome,
+    PlantHistory as PlantHistory,
     ReportsHealth as ReportsHealth,
     ServedPlant as ServedPlant,
     Stopped as Stopped,
+)
+from .door_access import (
+    DoorAccess as DoorAccess,
+    door_access_keys as door_access_keys,
+    read_door_access as read_door_access,
 )
 from .drift_state import (
     DriftKind as DriftKind,
@@ -37,8 +42,8 @@ from .drift_state import (
     SetChange as SetChange,
 )
 from .freshness import check_fresh as check_fresh
-from .garbage import keep_searches_short as keep_searches_short
-from .history import PastValue as PastValue, Summary as Summary, log_row as log_row
+from .gc_tuning import keep_searches_short as keep_searches_short
+from .history import PastValue as PastValue, PeriodSummary as PeriodSummary, log_row as log_row
 from .leases import Lease as Lease, Leases as Leases
 from .levels import LEVELS as LEVELS, LEVELS_KEY as LEVELS_KEY, LINE as LINE, PLANT as PLANT, SITES as SITES
 from .listening import (
@@ -52,22 +57,17 @@ from .logs import LOG_LEVELS as LOG_LEVELS, logging_to as logging_to
 from .notify import ServiceManager as ServiceManager
 from .observations import (
     CurrentValue as CurrentValue,
-    DoorState as DoorState,
-    DriveState as DriveState,
+    DoorSnapshot as DoorSnapshot,
+    DriveSnapshot as DriveSnapshot,
     Event as Event,
     EventKind as EventKind,
-    LineState as LineState,
+    LineSnapshot as LineSnapshot,
     RememberedFault as RememberedFault,
     StandingStop as StandingStop,
 )
-from .places import (
-    audit_file as audit_file,
-    history_file as history_file,
-    state_folder as state_folder,
-)
 from .plan_check import LineLoad as LineLoad, line_loads as line_loads
 from .rates import Bucket as Bucket, Rate as Rate
-from .repeats import Repeats as Repeats
+from .repeats import AnswerCache as AnswerCache
 from .rights import NEEDS as NEEDS, Rights as Rights
 from .serving import Serving as Serving
 from .settings import (
@@ -75,8 +75,13 @@ from .settings import (
     ServerSettings as ServerSettings,
     read_settings as read_settings,
 )
+from .state_paths import (
+    audit_file as audit_file,
+    history_file as history_file,
+    state_folder as state_folder,
+)
 from .supervision import kind_of_door as kind_of_door
-from .together import ended as ended, together as together
+from .task_groups import cancel_and_wait as cancel_and_wait, run_concurrently as run_concurrently
 from .users import (
     ROLES as ROLES,
     User as User,
@@ -84,4 +89,3 @@ from .users import (
     read_users as read_users,
     remove_user as remove_user,
 )
-from .way_in import WayIn as WayIn, read_way_in as read_way_in, way_in_keys as way_in_keys

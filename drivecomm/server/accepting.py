@@ -30,7 +30,7 @@ _FREE_BITS = 64
 """Length of the IPv6 prefix that identifies a subscriber, who may choose the remaining bits of an address freely."""
 
 
-class Client(Protocol):
+class ClientConnection(Protocol):
     """The protocol object of one connection, made by its door."""
 
     def yields(self, *, to_known: bool) -> tuple[int, float] | None:
@@ -47,7 +47,7 @@ class _Place:
     connected: socket.socket
     origin: str
     since: float
-    client: Client | None = None
+    client: ClientConnection | None = None
     transport: asyncio.BaseTransport | None = None
     beginning: asyncio.Task[None] | None = field(default=None, repr=False)
 
@@ -141,7 +141,7 @@ class Acceptor:
         self._places, self._from = places, Counter(place.origin for place in places)
 
     def _make_room(self, places: list[_Place], *, to_known: bool) -> bool:
-        """Close the connection that comes first in the order of `Client.yields`; return False if all stay open."""
+        """Close the first connection in the order of `ClientConnection.yields`; return False if all stay open."""
         readiness = ((place.yields(to_known=to_known), place) for place in places)
         yielding = [(how, place) for how, place in readiness if how is not None]
         if not yielding:

@@ -15,14 +15,14 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import DriveConfig
     from drivecomm.server.core import Core
-    from drivecomm.server.door import Command
+    from drivecomm.server.door import CommandRequest
     from drivecomm.server.served_line import ServedLine
 
 _ALL = "*"
 """The address of all drives of a protocol."""
 
 
-def found(core: Core, command: Command) -> tuple[ServedLine, DriveConfig]:
+def find_target(core: Core, command: CommandRequest) -> tuple[ServedLine, DriveConfig]:
     """Return the line and the drive that a command names. Raises UsageError if the plant has no such line or drive."""
     if not command.line:
         config = core.plant.drive(command.drive)
@@ -33,21 +33,21 @@ def found(core: Core, command: Command) -> tuple[ServedLine, DriveConfig]:
     return line, config.with_options(**drive_options(command.options)) if command.options else config
 
 
-async def found_to_stop(core: Core, command: Command) -> tuple[ServedLine, DriveConfig]:
-    """Return the line and the drive that a stop names, as `found` does.
+async def find_stop_target(core: Core, command: CommandRequest) -> tuple[ServedLine, DriveConfig]:
+    """Return the line and the drive that a stop names, as `find_target` does.
 
     While the plant file is read again, waits for the new plant before raising UsageError for an unknown name.
     """
     try:
-        return found(core, command)
+        return find_target(core, command)
     except UsageError:
         if not core.changing:
             raise
     await core.settled()
-    return found(core, command)
+    return find_target(core, command)
 
 
-async def built(core: Core, line: ServedLine, config: DriveConfig, *, arm: bool) -> Any:
+async def open_drive(core: Core, line: ServedLine, config: DriveConfig, *, arm: bool) -> Any:
     """Wait until the line is open, then return the drive, or the broadcast, that has the verbs as methods.
 
     Building a new drive reads its model file, in a thread.
@@ -67,7 +67,7 @@ def on_bus(config: DriveConfig) -> str:
     return str(config) if config.address >= 0 else f"{config.protocol}:{_ALL}"
 
 
-def drives_meant(line: ServedLine, config: DriveConfig) -> Sequence[str]:
+def covered_drives(line: ServedLine, config: DriveConfig) -> Sequence[str]:
     """Return the plant names of the drives that a config covers: one drive, or all drives of its protocol."""
     return [
         each.name

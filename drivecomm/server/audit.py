@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from drivecomm.server.callers import Caller
-    from drivecomm.server.door import Answer, Command
+    from drivecomm.server.door import CommandAnswer, CommandRequest
     from drivecomm.server.leases import Lease
 
 LONGEST_WAIT_S = 2.0
@@ -75,7 +75,7 @@ class Audit:
         self._thread = Thread(target=self._write_all, name="audit", daemon=True)
         self._thread.start()
 
-    async def asked(self, caller: Caller, command: Command, lease: Lease | None = None) -> int:
+    async def asked(self, caller: Caller, command: CommandRequest, lease: Lease | None = None) -> int:
         """Record that a command is about to be sent; return the number of the record.
 
         Waits until the record is on the disk. Raises NotAllowedError if it cannot be written.
@@ -95,15 +95,15 @@ class Audit:
             ) from error
         return number
 
-    def stop_asked(self, caller: Caller, command: Command) -> int:
+    def record_stop(self, caller: Caller, command: CommandRequest) -> int:
         """Queue the audit record of a stop and return its number; never waits for the disk."""
         return self._record("asked", caller, command, {"decision": "allowed"})[0]
 
-    def refused(self, caller: Caller, command: Command, why: str) -> None:
+    def refused(self, caller: Caller, command: CommandRequest, why: str) -> None:
         """Queue the record of a refused command with the reason; never waits for the disk."""
         self._record("asked", caller, command, {"decision": "refused", "why": why})
 
-    def outcome(self, caller: Caller, command: Command, number: int, answer: Answer) -> None:
+    def outcome(self, caller: Caller, command: CommandRequest, number: int, answer: CommandAnswer) -> None:
         """Queue the record of a command's outcome; never waits for the disk."""
         said = {"outcome": answer.outcome, "why": "" if answer.error is None else in_one_line(answer.error)}
         self._record("outcome", caller, command, said, number)
@@ -115,7 +115,7 @@ class Audit:
         await asyncio.to_thread(self._thread.join, LONGEST_WAIT_S)
 
     def _record(
-        self, record: str, caller: Caller, command: Command, said: Mapping[str, Any], number: int | None = None
+        self, record: str, caller: Caller, command: CommandRequest, said: Mapping[str, Any], number: int | None = None
     ) -> tuple[int, Future[None]]:
         number = next(self._numbers) if number is None else number
         content = {

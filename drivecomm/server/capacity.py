@@ -58,14 +58,16 @@ class TakesConnections(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class System:
+class SystemLimits:
     """Resources that the system gives to this process. descriptors, memory (bytes): None if unlimited or unknown."""
 
     descriptors: int | None = None
     memory: int | None = None
 
 
-def allotted(system: System, wishes: Sequence[Bounds], *, lines: int, doors: int) -> tuple[Bounds, list[Bounds]]:
+def share_connections(
+    system: SystemLimits, wishes: Sequence[Bounds], *, lines: int, doors: int
+) -> tuple[Bounds, list[Bounds]]:
     """Return the bounds of the local door, and those of the network doors in the order of their wishes.
 
     lines, doors: their numbers; doors without clients count, too. A door that wishes for less than an equal share
@@ -87,16 +89,16 @@ def allotted(system: System, wishes: Sequence[Bounds], *, lines: int, doors: int
     return local, [shares[place] for place in range(len(wishes))]
 
 
-def needed(wishes: Sequence[Bounds], *, lines: int, doors: int) -> int:
+def needed_descriptors(wishes: Sequence[Bounds], *, lines: int, doors: int) -> int:
     """Return the number of descriptors with which every door gets the bounds it wishes for."""
     clients = LOCAL_BOUNDS.most + sum(each.most for each in wishes)
     # The local door gets one eighth of what remains after the fixed needs.
     return OF_SERVER + OF_LINE * lines + OF_DOOR * (doors + 1) + max(clients, 8 * LOCAL_BOUNDS.most)
 
 
-def system_limits(descriptors: int) -> System:
+def system_limits(descriptors: int) -> SystemLimits:
     """Raise the limit of open files towards `descriptors` as far as the system permits; return the limits in force."""
-    return System(_raised(descriptors), memory_limit())
+    return SystemLimits(_raised(descriptors), memory_limit())
 
 
 def _raised(descriptors: int) -> int | None:

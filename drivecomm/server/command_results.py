@@ -17,7 +17,7 @@ from drivecomm.errors import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.server.door import Command, Outcome
+    from drivecomm.server.door import CommandRequest, Outcome
 
 T = TypeVar("T")
 
@@ -36,7 +36,7 @@ def outcome_of(error: Exception) -> Outcome:
     return "open" if isinstance(error, ReplyError | LinkError) else "failed"
 
 
-def error_of(command: Command, error: Exception) -> DriveCommError:
+def error_of(command: CommandRequest, error: Exception) -> DriveCommError:
     """Return the error for the answer to a command; an unexpected exception is logged and reported as a bug."""
     if isinstance(error, DriveCommError):
         return error
@@ -44,7 +44,7 @@ def error_of(command: Command, error: Exception) -> DriveCommError:
     return DriveCommError(f"{command.verb} of {command.drive} has failed by a mistake in the program: {error!r}")
 
 
-def noted(write: Callable[..., T], *content: Any) -> T | None:
+def record_safely(write: Callable[..., T], *content: Any) -> T | None:
     """Call `write` to record something; a failure is only logged, because it must not hold up a command or a stop."""
     try:
         return write(*content)

@@ -1,6 +1,6 @@
 """The core of a server: the lines of a plant, the state of its drives, and the services behind all doors.
 
-All of it runs in one event loop and never blocks; doors run in their own threads, see `drivecomm.server.for_doors`.
+All of it runs in one event loop and never blocks; doors run in their own threads, see `drivecomm.server.plant_service`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
-from drivecomm.errors import DriveCommError, UsageError, in_one_line, meant
+from drivecomm.errors import DriveCommError, UsageError, in_one_line, suggestion
 from drivecomm.line import STATUS
 from drivecomm.protocol import DriveState as Motor, Stop
 from drivecomm.server.drift_state import NOT_COMPARED
@@ -20,12 +20,12 @@ from drivecomm.server.kept_motors import KeptMotors
 from drivecomm.server.leases import Leases
 from drivecomm.server.merged_stops import MergedStops, StopJob, StopKey
 from drivecomm.server.observations import RememberedFault
-from drivecomm.server.repeats import Repeats
+from drivecomm.server.repeats import AnswerCache
 from drivecomm.server.rights import Rights
 from drivecomm.server.served_line import ServedLine, is_same_drive
 from drivecomm.server.standing_stops import StandingStops
 from drivecomm.server.stop_demands import StopDemands
-from drivecomm.server.table import NOT_ASKED, Table
+from drivecomm.server.table import NOT_ASKED, ValueTable
 from drivecomm.server.writes import Writes
 
 if TYPE_CHECKING:
@@ -34,32 +34,32 @@ if TYPE_CHECKING:
     from drivecomm.plant import Plant, PlantLine
     from drivecomm.protocol import DriveConfig, DriveStatus, Model, Reading
     from drivecomm.server.callers import Caller
-    from drivecomm.server.door import Answer, Command
+    from drivecomm.server.door import CommandAnswer, CommandRequest
     from drivecomm.server.drift_state import DriveDrift
     from drivecomm.server.leases import Lease
-    from drivecomm.server.observations import CurrentValue, DriveState, Event, StandingStop
+    from drivecomm.server.observations import CurrentValue, DriveSnapshot, Event, StandingStop
 
 
-class Trail(Protocol):
+class AuditTrail(Protocol):
     """A trail of commands, such as an `Audit`."""
 
-    async def asked(self, caller: Caller, command: Command, lease: Lease | None = None) -> int:
+    async def asked(self, caller: Caller, command: CommandRequest, lease: Lease | None = None) -> int:
         """Record that a command is about to be sent; return the number of the record.
 
         Raises NotAllowedError if the record cannot be written.
         """
 
-    def stop_asked(self, caller: Caller, command: Command) -> int:
+    def record_stop(self, caller: Caller, command: CommandRequest) -> int:
         """Queue the record of a stop and return its number; never waits."""
 
-    def refused(self, caller: Caller, command: Command, why: str) -> None:
+    def refused(self, caller: Caller, command: CommandRequest, why: str) -> None:
         """Queue the record of a refused command."""
 
-    def outcome(self, caller: Caller, command: Command, number: int, answer: Answer) -> None:
+    def outcome(self, caller: Caller, command: CommandRequest, number: int, answer: CommandAnswer) -> None:
         """Queue the record of a command's outcome."""
 
 
-class Recorder(Protocol):
+class HistoryRecorder(Protocol):
     """A recorder of values, events and commands, such as a `Journal`; its methods never wait."""
 
     @property
@@ -72,7 +72,9 @@ class Recorder(Protocol):
     def add_events(self, events: Sequence[Event]) -> None:
         """Record events."""
 
-    def add_command(self, caller: Caller, command: Command, answer: Answer, *, asked_s: float, done_s: float) -> None:
+    def add_command(
+        self, caller: Caller, command: CommandRequest, answer: CommandAnswer, *, asked_s: float, done_s: float
+    ) -> None:
         """Record a command and its outcome."""
 
     def add_fault_log(self, drive: str, entries: Sequence[Reading], *, time_s: float) -> None:
@@ -100,8 +102,8 @@ class Core:
         plant: Plant,
         *,
         session: str,
-        audit: Trail,
-        journal: Recorder | None = None,
+        audit: AuditTrail,
+        journal: HistoryRecorder | None = None,
         users_file: str = "the users file",
         status_period_s: float = 1.0,
         port_of: Callable[[PlantLine], Any] | None = None,
@@ -110,7 +112,7 @@ class Core:
         self.plant = plant
         self.session = session
         self.started_s = time.time()
-        self.table = Table(loop.call_later)
+        self.table = ValueTable(loop.call_later)
         self.lines: dict[str, ServedLine] = {}
         self.leases = Leases()
         self.merged_stops = MergedStops()
@@ -118,7 +120,7 @@ class Core:
         self.stop_demands = StopDemands(self.table, self.standing_stops.send_soon)
         self.kept = KeptMotors(self.table, self.standing_stops, self.leases)
         self.audit, self.journal = audit, journal
-        self.answers = Repeats()
+        self.answers = AnswerCache()
         self.writes = Writes()
         self._users_file = users_file
         self.rights = Rights(plant.file, users_file)
@@ -156,15 +158,15 @@ class Core:
     def line(self, name: str) -> ServedLine:
         """Return a line by its name. Raises UsageError if it is unknown."""
         if name not in self.lines:
-            raise UsageError(f"there is no line {name!r} in this plant; {meant(name, self.lines, 'it has')}")
+            raise UsageError(f"there is no line {name!r} in this plant; {suggestion(name, self.lines, 'it has')}")
         return self.lines[name]
 
-    def drives(self) -> Sequence[DriveState]:
+    def drives(self) -> Sequence[DriveSnapshot]:
         """Return the states of all drives, in the order of the plant."""
         found = {each.name: each for line in list(self.lines.values()) for each in line.states()}
         return [self._completed(found[each.name]) for each in self.plant.drives if each.name in found]
 
-    def drive(self, name: str) -> DriveState:
+    def drive(self, name: str) -> DriveSnapshot:
         """Return the state of one drive. Raises UsageError if it is unknown or not served yet."""
         config = self.plant.drive(name)
         found = self.line(config.line).state_of(config.name)
@@ -172,7 +174,7 @@ class Core:
             raise UsageError(f"{config.name} is not served yet; the plant file is being read again")
         return self._completed(found)
 
-    def _completed(self, state: DriveState) -> DriveState:
+    def _completed(self, state: DriveSnapshot) -> DriveSnapshot:
         kept, lease = self.kept.policy(state.name), self.leases.holder_of(state.name, now=time.monotonic())
         fault_log = self.fault_logs.get(state.name, ())
         stop, drift = self.standing_stop(state.name), self.drift.get(state.name, NOT_COMPARED)
@@ -230,7 +232,7 @@ class Core:
             await asyncio.sleep(LOOK_S)
             try:
                 for lease in self.leases.expire(time.monotonic()):
-                    self.kept.lapsed(lease)
+                    self.kept.lease_expired(lease)
                 self.kept.look()
                 self._grow_old()
             except Exception:  # noqa: BLE001 - the server must not stop for this
@@ -248,7 +250,7 @@ class Core:
                 line.status_is_late(drive, NOT_ASKED, now)
             line.look(now)
 
-    def remember(self, caller: Caller, command: Command, answer: Answer, asked_s: float) -> None:
+    def remember(self, caller: Caller, command: CommandRequest, answer: CommandAnswer, asked_s: float) -> None:
         """Record a command in the history."""
         if self.journal is not None:
             self.journal.add_command(caller, command, answer, asked_s=asked_s, done_s=time.time())

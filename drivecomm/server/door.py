@@ -19,21 +19,21 @@ if TYPE_CHECKING:
     from drivecomm.server.alarms import Alarm, AlarmRule
     from drivecomm.server.callers import Caller
     from drivecomm.server.drift_state import DriveDrift
-    from drivecomm.server.history import PastCommand, PastEvent, PastValue, Summary
+    from drivecomm.server.history import PastCommand, PastEvent, PastValue, PeriodSummary
     from drivecomm.server.leases import Lease
     from drivecomm.server.observations import (
         CurrentValue,
-        DoorState,
-        DriveState,
+        DoorSnapshot,
+        DriveSnapshot,
         Event,
-        LineState,
+        LineSnapshot,
         StandingStop,
     )
-    from drivecomm.tomlfile import Table
+    from drivecomm.tomlfile import TomlTable
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Command:
+class CommandRequest:
     """A command for one drive.
 
     drive: its name in the plant; PROTOCOL:ADDRESS with line for a drive that is not in the plant, which only callers of
@@ -69,7 +69,7 @@ value could not be read. open: it was sent, and whether the drive acted is not k
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
+class CommandAnswer:
     """The outcome of a command.
 
     result: a Reading, a DriveStatus, or another result of the verb. error: the reason for a failure, None if done.
@@ -91,10 +91,10 @@ class Stopped:
     line: str
     drive: str
     how: Stop
-    answer: Answer
+    answer: CommandAnswer
 
 
-class Changes(Protocol):
+class ChangeStream(Protocol):
     """A subscription to changes, for one event loop: batches of values and events, in their order.
 
     A slow reader gets only the latest of each value, and `lost` counts the events that it missed.
@@ -109,7 +109,7 @@ class Changes(Protocol):
         """Cancel the subscription."""
 
 
-class LoggedIn(Protocol):
+class LoginToken(Protocol):
     """A token that is valid for a while. until_s: in seconds since 1970."""
 
     @property
@@ -127,17 +127,17 @@ class KnownUsers(Protocol):
     def caller(self, token: str, door: str) -> Caller:
         """Return the owner of a token. Raises NotAllowedError if the token is unknown."""
 
-    async def log_in(self, name: str, password: str) -> LoggedIn:
+    async def log_in(self, name: str, password: str) -> LoginToken:
         """Return a token for a user with the right password. Raises NotAllowedError."""
 
-    def renew(self, token: str) -> LoggedIn:
+    def renew(self, token: str) -> LoginToken:
         """Extend a login of a user who is still active. Raises NotAllowedError if it has expired."""
 
     def log_out(self, token: str) -> None:
         """End a login; its token is invalid from now on."""
 
 
-class History(Protocol):
+class PlantHistory(Protocol):
     """The stored history of a plant."""
 
     async def points(
@@ -151,7 +151,9 @@ class History(Protocol):
         The order is backwards if to_s is before from_s. Raises UsageError for a quantity that was never read.
         """
 
-    async def summaries(self, drive: str, name: str, stretches: Sequence[tuple[float, float]]) -> Sequence[Summary]:
+    async def summaries(
+        self, drive: str, name: str, stretches: Sequence[tuple[float, float]]
+    ) -> Sequence[PeriodSummary]:
         """Return the summaries of a numeric quantity over consecutive periods, each given as (begin, end).
 
         Raises UsageError for a quantity that was never read.
@@ -166,7 +168,7 @@ class History(Protocol):
         Raises UsageError for a quantity that was never read.
         """
 
-    async def happened_since(
+    async def events_and_commands_since(
         self, event_row: int, command_row: int, limit: int
     ) -> tuple[Sequence[PastEvent], Sequence[PastCommand]]:
         """Return the first events and commands after these rows, for a reader that forwards them without gaps."""
@@ -207,10 +209,10 @@ class ServedPlant(Protocol):
     def plant(self) -> Plant:
         """The current plant as data."""
 
-    def drives(self) -> Sequence[DriveState]:
+    def drives(self) -> Sequence[DriveSnapshot]:
         """Return the states of all drives, in the order of the plant."""
 
-    def drive(self, name: str) -> DriveState:
+    def drive(self, name: str) -> DriveSnapshot:
         """Return the state of one drive. Raises UsageError for a name that the plant does not have."""
 
     def answering(self) -> Collection[str]:
@@ -228,16 +230,16 @@ class ServedPlant(Protocol):
     def value(self, drive: str, name: str) -> CurrentValue | None:
         """Return the current value of one quantity that the plant polls, or None before the first one."""
 
-    def lines(self) -> Sequence[LineState]:
+    def lines(self) -> Sequence[LineSnapshot]:
         """Return the states of all lines."""
 
-    def doors(self) -> Sequence[DoorState]:
+    def doors(self) -> Sequence[DoorSnapshot]:
         """Return the states of all doors, the local one first."""
 
     def events(self) -> Sequence[Event]:
         """Return the latest events, the oldest first."""
 
-    def changes(self, every_s: float = 0.0) -> Changes:
+    def changes(self, every_s: float = 0.0) -> ChangeStream:
         """Subscribe to changes from now on; call it in the event loop that reads them.
 
         every_s: minimum time between batches, for doors that can wait: each batch takes a moment from the lines.
@@ -246,10 +248,10 @@ class ServedPlant(Protocol):
     def leases(self) -> Sequence[Lease]:
         """Return the leases in force."""
 
-    async def command(self, caller: Caller, command: Command) -> Answer:
+    async def command(self, caller: Caller, command: CommandRequest) -> CommandAnswer:
         """Carry out a command if its caller may; errors of the command are returned in the answer, not raised."""
 
-    def refuse(self, caller: Caller, command: Command, why: str) -> None:
+    def refuse(self, caller: Caller, command: CommandRequest, why: str) -> None:
         """Record in the audit that a door refused a command."""
 
     def tell(self, text: str, *, drive: str = "", who: str = "") -> None:
@@ -279,7 +281,7 @@ class ServedPlant(Protocol):
         """The users of the plant; None if it has none, so that only callers of the local door have a name."""
 
     @property
-    def history(self) -> History | None:
+    def history(self) -> PlantHistory | None:
         """The history of the plant, or None without a journal."""
 
     def may(self, caller: Caller, drive: str) -> Sequence[str]:
@@ -377,7 +379,7 @@ class NamesDrives(Protocol):
 class MakeDoor(Protocol):
     """The factory function that the entry point of a kind of door names."""
 
-    def __call__(self, table: Table) -> Door:
+    def __call__(self, table: TomlTable) -> Door:
         """Return the door that a `[[door]]` of the plant file describes. Raises FileFormatError with its line.
 
         If the file lists `levels`, the table has their names by level: `{"site": "Leeds", "line": ""}`.

@@ -13,13 +13,13 @@ from drivecomm.errors import NotAllowedError, UsageError, shortened
 from drivecomm.protocol import is_duration
 
 if TYPE_CHECKING:
-    from drivecomm.server.door import Command
+    from drivecomm.server.door import CommandRequest
 
 LONGEST_VALID_S = 10.0
 """The longest validity that a command may have, in seconds."""
 
 
-def check_fresh(command: Command, *, session: str, time_s: float, waited_s: float = 0.0) -> None:
+def check_fresh(command: CommandRequest, *, session: str, time_s: float, waited_s: float = 0.0) -> None:
     """Raise NotAllowedError for a command that is too old or meant for another run, UsageError for invalid times.
 
     session: of this run. time_s: now, in seconds since 1970. waited_s: seconds that the command has waited in this

@@ -6,16 +6,16 @@ import asyncio
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import LeaseError
-from drivecomm.server.kept import KeptMotor, Story
+from drivecomm.server.kept_motor import KeptMotor, MotorStory
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Collection, Mapping
 
     from drivecomm.protocol import DriveConfig, Stop
-    from drivecomm.server.keep_orders import KeepOrder
+    from drivecomm.server.keep_settings import KeepSettings
     from drivecomm.server.leases import Lease, Leases
     from drivecomm.server.standing_stops import StandingStops
-    from drivecomm.server.table import Table
+    from drivecomm.server.table import ValueTable
 
 RELEASED_WITHIN_S = 6.0
 """Time limit for stops when their line is closed or the server ends; after that, the drive's own watchdog acts."""
@@ -27,11 +27,11 @@ class KeptMotors:
     A motor is kept from `begin` until its release, and is let go when its stop is confirmed after that.
     """
 
-    def __init__(self, table: Table, stops: StandingStops, leases: Leases) -> None:
+    def __init__(self, table: ValueTable, stops: StandingStops, leases: Leases) -> None:
         self._table, self._stops, self._leases = table, stops, leases
         self._kept: dict[str, tuple[KeptMotor, Lease]] = {}
         self._let_go: dict[str, tuple[KeptMotor, asyncio.Task[None]]] = {}
-        self._stories: dict[str, Story] = {}
+        self._stories: dict[str, MotorStory] = {}
 
     def __contains__(self, drive: object) -> bool:
         return drive in self._kept or drive in self._let_go
@@ -42,7 +42,7 @@ class KeptMotors:
         return "" if kept is None else kept[0].order.policy
 
     async def begin(
-        self, whom: Any, config: DriveConfig, order: KeepOrder, lease: Lease, check: Callable[[], None]
+        self, whom: Any, config: DriveConfig, order: KeepSettings, lease: Lease, check: Callable[[], None]
     ) -> Mapping[str, Any]:
         """Start a motor and keep it while its lease holds; return its policy and watchdog settings.
 
@@ -51,7 +51,7 @@ class KeptMotors:
         name = config.name
         if name in self:
             raise LeaseError(f"{name} is kept running already; stop it first")
-        story = Story()
+        story = MotorStory()
 
         async def stopped(how: Stop, error: Exception) -> None:
             self._stops.stand(name, how, str(lease.holder), self._stops.sent([name], how), error)
@@ -105,7 +105,7 @@ class KeptMotors:
         for name in [name for name, (kept, _) in self._kept.items() if kept.over]:
             self.release(name)
 
-    def lapsed(self, lease: Lease) -> None:
+    def lease_expired(self, lease: Lease) -> None:
         """Record that a lease has expired, and apply the policy of the motor that was kept under it."""
         if self._is_under(lease):
             text = f"{lease.holder} does not renew their lease; the motor is treated by its policy, "
@@ -154,7 +154,7 @@ class KeptMotors:
             del self._let_go[drive]
             story.end()
 
-    def _teller(self, config: DriveConfig, story: Story) -> Callable[[str, str, Mapping[str, Any]], None]:
+    def _teller(self, config: DriveConfig, story: MotorStory) -> Callable[[str, str, Mapping[str, Any]], None]:
         """Return a callback that records the events of a kept motor in the plant and in the motor's story."""
 
         def tell(done: str, text: str, further: Mapping[str, Any]) -> None:

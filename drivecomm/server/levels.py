@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import meant
+from drivecomm.errors import suggestion
 from drivecomm.tomlfile import Kind
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from drivecomm.tomlfile import Table
+    from drivecomm.tomlfile import TomlTable
 
 SITES = ("enterprise", "site", "area")
 """Levels that have a name in `[server]`."""
@@ -25,7 +25,7 @@ The name of the line is empty, because it differs from drive to drive.
 """
 
 
-def with_names(table: Table, names: Mapping[str, str]) -> Table:
+def with_names(table: TomlTable, names: Mapping[str, str]) -> TomlTable:
     """Return the table of a door with the names of its levels filled in. Raises FileFormatError.
 
     names: of the levels that the plant file names, including that of the plant itself.
@@ -37,7 +37,9 @@ def with_names(table: Table, names: Mapping[str, str]) -> Table:
         raise table.error(f"levels cannot be {listed!r:.80}; write {LEVELS_KEY.words}", "levels")
     for each in listed:
         if each not in LEVELS:
-            raise table.error(f"levels: unknown level {each!r:.80}; {meant(str(each), LEVELS, 'there are')}", "levels")
+            raise table.error(
+                f"levels: unknown level {each!r:.80}; {suggestion(str(each), LEVELS, 'there are')}", "levels"
+            )
         if each in SITES and each not in names:
             raise table.error(f"levels: the {each} has no name; write {each} = in [server]", "levels")
     if listed != [each for each in LEVELS if each in listed]:

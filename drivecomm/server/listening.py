@@ -11,7 +11,7 @@ from drivecomm.errors import PortError, reason_of
 from drivecomm.tomlfile import Kind
 
 if TYPE_CHECKING:
-    from drivecomm.tomlfile import Table
+    from drivecomm.tomlfile import TomlTable
 
 _BACKLOG = 1024
 
@@ -61,7 +61,7 @@ def listen_kind(usual: str) -> Kind:
     return Kind((str,), f'an address and a port, such as "{usual}"')
 
 
-def listen_address(table: Table, said: str, usual: str) -> ListenAddress:
+def listen_address(table: TomlTable, said: str, usual: str) -> ListenAddress:
     """Return the address that `listen` names in a door's table. Raises FileFormatError."""
     host, colon, port = said.rpartition(":")
     if not (colon and host and port.isascii() and port.isdigit() and int(port) < 2**16):

@@ -19,7 +19,7 @@ from datetime import datetime
 from itertools import pairwise
 from typing import TYPE_CHECKING, Protocol
 
-from drivecomm.capture import Gaps, GrowingFile
+from drivecomm.capture import GrowingFile, WriteGaps
 from drivecomm.errors import UsageError, printable
 
 if TYPE_CHECKING:
@@ -208,7 +208,7 @@ class RotatingFile:
     def __init__(self, path: Path, *, largest: int = _LARGEST, now: Callable[[], float] = time.time) -> None:
         self._path, self._largest, self._now = path, largest, now
         self._told: list[str] = []
-        self._gaps = Gaps(str(path), kept="messages", done="logged", goes_on="the server", tell=self._tell)
+        self._gaps = WriteGaps(str(path), kept="messages", done="logged", goes_on="the server", tell=self._tell)
         self._file: GrowingFile | None = self._opened()
 
     def write(self, record: logging.LogRecord) -> None:

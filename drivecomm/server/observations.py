@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from drivecomm.line import FRESH
 from drivecomm.link import Statistics
-from drivecomm.protocol import maker
+from drivecomm.protocol import frozen_factory
 from drivecomm.server.drift_state import NOT_COMPARED
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ class CurrentValue:
         return self.quality
 
 
-new_value = maker(CurrentValue)
+new_value = frozen_factory(CurrentValue)
 """Fast factory of CurrentValue objects; takes the arguments of the constructor."""
 
 
@@ -104,7 +104,7 @@ class StandingStop:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DriveState:
+class DriveSnapshot:
     """The state of a drive as last seen.
 
     line: the plant's name of its line. reachability: from the outcome of the last request: asking, answers or silent.
@@ -151,12 +151,12 @@ class DriveState:
         return self.statistics.reply_times.mean_s
 
 
-new_state = maker(DriveState)
+new_state = frozen_factory(DriveSnapshot)
 """Fast factory of DriveState objects, because doors need thousands a second; takes the constructor's arguments."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LineState:
+class LineSnapshot:
     """The state of a line.
 
     port: the port that is opened. up: whether it is open. error: why it is not. polls: made so far. missed: polls
@@ -177,7 +177,7 @@ class LineState:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DoorState:
+class DoorSnapshot:
     """The state of a door.
 
     up: whether it is open, and reaches its broker if it has one. clients: connections that are open; None for a door

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from drivecomm.line import Plan
+from drivecomm.line import PollPlan
 from drivecomm.virtual import forecast
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def line_loads(plant: Plant, status_period_s: float) -> Iterator[LineLoad]:
         if not names:
             continue
         reads = [read for read in plant.served_plan(status_period_s).reads if read.drive.name in names]
-        found = forecast(Plan(reads=tuple(reads)))
+        found = forecast(PollPlan(reads=tuple(reads)))
         yield LineLoad(
             line=line.name,
             utilisation=found.utilisation,

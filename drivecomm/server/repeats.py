@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Mapping
 
     from drivecomm.server.callers import Caller
-    from drivecomm.server.door import Answer, Command
+    from drivecomm.server.door import CommandAnswer, CommandRequest
 
 REMEMBERED_S = 600.0
 MOST = 10_000
@@ -26,11 +26,11 @@ _LONGEST_ID = 200
 @dataclass(frozen=True, slots=True)
 class _Once:
     asked: tuple[str, str, str, bytes]
-    task: asyncio.Task[Answer]
+    task: asyncio.Task[CommandAnswer]
     begun_s: float
 
 
-class Repeats:
+class AnswerCache:
     """Answers to commands, remembered for ten minutes. clock: a monotonic clock.
 
     Used within one event loop. Not used for stops: each stop is carried out.
@@ -40,7 +40,9 @@ class Repeats:
         self._clock = clock
         self._known: dict[tuple[str, str], OrderedDict[str, _Once]] = {}
 
-    async def once(self, caller: Caller, command: Command, act: Callable[[], Coroutine[Any, Any, Answer]]) -> Answer:
+    async def once(
+        self, caller: Caller, command: CommandRequest, act: Callable[[], Coroutine[Any, Any, CommandAnswer]]
+    ) -> CommandAnswer:
         """Return the answer to a command; a repeated id gets the first answer.
 
         act: carries the command out, which continues if this wait is cancelled. Errors of drivecomm that it raises are
@@ -78,7 +80,7 @@ def _digest(arguments: Mapping[str, Any]) -> bytes:
     return sha256(repr(sorted(arguments.items())).encode(errors="backslashreplace")).digest()
 
 
-def _without_frames(task: asyncio.Task[Answer]) -> None:
+def _without_frames(task: asyncio.Task[CommandAnswer]) -> None:
     """Drop the traceback of an answer's error, which would keep its local variables in memory for ten minutes."""
     if task.cancelled() or task.exception() is not None:
         return
@@ -88,7 +90,7 @@ def _without_frames(task: asyncio.Task[Answer]) -> None:
         error = error.__cause__ or error.__context__
 
 
-def _broken(task: asyncio.Task[Answer]) -> bool:
+def _broken(task: asyncio.Task[CommandAnswer]) -> bool:
     """Return whether a command ended without an answer: cancelled, or by a bug in the server."""
     if not task.done():
         return False

@@ -8,16 +8,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import NotAllowedError, ReadOnlyError, UsageError, meant, shortened
+from drivecomm.errors import NotAllowedError, ReadOnlyError, UsageError, shortened, suggestion
 from drivecomm.server.callers import ANONYMOUS, LOCAL, Role
-from drivecomm.server.keep_orders import why_looser
+from drivecomm.server.keep_settings import why_looser
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from drivecomm.protocol import DriveConfig
     from drivecomm.server.callers import Caller
-    from drivecomm.server.door import Command
+    from drivecomm.server.door import CommandRequest
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,13 +77,13 @@ class Rights:
     plant_file: str = "the plant file"
     users_file: str = "the users file"
 
-    def check(self, caller: Caller, command: Command, drive: DriveConfig) -> None:
+    def check(self, caller: Caller, command: CommandRequest, drive: DriveConfig) -> None:
         """Raise NotAllowedError or ReadOnlyError unless the caller may give this command.
 
         Raises UsageError for an unknown verb.
         """
         if command.verb not in NEEDS:
-            raise UsageError(f"unknown verb {shortened(command.verb)}; {meant(command.verb, NEEDS, 'use')}")
+            raise UsageError(f"unknown verb {shortened(command.verb)}; {suggestion(command.verb, NEEDS, 'use')}")
         self._check_role(caller, command.verb, drive.name)
         if caller.door != LOCAL:
             self._check_said(command)
@@ -137,7 +137,7 @@ class Rights:
             f'write role = "{role.name.lower()}" in {self.users_file}'
         )
 
-    def _check_said(self, command: Command) -> None:
+    def _check_said(self, command: CommandRequest) -> None:
         armed = command.arm and command.verb != "stop"
         given = (("line", command.line), ("options", command.options), ("arm", armed))
         for what, said in (*given, ("by", command.arguments.get("by"))):
@@ -148,7 +148,7 @@ class Rights:
         if reason := drive.read_only_reason or drive.why_read_only(self.plant_file):
             raise ReadOnlyError(reason)
 
-    def _check_network(self, caller: Caller, command: Command, drive: DriveConfig) -> None:
+    def _check_network(self, caller: Caller, command: CommandRequest, drive: DriveConfig) -> None:
         word, given = NEEDS[command.verb].network, command.arguments
         if not word:
             raise NotAllowedError(f"{command.verb} is only for programs on the server's machine")
@@ -170,7 +170,7 @@ class Rights:
                 )
         self._check_link_loss(caller, command, drive)
 
-    def _check_link_loss(self, caller: Caller, command: Command, drive: DriveConfig) -> None:
+    def _check_link_loss(self, caller: Caller, command: CommandRequest, drive: DriveConfig) -> None:
         """Raise NotAllowedError if a start from a network has a looser link-loss policy than the plant file."""
         given, said = command.arguments, drive.link_loss
         if looser := why_looser(given.get("policy"), given.get("watchdog_s"), said):

@@ -17,9 +17,9 @@ from drivecomm.errors import (
     in_one_line,
 )
 from drivecomm.line import STATUS, PollItem, items_of, poll_async
-from drivecomm.link import REOPEN_FIRST_S, REOPEN_LONGEST_S, Backoff, Commands, Statistics
-from drivecomm.plant.watching import DriveView, OpenLine, SeenDrive, WatchedLine, changes, has_answered
-from drivecomm.server.observations import CurrentValue, DriveState, LineState, new_state, new_value
+from drivecomm.link import REOPEN_FIRST_S, REOPEN_LONGEST_S, Backoff, CommandHistory, Statistics
+from drivecomm.plant.watching import DriveView, OpenLine, TrackedDrive, WatchedLine, changes, has_answered
+from drivecomm.server.observations import CurrentValue, DriveSnapshot, LineSnapshot, new_state, new_value
 from drivecomm.server.spells import Spell
 from drivecomm.server.start_policies import policies_to_start_with, wrong_policy
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from drivecomm.plant import PlantLine
     from drivecomm.protocol import DriveConfig, DriveStatus, LinkLoss
     from drivecomm.server.observations import EventKind
-    from drivecomm.server.table import Table
+    from drivecomm.server.table import ValueTable
 
 _KINDS: Mapping[str, EventKind] = {"fault": "fault", "silent": "silent", "warning": "warning", "change": "state"}
 
@@ -61,7 +61,7 @@ class ServedLine:
         self,
         line: PlantLine,
         drives: Sequence[DriveConfig],
-        table: Table,
+        table: ValueTable,
         *,
         port: Any,
         status_period_s: float,
@@ -70,7 +70,7 @@ class ServedLine:
     ) -> None:
         self.line = line
         self.bus: AsyncBus = open_bus_async(port, **line.opening)
-        self.order = Commands()
+        self.order = CommandHistory()
         """Commands that wait in this server and that a stop cancels; the bus has its own list of those it has taken."""
         self._port_name = port if isinstance(port, str) else line.reached_at
         self._table = table
@@ -78,7 +78,7 @@ class ServedLine:
         self._tripped, self._status_seen = tripped, status_seen
         self._open: OpenLine | None = None
         self._configs: dict[str, DriveConfig] = {}
-        self._seen: dict[str, SeenDrive] = {}
+        self._seen: dict[str, TrackedDrive] = {}
         self._unusable: dict[str, UsageError] = {}
         self._policies: dict[str, tuple[LinkLoss, ...]] = {}
         self._monitoring_only: dict[str, bool] = {}
@@ -102,7 +102,7 @@ class ServedLine:
         """Replace the drives of this line; keep what is known about those that remain."""
         # A protocol without a broadcast stop is left out here: its drives are stopped one by one.
         self.everybody = tuple(each for _, each in broadcasts_of(self.bus, drives, lambda *_: None))
-        seen: dict[str, SeenDrive] = {}
+        seen: dict[str, TrackedDrive] = {}
         unusable: dict[str, UsageError] = {}
         for config in drives:
             try:
@@ -122,7 +122,7 @@ class ServedLine:
             only_read = drive.capabilities.monitoring_only
             self._policies[config.name] = () if only_read else policies_to_start_with(drive.model)
             self._monitoring_only[config.name] = only_read
-            seen[config.name] = SeenDrive(self._open, drive, view)
+            seen[config.name] = TrackedDrive(self._open, drive, view)
             if wrong := wrong_policy(config, drive.model):
                 self._table.happened("link loss", wrong, drive=config.name, line=self.line.name)
         # Assigned in one statement, because doors read them from their own threads.
@@ -139,9 +139,9 @@ class ServedLine:
             raise UsageError(f"{name} is not on line {self.line.name} any more")
         return seen.drive
 
-    def state(self) -> LineState:
+    def state(self) -> LineSnapshot:
         """Return the state of the line."""
-        return LineState(
+        return LineSnapshot(
             name=self.line.name,
             port=self._port_name,
             up=self._up,
@@ -161,22 +161,22 @@ class ServedLine:
         """Return whether the model of a drive has no orders; False for a drive that could not be made."""
         return self._monitoring_only.get(drive, False)
 
-    def states(self) -> Sequence[DriveState]:
+    def states(self) -> Sequence[DriveSnapshot]:
         """Return the states of the drives on this line."""
         counted = self.bus.statistics
         return [self._state(config, counted) for config in self._configs.values()]
 
-    def state_of(self, drive: str) -> DriveState | None:
+    def state_of(self, drive: str) -> DriveSnapshot | None:
         """Return the state of a drive, or None if it is not on this line."""
         config = self._configs.get(drive)
         return None if config is None else self._state(config, self.bus.statistics)
 
-    def _state(self, config: DriveConfig, counted: Mapping[str, Statistics]) -> DriveState:
+    def _state(self, config: DriveConfig, counted: Mapping[str, Statistics]) -> DriveSnapshot:
         seen, line = self._seen.get(config.name), self.line.name
         if seen is None:
             error = self._unusable.get(config.name)
             text = "" if error is None else in_one_line(error)
-            return DriveState(config=config, line=line, reachability="silent", error=text)
+            return DriveSnapshot(config=config, line=line, reachability="silent", error=text)
         view = seen.view
         return new_state(
             config=view.drive,
@@ -298,7 +298,7 @@ class ServedLine:
             if value.drive in self._seen and value.quality != "bad":
                 self._table.put_value(replace(value, reading=None, quality="bad", cause=why, time_s=time.time()))
 
-    def _plan(self) -> list[PollItem[SeenDrive]]:
+    def _plan(self) -> list[PollItem[TrackedDrive]]:
         items = []
         for seen in self._seen.values():
             name = seen.view.name
@@ -307,7 +307,7 @@ class ServedLine:
             items += [each for each in polled if self._readable(seen, each.parameter, each.options)]
         return items
 
-    def _readable(self, seen: SeenDrive, parameter: str, options: Mapping[str, Any]) -> bool:
+    def _readable(self, seen: TrackedDrive, parameter: str, options: Mapping[str, Any]) -> bool:
         """Return whether a parameter can be read at all; if not, store a bad value for it."""
         try:
             seen.check_read(parameter, **options)
@@ -356,7 +356,7 @@ class ServedLine:
         if view is not seen.view:
             self._update(seen, view)
 
-    def _answered(self, seen: SeenDrive, result: PollResult) -> None:
+    def _answered(self, seen: TrackedDrive, result: PollResult) -> None:
         self._is_up(True)
         self._silent_with_line.discard(result.drive)
         seen.answered_s = result.time_s
@@ -373,7 +373,7 @@ class ServedLine:
             self._silent_with_line.discard(result.drive)
             self._table.happened("silent", result.cause, drive=result.drive, line=self.line.name)
 
-    def _update(self, seen: SeenDrive, view: DriveView) -> None:
+    def _update(self, seen: TrackedDrive, view: DriveView) -> None:
         before, seen.view = seen.view, view
         for change in changes(before, view, 0.0):
             if change.kind == "fault":

@@ -13,29 +13,29 @@ from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.client import Registration, check_ports, local_socket, register, written_again
+from drivecomm.client import Registration, check_ports, local_socket, register, rewrite_record
 from drivecomm.errors import DriveCommError, PortError
 from drivecomm.plant import read_served_plant
 from drivecomm.server.alarms import PlantAlarms, read_alarms
 from drivecomm.server.audit import Audit
 from drivecomm.server.backups.backing_up import Backups
-from drivecomm.server.capacity import TakesConnections, allotted, needed, system_limits
+from drivecomm.server.capacity import TakesConnections, needed_descriptors, share_connections, system_limits
 from drivecomm.server.core import Core
 from drivecomm.server.door import NamesDrives
 from drivecomm.server.event_log import EventLog
-from drivecomm.server.for_doors import PlantForDoors
-from drivecomm.server.garbage import search_everything
-from drivecomm.server.history import Journal
+from drivecomm.server.gc_tuning import search_everything
+from drivecomm.server.history import HistoryWriter
+from drivecomm.server.history_service import HistoryService, remembered_faults
 from drivecomm.server.http import LocalDoor
 from drivecomm.server.logins import Users
 from drivecomm.server.notify import ServiceManager
-from drivecomm.server.past import Past, remembered_faults
-from drivecomm.server.places import state_folder
 from drivecomm.server.plan_check import report_overload
+from drivecomm.server.plant_service import PlantForDoors
 from drivecomm.server.settings import read_settings
 from drivecomm.server.spare import give_up_when_exhausted
+from drivecomm.server.state_paths import state_folder
 from drivecomm.server.supervision import OpenDoor, kind_of_door
-from drivecomm.server.together import ended
+from drivecomm.server.task_groups import cancel_and_wait
 from drivecomm.version import __version__
 
 if TYPE_CHECKING:
@@ -163,16 +163,16 @@ class Serving:
                 self.settings.name,
                 read_rate=self.settings.read_rate,
                 users=Users(self.settings.users, self._tell("server")) if self.settings.users else None,
-                history=Past(self.settings.history.file) if self.settings.history else None,
+                history=HistoryService(self.settings.history.file) if self.settings.history else None,
             )
             doors = [OpenDoor(door, plant, self._tell("door")) for door in (self._local, *self._made)]
-            plant.doors_are(tuple(doors))
+            plant.set_doors(tuple(doors))
             self._backups = Backups(core, self.settings.backups, state=state_folder(self.path))
             if self._rules:
                 self._alarms = PlantAlarms(
                     plant, self._rules, file=state_folder(self.path) / "alarms.json", write_event=self._written
                 )
-                plant.alarms_are(self._alarms)
+                plant.set_alarms(self._alarms)
                 # Alarm deliveries run in their own thread, so they delay nothing else.
                 doors.append(OpenDoor(self._alarms, plant, self._tell("alarm")))
             stack.push_async_callback(_closed, doors)
@@ -184,7 +184,7 @@ class Serving:
                         f"the server cannot be reached at {self.socket}: {doors[0].failed or 'it does not open'}"
                     )
                 # Without unix sockets, the address of the server is known only now.
-                written_again(record, self._registration())
+                rewrite_record(record, self._registration())
                 feeding = asyncio.create_task(self._manager.feed_watchdog())
                 holding = asyncio.create_task(give_up_when_exhausted(_SPARE), name="spare descriptors")
                 backing_up = asyncio.create_task(self._backups.run(), name="backups")
@@ -199,7 +199,7 @@ class Serving:
                     await self._end.wait()
                 finally:
                     self._manager.stopping("stops the motors that it keeps")
-                    await ended(backing_up)
+                    await cancel_and_wait(backing_up)
                     core.table.happened("server", "ends")
                     # Before the doors close, so that clients can watch the motors stop.
                     await core.release_all()
@@ -217,8 +217,8 @@ class Serving:
             [door.connections for door in doors],
             {"lines": len(self.plant.lines), "doors": len(self._made)},
         )
-        system = system_limits(needed(wishes, **counts))
-        self._local.connections, shares = allotted(system, wishes, **counts)
+        system = system_limits(needed_descriptors(wishes, **counts))
+        self._local.connections, shares = share_connections(system, wishes, **counts)
         for door, wish, share in zip(doors, wishes, shares, strict=True):
             door.connections = share
             if share.most < min(wish.most, _FEW):
@@ -237,7 +237,7 @@ class Serving:
 
     async def _end_check(self) -> None:
         if self._checking is not None:
-            await ended(self._checking)
+            await cancel_and_wait(self._checking)
 
     def _registration(self, plant: Plant | None = None) -> Registration:
         """Return the public record of this server, as it is now or would be with another plant."""
@@ -254,12 +254,12 @@ class Serving:
             version=__version__,
         )
 
-    def _journal(self, stack: AsyncExitStack) -> Journal | None:
+    def _journal(self, stack: AsyncExitStack) -> HistoryWriter | None:
         history = self.settings.history
         if history is None:
             return None
         history.file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        journal = Journal(history.file, history.days, history.megabytes, tell=self._tell("server"))
+        journal = HistoryWriter(history.file, history.days, history.megabytes, tell=self._tell("server"))
         stack.callback(journal.close)
         return journal
 
@@ -346,7 +346,7 @@ class Serving:
             if _of_a_start(settings) != _of_a_start(self.settings):
                 core.table.happened("server", "doors and files of the server change when it is started again")
             with suppress(OSError):
-                written_again(record, self._registration())
+                rewrite_record(record, self._registration())
             self._take_alarms(core, settings)
             if self._backups is not None:
                 self._backups.change(settings.backups)

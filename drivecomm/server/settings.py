@@ -20,19 +20,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import meant
+from drivecomm.errors import suggestion
 from drivecomm.server.backups.settings import PlantBackups, read_backups
 from drivecomm.server.callers import LOCAL
 from drivecomm.server.levels import PLANT, SITES, with_names
-from drivecomm.server.places import audit_file, history_file
 from drivecomm.server.rates import READ_RATE, Rate
+from drivecomm.server.state_paths import audit_file, history_file
 from drivecomm.tomlfile import SECONDS, SWITCH, TEXT, Kind, read_toml
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-    from drivecomm.tomlfile import Table
+    from drivecomm.tomlfile import TomlTable
 
 _HISTORY_OR_NONE = Kind((bool, dict), 'false, or a table such as { file = "history.sqlite", days = 30 }')
 _RATE_TABLE = Kind((dict,), "a table such as { per_s = 10, burst = 50 }")
@@ -78,8 +78,8 @@ class ServerSettings:
     status_period_s: float = 1.0
     users: Path | None = None
     history: HistorySettings | None = None
-    doors: tuple[tuple[str, Table], ...] = ()
-    alarms: tuple[Table, ...] = ()
+    doors: tuple[tuple[str, TomlTable], ...] = ()
+    alarms: tuple[TomlTable, ...] = ()
 
 
 def read_settings(path: Path) -> ServerSettings:
@@ -113,7 +113,7 @@ def read_settings(path: Path) -> ServerSettings:
     )
 
 
-def _read_rate(table: Table) -> Rate:
+def _read_rate(table: TomlTable) -> Rate:
     inner = table.table("read_rate")
     given = inner.take(_RATE)
     said = {"per_s": READ_RATE.per_s, "burst": READ_RATE.burst, **given}
@@ -123,7 +123,7 @@ def _read_rate(table: Table) -> Rate:
     return Rate(float(said["per_s"]), float(said["burst"]))
 
 
-def _history(path: Path, table: Table, said: Any) -> HistorySettings | None:
+def _history(path: Path, table: TomlTable, said: Any) -> HistorySettings | None:
     if said is False:
         return None
     if said is True:
@@ -137,7 +137,7 @@ def _history(path: Path, table: Table, said: Any) -> HistorySettings | None:
     return HistorySettings(**{**given, "file": file})
 
 
-def _door(table: Table) -> tuple[str, Table]:
+def _door(table: TomlTable) -> tuple[str, TomlTable]:
     kind = table.content.get("kind")
     if not isinstance(kind, str) or not kind:
         raise table.error('write the kind of door, such as kind = "http"', "kind")
@@ -146,7 +146,7 @@ def _door(table: Table) -> tuple[str, Table]:
     return kind, table.without("kind", table.name if "(" in table.name else f"{table.name} ({kind})")
 
 
-def _check_networks(top: Table, kinds: Iterable[str]) -> None:
+def _check_networks(top: TomlTable, kinds: Iterable[str]) -> None:
     """Raise FileFormatError for a drive whose network names a kind of door that is not installed."""
     from importlib.metadata import entry_points
 
@@ -154,4 +154,6 @@ def _check_networks(top: Table, kinds: Iterable[str]) -> None:
     for drive in top.tables("drive"):
         network = drive.content.get("network", {})
         for kind in sorted(set(network) - {"write", *known} if isinstance(network, dict) else ()):
-            raise drive.error(f"network: unknown kind of door {kind!r}; {meant(kind, known, 'there are')}", "network")
+            raise drive.error(
+                f"network: unknown kind of door {kind!r}; {suggestion(kind, known, 'there are')}", "network"
+            )

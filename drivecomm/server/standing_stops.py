@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterable, Iterator, Sequence
 
     from drivecomm.protocol import Stop
-    from drivecomm.server.table import Table
+    from drivecomm.server.table import ValueTable
 
 AGAIN_FIRST_S, AGAIN_LONGEST_S = 0.5, 2.0
 """The first and the longest pause between two attempts."""
@@ -56,7 +56,7 @@ class StandingStops:
     event loop; `of` and `drives` from any thread.
     """
 
-    def __init__(self, table: Table, send: Callable[[str, Stop], Coroutine[object, object, None]]) -> None:
+    def __init__(self, table: ValueTable, send: Callable[[str, Stop], Coroutine[object, object, None]]) -> None:
         self._table, self._send = table, send
         self._standing: dict[str, _Standing] = {}
         self._numbers = count(1)

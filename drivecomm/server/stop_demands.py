@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from drivecomm.protocol import Stop
-    from drivecomm.server.table import Table
+    from drivecomm.server.table import ValueTable
 
 AGAIN_FIRST_S, AGAIN_LONGEST_S = 1.0, 10.0
 """First and longest pause between stops of a drive that still runs: it may be ramping down, or started by others."""
@@ -53,7 +53,7 @@ class StopDemands:
     """
 
     def __init__(
-        self, table: Table, send: Callable[[str, Stop, str], None], clock: Callable[[], float] = time.monotonic
+        self, table: ValueTable, send: Callable[[str, Stop, str], None], clock: Callable[[], float] = time.monotonic
     ) -> None:
         self._table, self._send, self._clock = table, send, clock
         self._demands: dict[str, _Demand] = {}

@@ -10,11 +10,11 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import stop_of_all
-from drivecomm.errors import DriveCommError, UsageError, in_one_line, meant
+from drivecomm.errors import DriveCommError, UsageError, in_one_line, suggestion
 from drivecomm.protocol import Stop
-from drivecomm.server.addressing import built, drives_meant, found_to_stop, on_bus
-from drivecomm.server.command_results import error_of, noted
-from drivecomm.server.door import Answer, Command, Stopped
+from drivecomm.server.addressing import covered_drives, find_stop_target, on_bus, open_drive
+from drivecomm.server.command_results import error_of, record_safely
+from drivecomm.server.door import CommandAnswer, CommandRequest, Stopped
 from drivecomm.server.merged_stops import StopJob, StopKey
 
 if TYPE_CHECKING:
@@ -27,22 +27,24 @@ if TYPE_CHECKING:
     from drivecomm.server.served_line import ServedLine
 
 
-class Stopping:
+class StopExecutor:
     """The executor of stops, in the core's event loop."""
 
     def __init__(self, core: Core) -> None:
         self._core = core
 
-    async def stop(self, caller: Caller, command: Command) -> Answer:
+    async def stop(self, caller: Caller, command: CommandRequest) -> CommandAnswer:
         """Stop a drive, or all drives of a protocol; errors are returned in the answer, not raised."""
         try:
-            line, config = await found_to_stop(self._core, command)
+            line, config = await find_stop_target(self._core, command)
             self._core.rights.check(caller, command, config)
             return await self._stop(caller, command, line, config)
         except Exception as error:  # noqa: BLE001 - the caller gets every error in the answer
-            return Answer(id=command.id, outcome="refused", error=error_of(command, error))
+            return CommandAnswer(id=command.id, outcome="refused", error=error_of(command, error))
 
-    async def _stop(self, caller: Caller, command: Command, line: ServedLine, config: DriveConfig) -> Answer:
+    async def _stop(
+        self, caller: Caller, command: CommandRequest, line: ServedLine, config: DriveConfig
+    ) -> CommandAnswer:
         """Stop a drive, or all drives of a protocol, and release the motor if it was kept."""
         core, how = self._core, stop_kind(command.arguments)
         line.order.stop_called(on_bus(config))
@@ -53,29 +55,29 @@ class Stopping:
             return await self._answered(caller, command, line, config, how, job)
         job.callers.add(caller)
         asked_s = time.time()
-        number = noted(core.audit.stop_asked, caller, command) or 0
+        number = record_safely(core.audit.record_stop, caller, command) or 0
         core.table.happened("command", f"stop ({how.value})", drive=config.name, line=line.line.name, who=str(caller))
         answer = await self._answered(caller, command, line, config, how, job)
-        noted(core.audit.outcome, caller, command, number, answer)
-        noted(core.remember, caller, command, answer, asked_s)
+        record_safely(core.audit.outcome, caller, command, number, answer)
+        record_safely(core.remember, caller, command, answer, asked_s)
         return answer
 
     async def _answered(  # noqa: PLR0917 - all of them describe one stop
-        self, caller: Caller, command: Command, line: ServedLine, config: DriveConfig, how: Stop, job: StopJob
-    ) -> Answer:
+        self, caller: Caller, command: CommandRequest, line: ServedLine, config: DriveConfig, how: Stop, job: StopJob
+    ) -> CommandAnswer:
         """Return the answer to a stop, and retry an unconfirmed stop until it is confirmed."""
-        core, drives = self._core, drives_meant(line, config)
+        core, drives = self._core, covered_drives(line, config)
         try:
             await asyncio.shield(job.task)
         except UsageError as error:
-            return Answer(id=command.id, outcome="refused", error=error)
+            return CommandAnswer(id=command.id, outcome="refused", error=error)
         except Exception as error:  # noqa: BLE001 - the caller gets every error in the answer
-            answer = Answer(id=command.id, outcome="open", error=error_of(command, error))
+            answer = CommandAnswer(id=command.id, outcome="open", error=error_of(command, error))
             if not drives or core.ending:
                 text = f"stop is not confirmed: {in_one_line(error)}"
                 core.table.happened("warning", text, drive=config.name, who=str(caller))
         else:
-            answer = Answer(id=command.id, outcome="done")
+            answer = CommandAnswer(id=command.id, outcome="done")
         there = {each.name for each in core.plant.drives}
         for name in drives:
             if answer.error is not None or not core.kept.outlasts_stop(name, command.lease):
@@ -91,20 +93,20 @@ class Stopping:
         return answer
 
     async def _carry_out(
-        self, command: Command, line: ServedLine, config: DriveConfig, how: Stop, job: StopJob
+        self, command: CommandRequest, line: ServedLine, config: DriveConfig, how: Stop, job: StopJob
     ) -> None:
         """Send a stop. If its line was closed because the plant file is read again, send it on the new line."""
         try:
             await self._sent(line, config, how, job)
         except UsageError:
-            now, config = await found_to_stop(self._core, command)
+            now, config = await find_stop_target(self._core, command)
             if now is line:
                 raise
             await self._sent(now, config, how, job)
 
     async def _sent(self, line: ServedLine, config: DriveConfig, how: Stop, job: StopJob) -> None:
-        core, drives = self._core, drives_meant(line, config)
-        whom: Any = await built(core, line, config, arm=False)
+        core, drives = self._core, covered_drives(line, config)
+        whom: Any = await open_drive(core, line, config, arm=False)
         if how in whom.capabilities.stops:
             # Retries of an earlier stop must not follow this one and stop the motor in another way.
             job.number = core.standing_stops.sent(drives, how)
@@ -126,7 +128,7 @@ class Stopping:
         name = line.line.name
 
         async def stop_everybody(everybody: AsyncBroadcast, used: Stop) -> Stopped:
-            to_all = Command(drive=everybody.peer.name, line=name, verb="stop", arguments={"how": used.value})
+            to_all = CommandRequest(drive=everybody.peer.name, line=name, verb="stop", arguments={"how": used.value})
             answer = await self._stop_everybody(caller, to_all, line, everybody)
             return Stopped(line=name, drive=to_all.drive, how=used, answer=answer)
 
@@ -134,9 +136,9 @@ class Stopping:
             used = how
             # An error here is ignored, because the stop below reports it, too.
             with suppress(Exception):
-                able = (await built(self._core, line, config, arm=False)).capabilities.stops
+                able = (await open_drive(self._core, line, config, arm=False)).capabilities.stops
                 used = how if how in able else Stop.RAMP
-            stopping = Command(drive=config.name, verb="stop", arguments={"how": used.value})
+            stopping = CommandRequest(drive=config.name, verb="stop", arguments={"how": used.value})
             return Stopped(line=name, drive=config.name, how=used, answer=await self.stop(caller, stopping))
 
         # Queued in this order, the broadcasts first; a broadcast that waits or fails delays no other stop.
@@ -144,22 +146,22 @@ class Stopping:
         return await asyncio.gather(*to_all, *map(stop, line.drives))
 
     async def _stop_everybody(
-        self, caller: Caller, command: Command, line: ServedLine, everybody: AsyncBroadcast
-    ) -> Answer:
+        self, caller: Caller, command: CommandRequest, line: ServedLine, everybody: AsyncBroadcast
+    ) -> CommandAnswer:
         """Stop all drives of a protocol by one broadcast, which no drive confirms."""
         try:
             self._core.rights.check(caller, replace(command, line=""), line.drives[0])
         except DriveCommError as error:
-            return Answer(id="", outcome="refused", error=error)
+            return CommandAnswer(id="", outcome="refused", error=error)
         line.order.stop_called(command.drive)
-        number = noted(self._core.audit.stop_asked, caller, command) or 0
-        answer = Answer(id="", outcome="open")
+        number = record_safely(self._core.audit.record_stop, caller, command) or 0
+        answer = CommandAnswer(id="", outcome="open")
         try:
             await line.opened()
             await everybody.stop(stop_kind(command.arguments))
         except Exception as error:  # noqa: BLE001 - the caller gets every error in the answer
-            answer = Answer(id="", outcome="open", error=error_of(command, error))
-        noted(self._core.audit.outcome, caller, command, number, answer)
+            answer = CommandAnswer(id="", outcome="open", error=error_of(command, error))
+        record_safely(self._core.audit.outcome, caller, command, number, answer)
         return answer
 
 
@@ -168,5 +170,5 @@ def stop_kind(arguments: Mapping[str, Any]) -> Stop:
     text = str(arguments.get("how", "ramp"))
     known = [stop.value for stop in Stop]
     if text not in known:
-        raise UsageError(f"unknown kind of stop {text!r}; {meant(text, known, 'use one of')}")
+        raise UsageError(f"unknown kind of stop {text!r}; {suggestion(text, known, 'use one of')}")
     return Stop(text)

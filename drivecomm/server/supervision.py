@@ -9,10 +9,10 @@ from importlib.metadata import entry_points
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import UsageError, in_one_line, meant
+from drivecomm.errors import UsageError, in_one_line, suggestion
 from drivecomm.link import Backoff
 from drivecomm.server.door import DoorHealth, ReportsHealth
-from drivecomm.server.observations import DoorState
+from drivecomm.server.observations import DoorSnapshot
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -32,7 +32,7 @@ def kind_of_door(kind: str) -> MakeDoor:
     """Return the factory of a kind of door. Raises UsageError if it is not installed, or cannot be loaded."""
     found = {each.name: each for each in entry_points(group=GROUP)}
     if kind not in found:
-        raise UsageError(f"there is no kind of door {kind!r}; {meant(kind, found, 'installed are')}")
+        raise UsageError(f"there is no kind of door {kind!r}; {suggestion(kind, found, 'installed are')}")
     try:
         made: Any = found[kind].load()
     except Exception as error:
@@ -60,7 +60,7 @@ class OpenDoor:
         self._thread = Thread(target=self._work, name=f"door {door.name}", daemon=True)
         self._thread.start()
 
-    def state(self, last_row: int | None) -> DoorState:
+    def state(self, last_row: int | None) -> DoorSnapshot:
         """Return the state of the door. last_row: the latest row of the history, None without a history."""
         health = DoorHealth()
         if isinstance(self.door, ReportsHealth):
@@ -70,7 +70,7 @@ class OpenDoor:
                 _log.exception("health of door %s", self.door.name)
                 health = DoorHealth(up=False)
         delivered = health.delivered_row
-        return DoorState(
+        return DoorSnapshot(
             name=self.door.name,
             up=self.opened.is_set() and health.up,
             clients=health.clients,

@@ -6,7 +6,7 @@ import asyncio
 import time
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from drivecomm.bus import Blocking, DriveVerbs, Question, Search
+from drivecomm.bus import BlockingCalls, DriveVerbs, ScanRequest, Search
 from drivecomm.errors import OvertakenError, UsageError
 from drivecomm.line import Rank
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
-class SurveyedDrive(DriveVerbs["SurveyBus"], Blocking):
+class SurveyedDrive(DriveVerbs["SurveyBus"], BlockingCalls):
     """A drive of a `SurveyBus`."""
 
 
@@ -54,7 +54,7 @@ class SurveyBus:
         """Yield the drives that answer, as `Bus.scan` does; each address gets one request."""
         search = Search(only, addresses)
         for each in self._bus.questions(search, progress, {"attempts": 1, **options}):
-            if isinstance(each, Question):
+            if isinstance(each, ScanRequest):
                 each.found = self._asked(each)
             else:
                 yield search.model_of(each)
@@ -105,7 +105,7 @@ class SurveyBus:
         """Return the time in seconds since 1970."""
         return self._bus.wall_time()
 
-    def _asked(self, question: Question) -> Found | None:
+    def _asked(self, question: ScanRequest) -> Found | None:
         """Send a request, again each time that a stop overtakes it."""
         while True:
             try:

@@ -38,7 +38,7 @@ _MANY = 4
 """Number of changes in one call that counts as many; some thousand values a second bring this number."""
 
 
-class Table:
+class ValueTable:
     """Current values and events. later: calls a function after some seconds, in the table's one thread."""
 
     def __init__(self, later: Callable[[float, Callable[[], None]], object]) -> None:
@@ -167,10 +167,10 @@ MOST_EVENTS = 1000
 """Queue limit of events for a slow reader."""
 
 
-class ChangesFor:
+class ChangeSubscription:
     """A subscription of one event loop to changes; made within that loop. every_s: minimum time between batches."""
 
-    def __init__(self, table: Table, every_s: float) -> None:
+    def __init__(self, table: ValueTable, every_s: float) -> None:
         self._loop = asyncio.get_running_loop()
         self._every_s = every_s
         self._ready = asyncio.Event()

@@ -16,15 +16,15 @@ import stat
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from drivecomm.errors import FileFormatError, UsageError, meant
+from drivecomm.errors import FileFormatError, UsageError, suggestion
 from drivecomm.server.callers import ANONYMOUS, Role
 from drivecomm.server.credentials import is_password_hash, is_token_hash
-from drivecomm.tomlfile import TABLES, TEXT, parse_toml, read_text_file, read_toml, toml_line, write_whole
+from drivecomm.tomlfile import TABLES, TEXT, parse_toml, read_text_file, read_toml, toml_line, write_atomically
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from drivecomm.tomlfile import Table
+    from drivecomm.tomlfile import TomlTable
 
 ROLES = {role.name.lower(): role for role in Role if role is not Role.NOBODY}
 _USER = {"name": TEXT, "role": TEXT, "token": TEXT, "password": TEXT}
@@ -81,7 +81,7 @@ def add_user(file: Path, user: User) -> None:
     before = read_text_file(file, "a file of users") if there else ""
     if before and not before.endswith("\n"):
         before += "\n"
-    write_whole(file, f"{before}{chr(10) if before else ''}[[user]]\n{entry}", mode=None if there else 0o600)
+    write_atomically(file, f"{before}{chr(10) if before else ''}[[user]]\n{entry}", mode=None if there else 0o600)
 
 
 def remove_user(file: Path, name: str) -> None:
@@ -91,7 +91,7 @@ def remove_user(file: Path, name: str) -> None:
     """
     names = [each.name for each in read_users(file)]
     if name not in names:
-        raise UsageError(f"{file} has no user {name!r:.80}; {meant(name, names, 'it has')}")
+        raise UsageError(f"{file} has no user {name!r:.80}; {suggestion(name, names, 'it has')}")
     text = read_text_file(file, "a file of users")
     lines = text.splitlines(keepends=True)
     headers = [place for place, line in enumerate(lines) if _HEADER.match(line)]
@@ -102,16 +102,16 @@ def remove_user(file: Path, name: str) -> None:
         del lines[headers[number] : headers[number + 1] if number + 1 < len(headers) else len(lines)]
     if parse_toml("".join(lines), str(file)).get("user", []) != left:
         raise FileFormatError(f"{file}: {name} cannot be removed from what is written there; remove the entry by hand")
-    write_whole(file, "".join(lines))
+    write_atomically(file, "".join(lines))
 
 
-def _user(table: Table) -> User:
+def _user(table: TomlTable) -> User:
     for key in ("token", "password"):
         if not isinstance(table.content.get(key, ""), str):
             raise table.error(f"{key} is a text in quotes, as drivecomm users add writes it", key)
     given = table.take(_USER, "name", "role")
     if given["role"] not in ROLES:
-        raise table.error(f"unknown role {given['role']!r:.80}; {meant(given['role'], ROLES, 'use')}", "role")
+        raise table.error(f"unknown role {given['role']!r:.80}; {suggestion(given['role'], ROLES, 'use')}", "role")
     try:
         return User(**{**given, "role": ROLES[given["role"]]})
     except UsageError as error:

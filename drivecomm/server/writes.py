@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from drivecomm.server.door import Command
+    from drivecomm.server.door import CommandRequest
 
 CHANGING = frozenset({"write", "write_and_read", "call", "set_watchdog", "keep", "select_setup"})
 """Verbs that may change the settings of a drive."""
@@ -29,7 +29,7 @@ class Writes:
         self._known: dict[str, dict[str, Write]] = {}
         self._last_s: dict[str, float] = {}
 
-    def note(self, drive: str, command: Command, write: Write, *, now_s: float) -> None:
+    def note(self, drive: str, command: CommandRequest, write: Write, *, now_s: float) -> None:
         """Record a command that may have changed parameters. now_s: on a monotonic clock."""
         if command.verb not in CHANGING:
             return

@@ -1,4 +1,4 @@
-from .bench import Overheard as Overheard
+from .bench import InterceptedDrive as InterceptedDrive
 from .calls import call_blocking as call_blocking
 from .checking import Check as Check, CheckFailure as CheckFailure
 from .conformance import (
@@ -8,14 +8,19 @@ from .conformance import (
     checks_of as checks_of,
     conformance_tests as conformance_tests,
     first_failure as first_failure,
-    left_out as left_out,
-    reported as reported,
+    make_report as make_report,
     results as results,
     run_checks as run_checks,
     run_conformance as run_conformance,
+    skipped_checks as skipped_checks,
 )
 from .conversation_strategies import limits as limits
-from .exchange_vectors import Call as Call, ExchangeVector as ExchangeVector, Expected as Expected, WireStep as WireStep
+from .exchange_vectors import (
+    ExchangeVector as ExchangeVector,
+    Expected as Expected,
+    VectorCall as VectorCall,
+    WireStep as WireStep,
+)
 from .fixtures import (
     LineMaker as LineMaker,
     MakesDrive as MakesDrive,

@@ -10,7 +10,7 @@ from drivecomm.bus import open_bus
 from drivecomm.errors import DriveCommError, NotSupported
 from drivecomm.plant import UNDISTURBED, FaultPlan
 from drivecomm.protocol import Framed, resolve_options
-from drivecomm.testing.checking import CheckFailure, known_model, shown
+from drivecomm.testing.checking import CheckFailure, known_model, message_hex
 from drivecomm.virtual import DriveProxy, VirtualLine
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ _MOST_STEPS = 4000
 _TRIED = 3
 
 
-class Overheard(DriveProxy):
+class InterceptedDrive(DriveProxy):
     """A virtual drive that records its telegrams, and whose replies can be dropped or replaced.
 
     heard: valid telegrams received, in order. said: the drive's reply to each of them, None for silence. between:
@@ -66,8 +66,8 @@ class Bench(NamedTuple):
     others: further drives on the line.
     """
 
-    virtual: Overheard
-    others: tuple[Overheard, ...]
+    virtual: InterceptedDrive
+    others: tuple[InterceptedDrive, ...]
     line: VirtualLine
     bus: Bus
     drive: Drive
@@ -90,7 +90,7 @@ class Bench(NamedTuple):
         except NotSupported:
             return self.drive.write(parameter, value, store=True)
 
-    def tell_apart(self, model: Model) -> None:
+    def set_unique_values(self, model: Model) -> None:
         """Give every settable number of every drive on the bench a unique value within its range.
 
         Checks can then distinguish right values from wrong ones. A number keeps its value if the drive refuses the new
@@ -133,10 +133,10 @@ class Bench(NamedTuple):
         # The motor model only moves when its time is advanced.
         self.virtual.motor.advance(self.line.time)
 
-    def nothing_sent(self, why: str) -> None:
+    def expect_nothing_sent(self, why: str) -> None:
         """Raise CheckFailure if the drive has received anything. why: the reason why the master had to stay silent."""
         if self.virtual.heard:
-            raise CheckFailure(f"{why}, and {shown(self.virtual.heard[0].data)} is sent all the same")
+            raise CheckFailure(f"{why}, and {message_hex(self.virtual.heard[0].data)} is sent all the same")
 
 
 def _held(virtual: VirtualDrive, info: ParameterInfo) -> tuple[int | str, Decimal]:
@@ -191,7 +191,7 @@ def bench(
     for address in addresses or plugin.addresses[:1]:
         drive = plugin.virtual(address, chosen, known)
         drive.settings, drive.gap_s = facts.settings, facts.gap_s
-        drives.append(Overheard(drive))
+        drives.append(InterceptedDrive(drive))
     line = VirtualLine(drives, faults=faults)
     with open_bus(line.port) as bus:
         # Series that share one reply format can only be told apart by their name plate, so the model is confirmed here.

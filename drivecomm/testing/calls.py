@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     from drivecomm.bus import AsyncBus, Bus, Exchanges
     from drivecomm.link import Echo, Port
     from drivecomm.protocol import Exchange, Model, Protocol
-    from drivecomm.testing.exchange_vectors import Call, ExchangeVector
+    from drivecomm.testing.exchange_vectors import ExchangeVector, VectorCall
 
 VERBS = ("read", "write", "status", "start", "stop", "reset", "set_reference", "probe", "identify")
 """The verbs that every drive has; any other verb belongs to one protocol."""
 
 
-class Line(NamedTuple):
+class VectorPort(NamedTuple):
     """Port on which the vectors are played.
 
     port: as `open_bus` takes it. ready: called with the drive's reply timeout in seconds before the first call.
@@ -39,7 +39,7 @@ class Line(NamedTuple):
     echo: Echo = "off"
 
 
-def call_blocking(plugin: Protocol, vector: ExchangeVector, line: Line) -> None:
+def call_blocking(plugin: Protocol, vector: ExchangeVector, line: VectorPort) -> None:
     """Carry out the calls in order, blocking, and check each result. Raises CheckFailure."""
     with open_bus(line.port, echo=line.echo) as bus:
         partner = _partner(bus, plugin, vector, line)
@@ -47,29 +47,29 @@ def call_blocking(plugin: Protocol, vector: ExchangeVector, line: Line) -> None:
             try:
                 result = _verb(partner, call)(**_arguments(call))
             except DriveCommError as error:
-                judge_error(call, error)
+                check_call_error(call, error)
             else:
-                judge(call, result)
+                check_call_result(call, result)
 
 
-def call_awaited(plugin: Protocol, vector: ExchangeVector, line: Line) -> None:
+def call_awaited(plugin: Protocol, vector: ExchangeVector, line: VectorPort) -> None:
     """Carry out the calls in order, awaited in a new event loop, and check each result. Raises CheckFailure."""
     asyncio.run(_call_awaited(plugin, vector, line))
 
 
-async def _call_awaited(plugin: Protocol, vector: ExchangeVector, line: Line) -> None:
+async def _call_awaited(plugin: Protocol, vector: ExchangeVector, line: VectorPort) -> None:
     async with open_bus_async(line.port, echo=line.echo) as bus:
         partner = _partner(bus, plugin, vector, line)
         for call in vector.calls:
             try:
                 result = await _verb(partner, call)(**_arguments(call))
             except DriveCommError as error:
-                judge_error(call, error)
+                check_call_error(call, error)
             else:
-                judge(call, result)
+                check_call_result(call, result)
 
 
-def exchange_of(verbs: Exchanges, call: Call) -> Exchange[Any]:
+def exchange_of(verbs: Exchanges, call: VectorCall) -> Exchange[Any]:
     """Return the exchange behind a call, as `Drive` and `AsyncDrive` create it."""
     given = _arguments(call)
     if call.call not in VERBS:
@@ -89,7 +89,7 @@ def model_of(plugin: Protocol, vector: ExchangeVector) -> Model | None:
     return known_model(plugin, vector.model) if vector.model else None
 
 
-def _partner(bus: Bus | AsyncBus, plugin: Protocol, vector: ExchangeVector, line: Line) -> Any:
+def _partner(bus: Bus | AsyncBus, plugin: Protocol, vector: ExchangeVector, line: VectorPort) -> Any:
     """Return the drive of the vector, or the broadcast object if it has the broadcast address."""
     try:
         model = model_of(plugin, vector)
@@ -110,7 +110,7 @@ def _partner(bus: Bus | AsyncBus, plugin: Protocol, vector: ExchangeVector, line
     return drive
 
 
-def _verb(partner: Any, call: Call) -> Callable[..., Any]:
+def _verb(partner: Any, call: VectorCall) -> Callable[..., Any]:
     known = call.call in VERBS
     verb: Callable[..., Any] | None = getattr(partner, call.call if known else "call", None)
     if verb is None:
@@ -118,7 +118,7 @@ def _verb(partner: Any, call: Call) -> Callable[..., Any]:
     return verb if known else partial(verb, call.call)
 
 
-def _arguments(call: Call) -> dict[str, Any]:
+def _arguments(call: VectorCall) -> dict[str, Any]:
     """Return the arguments as the drive takes them; only the way of stopping needs conversion."""
     given = dict(call.arguments)
     if call.call == "stop" and "how" in given:
@@ -130,7 +130,7 @@ def _arguments(call: Call) -> dict[str, Any]:
     return given
 
 
-def judge_error(call: Call, error: DriveCommError) -> None:
+def check_call_error(call: VectorCall, error: DriveCommError) -> None:
     """Raise CheckFailure unless the call was expected to raise this error."""
     expected = call.expected
     if not expected.error:
@@ -142,7 +142,7 @@ def judge_error(call: Call, error: DriveCommError) -> None:
     )
 
 
-def judge(call: Call, result: object) -> None:
+def check_call_result(call: VectorCall, result: object) -> None:
     """Raise CheckFailure unless the call was expected to return this result."""
     found, wanted = as_data(result), call.expected.result
     if call.expected.error:
@@ -156,7 +156,7 @@ def judge(call: Call, result: object) -> None:
         found = {"value": found}
     for key, value in wanted.items():
         expect(key in found, f"{call.call} gives nothing named {key}; it gives {found}")
-        expect(same(found[key], value), f"{call.call} gives {key} = {found[key]!r}, expected is {value!r}")
+        expect(is_same_data(found[key], value), f"{call.call} gives {key} = {found[key]!r}, expected is {value!r}")
 
 
 def as_data(value: object) -> Any:
@@ -176,10 +176,10 @@ def as_data(value: object) -> Any:
     return value
 
 
-def same(found: object, wanted: object) -> bool:
+def is_same_data(found: object, wanted: object) -> bool:
     """Whether two pieces of data are equal and of the same type; True is not equal to 1."""
     if isinstance(found, list) and isinstance(wanted, list):
-        return len(found) == len(wanted) and all(map(same, found, wanted))
+        return len(found) == len(wanted) and all(map(is_same_data, found, wanted))
     if isinstance(found, dict) and isinstance(wanted, dict):
-        return found.keys() == wanted.keys() and all(same(found[key], wanted[key]) for key in wanted)
+        return found.keys() == wanted.keys() and all(is_same_data(found[key], wanted[key]) for key in wanted)
     return type(found) is type(wanted) and found == wanted

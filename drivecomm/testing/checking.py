@@ -9,7 +9,7 @@ The first line of the docstring says what must hold. A check is named after its 
 theme decides which arguments a check gets, and how often it runs:
 
     contract, documents             the protocol
-    vectors                         each vector that it applies to, as a `Case`
+    vectors                         each vector that it applies to, as a `VectorCase`
     exchanges, live                 the protocol, and each exchange vector
     refusals, streams               the protocol, and each of the vector file
     schemas                         each schema of the protocol
@@ -62,7 +62,7 @@ class Check:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Registered:
+class CheckFunction:
     """A check function registered by `check`.
 
     name: the last part of the names of its checks. applies_to: whether it applies to a vector. costly: slow; a quick
@@ -84,23 +84,23 @@ class Registered:
         return (getdoc(self.function) or "").partition("\n")[0]
 
 
-_registered: defaultdict[str, list[Registered]] = defaultdict(list)
+_registered: defaultdict[str, list[CheckFunction]] = defaultdict(list)
 
 
 def check(
     theme: str, name: str = "", *, applies_to: Callable[[Vector], bool] = lambda _: True, costly: bool = False
 ) -> Callable[[F], F]:
-    """Register a function as a check of this theme; see `Registered`. name: the function's name if empty."""
+    """Register a function as a check of this theme; see `CheckFunction`. name: the function's name if empty."""
 
     def register(function: F) -> F:
         title = name or function.__name__.replace("_", " ")
-        _registered[theme].append(Registered(function=function, name=title, applies_to=applies_to, costly=costly))
+        _registered[theme].append(CheckFunction(function=function, name=title, applies_to=applies_to, costly=costly))
         return function
 
     return register
 
 
-def registered(theme: str) -> Sequence[Registered]:
+def registered(theme: str) -> Sequence[CheckFunction]:
     """Return the checks of a theme, in the order in which they were registered."""
     return _registered[theme]
 
@@ -123,13 +123,13 @@ def raise_all(wrong: Sequence[str]) -> None:
         raise CheckFailure("; ".join(wrong[:3]) + more)
 
 
-def shown(data: bytes) -> str:
+def message_hex(data: bytes) -> str:
     """Return bytes in the form used in messages."""
     return data.hex(" ").upper() or "nothing"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Case:
+class VectorCase:
     """A vector of a protocol under test.
 
     listed: all valid telegrams of the file and of the package, by direction.

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.models import model_names
 from drivecomm.protocol import installed
-from drivecomm.testing.checking import Case, Check, known_model, registered
+from drivecomm.testing.checking import Check, VectorCase, known_model, registered
 from drivecomm.testing.checks import HAS_PROPERTIES, confusion, exchanges
 from drivecomm.testing.checks.monitoring import takes_commands
 from drivecomm.testing.report import Report, carry_out, try_out
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
     from drivecomm.protocol import Direction, Protocol
-    from drivecomm.testing.checking import Registered
+    from drivecomm.testing.checking import CheckFunction
     from drivecomm.testing.report import CheckResult
 
 
@@ -66,13 +66,13 @@ def run_conformance(plugin: Protocol, extent: Extent = FULL, *, only: str = "") 
 
     A protocol that is not installed counts as installed during the run; if its name is already taken, it is refused.
     """
-    return reported(plugin, results(plugin, extent, only=only), only=only)
+    return make_report(plugin, results(plugin, extent, only=only), only=only)
 
 
-def reported(plugin: Protocol, found: Iterable[CheckResult], *, only: str = "") -> Report:
+def make_report(plugin: Protocol, found: Iterable[CheckResult], *, only: str = "") -> Report:
     """Return the report of these results; unproven commands are listed only if all checks were run."""
     results = tuple(found)
-    return Report(results=results, left_out=left_out(), unproven=() if only else unproven(plugin))
+    return Report(results=results, left_out=skipped_checks(), unproven=() if only else unproven(plugin))
 
 
 def results(plugin: Protocol, extent: Extent = FULL, *, only: str = "") -> Iterator[CheckResult]:
@@ -110,7 +110,7 @@ def conformance_tests(protocol: str, extent: Extent = FULL) -> Callable[[Check],
     return test_conformance
 
 
-def left_out() -> tuple[str, ...]:
+def skipped_checks() -> tuple[str, ...]:
     """Return the checks that cannot run on this machine, each with the reason."""
     return () if HAS_PROPERTIES else ("properties need hypothesis; install drivecomm[test]",)
 
@@ -130,7 +130,7 @@ def all_checks(plugin: Protocol, extent: Extent = FULL) -> Iterator[Check]:
         for model in models:
             for each in registered(theme if theme != "commands" or commanded[model] else "monitoring"):
                 yield Check(f"{name}/models/{model}/{each.name}", _with_model(each, plugin, model), each.meaning)
-    for other in confusion.others(plugin):
+    for other in confusion.other_protocols(plugin):
         prefix = f"{name}/foreign traffic/{other.name}"
         yield from (each.on(prefix, plugin, other) for each in registered("foreign traffic"))
     yield from _properties(plugin, extent)
@@ -150,7 +150,7 @@ def checks_of(plugin: Protocol, vectors: VectorFile, extent: Extent = FULL) -> I
     listed = frozenset(
         (vector.direction, vector.data) for vector in (*vectors.vectors, *_vectors(plugin).vectors) if vector.valid
     )
-    cases = [Case(plugin=plugin, vector=vector, listed=listed) for vector in vectors.vectors]
+    cases = [VectorCase(plugin=plugin, vector=vector, listed=listed) for vector in vectors.vectors]
     yield from _checks_of_cases(prefix, cases, costly=False)
     ways = [way for way in registered("exchanges") if extent.every_way or not way.costly]
     for exchange in vectors.exchanges:
@@ -164,7 +164,7 @@ def checks_of(plugin: Protocol, vectors: VectorFile, extent: Extent = FULL) -> I
     yield from _checks_of_cases(prefix, cases[:: extent.costly_every], costly=True)
 
 
-def _checks_of_cases(prefix: str, cases: Iterable[Case], *, costly: bool) -> Iterator[Check]:
+def _checks_of_cases(prefix: str, cases: Iterable[VectorCase], *, costly: bool) -> Iterator[Check]:
     for case in cases:
         for each in registered("vectors"):
             if each.costly is costly and each.applies_to(case.vector):
@@ -190,7 +190,7 @@ def _properties(plugin: Protocol, extent: Extent) -> Iterator[Check]:
             yield Check(name, tries(each.function, direction), each.meaning)
 
 
-def _with_model(each: Registered, plugin: Protocol, model: str) -> Callable[[], None]:
+def _with_model(each: CheckFunction, plugin: Protocol, model: str) -> Callable[[], None]:
     # An unreadable model must fail each of its checks, instead of stopping the whole run.
     return lambda: each.function(plugin, known_model(plugin, model))
 

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from drivecomm.tomlfile import Kind, Table
+    from drivecomm.tomlfile import Kind, TomlTable
 
 
-class Entry:
+class VectorEntry:
     """A table of a vector file that accepts only known keys. All methods raise FileFormatError.
 
     given: the content of the table. error: creates the error for the whole table, or for one of its keys.
     """
 
-    def __init__(self, table: Table, known: Mapping[str, Kind], *needed: str) -> None:
+    def __init__(self, table: TomlTable, known: Mapping[str, Kind], *needed: str) -> None:
         self.error = table.error
         self.given = table.take(known, *needed)
         for key in needed:

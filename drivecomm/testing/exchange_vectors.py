@@ -15,13 +15,13 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from drivecomm import errors
-from drivecomm.testing.entry import Entry
+from drivecomm.testing.entry import VectorEntry
 from drivecomm.tomlfile import CHOICE, SECONDS, TABLE, TEXT, WHOLE, Kind
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from drivecomm.tomlfile import Table
+    from drivecomm.tomlfile import TomlTable
 
 Action: TypeAlias = Literal["send", "reply", "silence", "garbage", "pause_s"]
 
@@ -59,7 +59,7 @@ class Expected:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Call:
+class VectorCall:
     """One call of a verb of the drive: its name, its arguments by name, and its expected outcome."""
 
     call: str
@@ -79,7 +79,7 @@ class ExchangeVector:
     id: str
     source: str
     address: int
-    calls: tuple[Call, ...]
+    calls: tuple[VectorCall, ...]
     steps: tuple[WireStep, ...]
     printed: bool = False
     model: str = ""
@@ -110,9 +110,9 @@ _STEPS: dict[Action, dict[str, Kind]] = {
 ACTIONS = tuple(_STEPS)
 
 
-def read_exchange(table: Table) -> ExchangeVector:
+def read_exchange(table: TomlTable) -> ExchangeVector:
     """Return an exchange vector from its table. Raises FileFormatError."""
-    entry = Entry(table, _EXCHANGE, "id", "source", "address", "calls", "steps")
+    entry = VectorEntry(table, _EXCHANGE, "id", "source", "address", "calls", "steps")
     given, steps = entry.given, _steps(table.tables("steps"))
     calls = [_call(each) for each in table.tables("calls")]
     if not calls:
@@ -125,12 +125,12 @@ def read_exchange(table: Table) -> ExchangeVector:
     return ExchangeVector(**{**own, "calls": tuple(calls), "steps": steps})
 
 
-def _call(table: Table) -> Call:
-    entry = Entry(table, _CALL, "call")
-    return Call(call=entry.given["call"], arguments=entry.given.get("arguments", {}), expected=_expected(entry))
+def _call(table: TomlTable) -> VectorCall:
+    entry = VectorEntry(table, _CALL, "call")
+    return VectorCall(call=entry.given["call"], arguments=entry.given.get("arguments", {}), expected=_expected(entry))
 
 
-def _expected(entry: Entry) -> Expected:
+def _expected(entry: VectorEntry) -> Expected:
     given = entry.given
     entry.only("an exchange that ends in an error", "result", allowed="error" not in given)
     entry.only("an exchange without error", "error_text", allowed="error" in given)
@@ -139,7 +139,7 @@ def _expected(entry: Entry) -> Expected:
     return Expected(**{key: given[key] for key in _EXPECTED if key in given})
 
 
-def _steps(tables: Sequence[Table]) -> tuple[WireStep, ...]:
+def _steps(tables: Sequence[TomlTable]) -> tuple[WireStep, ...]:
     # A conversation may have no steps: a call that must be refused before anything is sent.
     steps = tuple(map(_step, tables))
     for step, table, following in zip(steps, tables, [*steps[1:], None][: len(steps)], strict=True):
@@ -150,12 +150,12 @@ def _steps(tables: Sequence[Table]) -> tuple[WireStep, ...]:
     return steps
 
 
-def _step(table: Table) -> WireStep:
+def _step(table: TomlTable) -> WireStep:
     found = [action for action in ACTIONS if action in table.content]
     if len(found) != 1:
         raise table.error(f"has exactly one of {', '.join(ACTIONS)}")
     action = found[0]
-    entry = Entry(table, _STEPS[action])
+    entry = VectorEntry(table, _STEPS[action])
     if action == "pause_s":
         return WireStep(action=action, seconds=entry.seconds("pause_s"))
     if action == "silence":

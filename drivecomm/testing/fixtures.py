@@ -16,7 +16,7 @@ from drivecomm.testing.pyserial import serial_url
 from drivecomm.testing.recording import violation_list
 from drivecomm.testing.watched_plant import WatchedPlant, watched_plant
 from drivecomm.testing.watched_server import WatchedServer, folders_of_servers
-from drivecomm.virtual import planted
+from drivecomm.virtual import separate_drive_keys
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -183,7 +183,7 @@ class LineMaker:
         on_line = PlantLine(name=_LINE, listen=place, echo=echo, paced=paced or not served)
         plant = Plant(
             lines=(on_line,),
-            drives=tuple(planted(name, line=_LINE) for name in names),
+            drives=tuple(separate_drive_keys(name, line=_LINE) for name in names),
             script=()
             if isinstance(faults, int | float | FaultPlan)
             else script_of(faults, line=_LINE, drives=[*map(str, names)], seed=self.seed + self._made),

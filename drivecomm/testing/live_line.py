@@ -62,11 +62,11 @@ class LivePartner:
         # Nothing may arrive after the last step.
         self._stop.wait(_QUIET_S)
         self.stop()
-        self.blame()
+        self.check_so_far()
         if self._script is not None:
             self._script.over(time.monotonic())
 
-    def blame(self) -> None:
+    def check_so_far(self) -> None:
         """Raise CheckFailure if the master has deviated from the script so far."""
         if self._failure is not None:
             raise self._failure

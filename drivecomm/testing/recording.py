@@ -105,7 +105,7 @@ def matches(received: Received, wanted: Mapping[str, Any]) -> bool:
     return not _differing(received, wanted)
 
 
-def closest(received: Sequence[Received], wanted: Mapping[str, Any]) -> str:
+def closest_telegram_text(received: Sequence[Received], wanted: Mapping[str, Any]) -> str:
     """Describe the latest of the telegrams that differ in the fewest fields, with the differences."""
     nearest = min(reversed(received), key=lambda each: len(_differing(each, wanted)))
     fields = nearest.fields
@@ -116,7 +116,7 @@ def closest(received: Sequence[Received], wanted: Mapping[str, Any]) -> str:
     return f"{fields_text(nearest.telegram.message)} ({'; '.join(reasons)})"
 
 
-def listing(received: Sequence[Received]) -> str:
+def telegram_list(received: Sequence[Received]) -> str:
     """Return a list of telegrams, one a line; only the latest ones if there are many."""
     left_out = len(received) - _MOST_LISTED
     head = [f"  ({left_out} earlier ones are left out)"] if left_out > 0 else []
@@ -131,7 +131,7 @@ def violation_list(found: Sequence[Violation]) -> str:
     return "\n".join([*head, *(f"  {each.at_s:.4f}  {each}" for each in found[-_MOST_LISTED:])])
 
 
-def in_words(number: int, wanted: Mapping[str, Any]) -> str:
+def telegram_count_text(number: int, wanted: Mapping[str, Any]) -> str:
     """Return a number of telegrams with these fields in words."""
     fields = [f"{name}={value!r}" for name, value in wanted.items() if name != "kind"]
     sort = f"{wanted['kind']} telegram" if "kind" in wanted else "telegram"

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias, TypeVar
 
 from drivecomm.errors import ReplyError
-from drivecomm.protocol import Ask, LineSettings, answered
-from drivecomm.testing.checking import CheckFailure, shown
+from drivecomm.protocol import Ask, LineSettings, run_with_answers
+from drivecomm.testing.checking import CheckFailure, message_hex
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -74,13 +74,16 @@ class Script:
         """Check what the master sends and when; return the bytes that arrive next. Raises CheckFailure."""
         expected = self.expected()
         if not expected:
-            raise self._deviates(f"the steps are over, and the master sends {shown(data)}")
+            raise self._deviates(f"the steps are over, and the master sends {message_hex(data)}")
         if data != expected:
-            raise self._deviates(f"step {self._place + 1}: the master sends {shown(data)}, not {shown(expected)}")
+            raise self._deviates(
+                f"step {self._place + 1}: the master sends {message_hex(data)}, not {message_hex(expected)}"
+            )
         if began < self._over_at - self._slack_s:
             early = (self._over_at - began) * 1000
             raise self._deviates(
-                f"step {self._place + 1}: the master sends {shown(data)} {early:.3f} ms too early{self._why_not_before}"
+                f"step {self._place + 1}: the master sends {message_hex(data)} {early:.3f} ms too early"
+                f"{self._why_not_before}"
             )
         ended = began + self._wire_s(len(data))
         self._place += 1
@@ -94,12 +97,12 @@ class Script:
         if self._deviation:
             raise CheckFailure(self._deviation)
         if expected := self.expected():
-            raise CheckFailure(f"step {self._place + 1}: the master never sends {shown(expected)}")
+            raise CheckFailure(f"step {self._place + 1}: the master never sends {message_hex(expected)}")
         if self._patient_until and now < self._patient_until - self._slack_s:
             early = (self._patient_until - now) * 1000
             raise CheckFailure(f"the master gives up {early:.3f} ms too early{self._why_not_before}")
         if unread:
-            raise CheckFailure(f"{shown(unread)} was left on the line")
+            raise CheckFailure(f"{message_hex(unread)} was left on the line")
 
     def _until_next_send(self, time: float, *, sent_at: float | None) -> list[Arriving]:
         arriving = []
@@ -160,7 +163,7 @@ def play(exchange: Exchange[T], script: Iterable[Expectation]) -> T:
             raise reply
         return reply
 
-    result = answered(exchange, answer)
+    result = run_with_answers(exchange, answer)
     if (left := next(steps, None)) is not None:
         raise ScriptError(f"the exchange is over, and the script goes on with {left[0]}")
     return result

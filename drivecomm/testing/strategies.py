@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from hypothesis.strategies import DrawFn, SearchStrategy
 
-    from drivecomm.plant import Fault
+    from drivecomm.plant import LineFault
     from drivecomm.protocol import Codec, Direction, Message, Protocol
 
     _Accepts: TypeAlias = Callable[[Mapping[str, Any]], bool]
@@ -91,7 +91,7 @@ def field_values(protocol: Protocol | str, direction: Direction, name: str) -> S
 
 
 def fault_plans(
-    *, highest_rate: float = 0.3, kinds: Sequence[Fault] = TRANSMISSION_FAULTS, delay_s: float = 1.0
+    *, highest_rate: float = 0.3, kinds: Sequence[LineFault] = TRANSMISSION_FAULTS, delay_s: float = 1.0
 ) -> SearchStrategy[FaultPlan]:
     """Return a strategy for fault plans of virtual lines: a rate, some of these kinds of fault, and a random seed."""
     return st.builds(

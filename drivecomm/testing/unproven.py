@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import FileFormatError
 from drivecomm.testing.checking import codec_for, decoded, known_model
-from drivecomm.testing.talk import Talk
+from drivecomm.testing.direct_conversation import DirectConversation
 from drivecomm.testing.vectors import packaged_vectors
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def _bare(message: Message) -> frozenset[tuple[str, str]]:
 def _preparing(plugin: Protocol) -> Iterator[Message]:
     """Yield the requests that precede the reading request itself, such as the selection of a page."""
     model = known_model(plugin, plugin.default_model)
-    talk = Talk(plugin, model)
+    talk = DirectConversation(plugin, model)
     for address in (info.address for info in model.parameters.values()):
         asked, _ = talk.over(f"read {address}", partial(talk.operations.read, address))
         yield from (each.ask.message for each in asked[:-1])

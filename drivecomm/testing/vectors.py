@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 from drivecomm.errors import Category
-from drivecomm.testing.entry import Entry
+from drivecomm.testing.entry import VectorEntry
 from drivecomm.testing.exchange_vectors import ExchangeVector, read_exchange
 from drivecomm.tomlfile import CHOICE, LIST, TABLE, TABLES, TEXT, WHOLE, read_toml
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
 
     from drivecomm.protocol import Direction, Protocol
-    from drivecomm.tomlfile import Table
+    from drivecomm.tomlfile import TomlTable
 
 FORMAT = 2
 """Format version of the vector files that this module reads."""
@@ -144,7 +144,7 @@ def _read(place: Path | Traversable, shown: str, protocol: str | None) -> Vector
     return VectorFile(name=place.name, protocol=given["protocol"], **read)
 
 
-def _with_id(table: Table, kind: str, seen: set[str]) -> Table:
+def _with_id(table: TomlTable, kind: str, seen: set[str]) -> TomlTable:
     """Return a table whose id names it in messages; the id must be unique."""
     found = table.content.get("id")
     if isinstance(found, str) and found.strip():
@@ -166,10 +166,10 @@ _REFUSE = {**dict.fromkeys(("id", "direction", "reason", "source", "note"), TEXT
 _DIRECTIONS = ("request", "reply")
 
 
-def _vector(table: Table) -> Vector:
+def _vector(table: TomlTable) -> Vector:
     valid = table.content.get("valid") is not False
     needed = ["id", "source", "direction", "hex", "valid", "fields" if valid else "error"]
-    entry = Entry(table, _VECTOR, *needed, *(["answers"] if "answers_to" in table.content else []))
+    entry = VectorEntry(table, _VECTOR, *needed, *(["answers"] if "answers_to" in table.content else []))
     given, direction = entry.given, entry.choice("direction", _DIRECTIONS)
     entry.only("a valid telegram", "error", allowed=not valid)
     entry.only("a refused telegram", "fields", "meaning", "canonical", "answers_to", allowed=valid)
@@ -186,19 +186,19 @@ def _vector(table: Table) -> Vector:
     return Vector(data=entry.data("hex"), **given)
 
 
-def _stream(table: Table) -> Stream:
-    entry = Entry(table, _STREAM, "id", "direction", "hex", "frames")
+def _stream(table: TomlTable) -> Stream:
+    entry = VectorEntry(table, _STREAM, "id", "direction", "hex", "frames")
     entry.choice("direction", _DIRECTIONS)
     return Stream(data=entry.data("hex"), frames=entry.data_list("frames"), **entry.given)
 
 
-def _refuse(table: Table) -> Refuse:
-    entry = Entry(table, _REFUSE, "id", "direction", "fields")
+def _refuse(table: TomlTable) -> Refuse:
+    entry = VectorEntry(table, _REFUSE, "id", "direction", "fields")
     entry.choice("direction", _DIRECTIONS)
     return Refuse(**entry.given)
 
 
-_READERS: dict[str, tuple[str, Callable[[Table], Any]]] = {
+_READERS: dict[str, tuple[str, Callable[[TomlTable], Any]]] = {
     "vector": ("vectors", _vector),
     "stream": ("streams", _stream),
     "refuse": ("refusals", _refuse),

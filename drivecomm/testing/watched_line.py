@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
 from drivecomm.testing.pyserial import advance, clock_of
-from drivecomm.testing.recording import closest, held_form, in_words, listing, matches, violation_list
+from drivecomm.testing.recording import (
+    closest_telegram_text,
+    held_form,
+    matches,
+    telegram_count_text,
+    telegram_list,
+    violation_list,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -220,7 +227,9 @@ class WatchedDrive:
         __tracebackhide__ = True
         if self.line.comes_about(lambda: bool(self.received_with(**fields)), for_s):
             found = self.received_with(**fields)
-            raise AssertionError(f"{self.name} received {in_words(len(found), fields)}:\n{listing(found)}")
+            raise AssertionError(
+                f"{self.name} received {telegram_count_text(len(found), fields)}:\n{telegram_list(found)}"
+            )
 
     # Behaviour of the master
 
@@ -259,13 +268,13 @@ class WatchedDrive:
 
     def _reason(self, fields: Mapping[str, Any], found: Sequence[Received], times: int | None) -> str:
         wanted = "" if times is None else f", and not {times}"
-        said = f"{self.name} received {in_words(len(found), fields)}{wanted}"
+        said = f"{self.name} received {telegram_count_text(len(found), fields)}{wanted}"
         received = self.received
         if found:
-            return f"{said}:\n{listing(found)}"
+            return f"{said}:\n{telegram_list(found)}"
         if received:
-            everything = f"all {len(received)} that it received:\n{listing(received)}"
-            return f"{said}\nclosest: {closest(received, fields)}\n{everything}"
+            everything = f"all {len(received)} that it received:\n{telegram_list(received)}"
+            return f"{said}\nclosest: {closest_telegram_text(received, fields)}\n{everything}"
         damaged = len(self.damaged)
         return said + (f", but it heard {damaged} damaged ones" if damaged else ", nor anything else")
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
 from drivecomm.plant import OpenPlant, open_plant
-from drivecomm.tomlfile import Table
+from drivecomm.tomlfile import TomlTable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -60,7 +60,7 @@ class WatchedServer:
         from drivecomm.server.http import http_door
 
         said = next((table.content for kind, table in read_settings(self.file).doors if kind == "http"), {})
-        door = http_door(Table({**said, "listen": "127.0.0.1:0"}, str(self.file), name="door (http)"))
+        door = http_door(TomlTable({**said, "listen": "127.0.0.1:0"}, str(self.file), name="door (http)"))
         self._serving = Serving(self.file, port_of=self._port_of, doors=[door])
         thread = Thread(target=self._run, name="drivecomm server", daemon=True)
         thread.start()

@@ -1,6 +1,6 @@
-from .alarm import open_alarm as open_alarm
 from .channel import ChannelGoneError as ChannelGoneError, SettingsRefusedError as SettingsRefusedError
 from .holders import Holder as Holder, holder_of_port as holder_of_port, server_of_terminal as server_of_terminal
+from .kernel_timer import open_timer as open_timer
 from .listening import (
     ListeningPort as ListeningPort,
     MarkedCharacters as MarkedCharacters,

@@ -22,7 +22,7 @@ _ASYNC_LOW_LATENCY = 0x2000
 _FLAGS = 4
 
 
-def make_low(port: Any, name: str, sysfs: Path = _SYSFS) -> bool:
+def enable_low_latency(port: Any, name: str, sysfs: Path = _SYSFS) -> bool:
     """Enable low-latency mode of an open port if possible; return whether it is enabled now."""
     with contextlib.suppress(OSError, ValueError, AttributeError, NotImplementedError):
         port.set_low_latency_mode(True)
@@ -38,9 +38,9 @@ def make_low(port: Any, name: str, sysfs: Path = _SYSFS) -> bool:
     return low_latency(port, name, sysfs) == "on"
 
 
-def require_low(port: Any, name: str, sysfs: Path = _SYSFS) -> None:
+def require_low_latency(port: Any, name: str, sysfs: Path = _SYSFS) -> None:
     """Enable low-latency mode. Raises PortError if that fails."""
-    if not make_low(port, name, sysfs):
+    if not enable_low_latency(port, name, sysfs):
         raise PortError(
             f"port {name} has no low-latency mode that this program may set; "
             f"open it without low_latency, or have an administrator write 1 to {_timer_file(name, sysfs)}"

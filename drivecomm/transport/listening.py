@@ -23,7 +23,7 @@ from drivecomm.transport.holders import holder_of_port
 from drivecomm.transport.opening import cannot_open, error_number
 from drivecomm.transport.port_names import is_pseudo
 from drivecomm.transport.readiness import Readable
-from drivecomm.transport.socket_channel import connected
+from drivecomm.transport.socket_channel import connect_to_serial_server
 
 if TYPE_CHECKING:
     from drivecomm.protocol import LineSettings
@@ -210,7 +210,7 @@ class SocketListener:
     def __init__(self, url: str) -> None:
         self._url = url
         self.spoilt = 0
-        self._socket, self._first = connected(url)
+        self._socket, self._first = connect_to_serial_server(url)
         self._readable = Readable(self._socket.fileno())
 
     def configure(self, settings: LineSettings) -> str:

@@ -19,15 +19,15 @@ import serial
 
 from drivecomm.errors import DriveCommError, LinkDownError, PortError, UsageError
 from drivecomm.protocol import LineSettings
-from drivecomm.transport.alarm import open_alarm
 from drivecomm.transport.channel import ChannelGoneError, SettingsRefusedError
+from drivecomm.transport.kernel_timer import open_timer
 from drivecomm.transport.opening import cannot_open
 from drivecomm.transport.port_names import ONE_PROTOCOL, scheme_of, stable_name
 from drivecomm.transport.pyserial_channel import POLL_S, PyserialChannel, release
 
 if TYPE_CHECKING:
-    from drivecomm.transport.alarm import Alarm
     from drivecomm.transport.channel import Channel
+    from drivecomm.transport.kernel_timer import KernelTimer
     from drivecomm.transport.port_report import PortReport
 
 # In addition to the time on the wire; a port that accepts no bytes for this long is stuck.
@@ -60,7 +60,7 @@ class SerialPort:
         self.descriptor = self._channel.descriptor
         """Readable when bytes have arrived or the port is gone; None if the port has no descriptor."""
         self._two_characters_s = 2 * LineSettings().character_s
-        self._alarm: Alarm | None = None
+        self._alarm: KernelTimer | None = None
         self._alarm_opened = False
         self._alarm_in_use = threading.Lock()
 
@@ -126,7 +126,7 @@ class SerialPort:
         if self._alarm_in_use.acquire(blocking=False):
             try:
                 if not self._alarm_opened:
-                    self._alarm_opened, self._alarm = True, open_alarm()
+                    self._alarm_opened, self._alarm = True, open_timer()
                 if self._alarm is not None:
                     self._alarm.wait(until)
                     return
@@ -203,6 +203,6 @@ def _set_up(port: Any, name: str, *, rs485: bool, low_latency: bool | None) -> N
     if rs485:
         direction.switch_on(port, name)
     if low_latency:
-        latency.require_low(port, name)
+        latency.require_low_latency(port, name)
     elif low_latency is None:
-        latency.make_low(port, name)
+        latency.enable_low_latency(port, name)

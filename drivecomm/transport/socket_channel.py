@@ -30,7 +30,7 @@ class SocketChannel:
 
     def __init__(self, url: str) -> None:
         # Bytes from before the first request are no reply and are dropped.
-        self._socket, _ = connected(url)
+        self._socket, _ = connect_to_serial_server(url)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.descriptor: int = self._socket.fileno()
         self._readable = Readable(self.descriptor)
@@ -109,7 +109,7 @@ _CONNECT_S = 5.0
 _DECIDING_S = 0.03
 
 
-def connected(url: str) -> tuple[socket.socket, bytes]:
+def connect_to_serial_server(url: str) -> tuple[socket.socket, bytes]:
     """Return a non-blocking connection to `socket://HOST:PORT` or its like, and the bytes received so far.
 
     Raises PortError, also if the server serves another client and therefore closes the connection.

@@ -3,9 +3,9 @@ from .control_socket import (
     _MOST_CLIENTS as _MOST_CLIENTS,
     LONGEST_ORDER as LONGEST_ORDER,
     ControlClient as ControlClient,
-    parse_place as parse_place,
+    parse_socket_address as parse_socket_address,
 )
-from .drive_keys import planted as planted, virtual_drive as virtual_drive
+from .drive_keys import separate_drive_keys as separate_drive_keys, virtual_drive as virtual_drive
 from .drive_proxy import DriveProxy as DriveProxy
 from .drives import carry_out as carry_out, drive_type as drive_type
 from .forecast import Forecast as Forecast, forecast as forecast
@@ -17,7 +17,12 @@ from .medium import _MOST_AUDIBLE as _MOST_AUDIBLE, _ROOM as _ROOM, Medium as Me
 from .plant_record import PlantRecord as PlantRecord
 from .port import VirtualPort as VirtualPort
 from .rfc2217_listener import PretendedPort as PretendedPort, Rfc2217Listener as Rfc2217Listener
-from .serving import LineServer as LineServer, PlantServer as PlantServer, ServedLine as ServedLine, Server as Server
+from .serving import (
+    LineServer as LineServer,
+    PlantServer as PlantServer,
+    Server as Server,
+    VirtualServedLine as VirtualServedLine,
+)
 from .station import Restarts as Restarts, Station as Station
 from .tcp_listener import TcpListener as TcpListener
 from .timing_watch import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
-from drivecomm.virtual.station import PassesOver, one_of
+from drivecomm.virtual.station import IgnoresOthers, shared_settings
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,7 +31,7 @@ class Audience:
     def __init__(self, stations: Sequence[Station]) -> None:
         self.has_half_heard = False
         self._stations = stations
-        self._passers = [station.drive for station in stations if isinstance(station.drive, PassesOver)]
+        self._passers = [station.drive for station in stations if isinstance(station.drive, IgnoresOthers)]
         self._ears: list[tuple[LineSettings, int]] = []
         self._known: dict[tuple[bytes, LineSettings | None], Sequence[Station]] = {}
 
@@ -55,5 +55,5 @@ class Audience:
 
 
 def _is_passed_over(station: Station, sound: bytes, sent: Transmission) -> bool:
-    spoken = station.agreed if sent.agreed else one_of(sent.settings)
+    spoken = station.agreed if sent.agreed else shared_settings(sent.settings)
     return station.passes_over(station.received(sound, spoken))

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, UsageError, in_one_line
 from drivecomm.plant import bytes_of, read_fault
-from drivecomm.virtual import evidence_orders
+from drivecomm.virtual import query_orders
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -118,22 +118,22 @@ def _show(plant: VirtualPlant, order: Mapping[str, Any]) -> Mapping[str, Any]:
 
 def _telegrams(plant: VirtualPlant, order: Mapping[str, Any]) -> Mapping[str, Any]:
     line, since = _fields({"line": "", "since": 0, **order}, line=_TEXT, since=_WHOLE)
-    return evidence_orders.telegrams(plant, line, since)
+    return query_orders.telegrams(plant, line, since)
 
 
 def _violations(plant: VirtualPlant, order: Mapping[str, Any]) -> Mapping[str, Any]:
     (line,) = _fields({"line": "", **order}, line=_TEXT)
-    return evidence_orders.violations(plant, line)
+    return query_orders.violations(plant, line)
 
 
 def _counters(plant: VirtualPlant, order: Mapping[str, Any]) -> Mapping[str, Any]:
     _fields(order)
-    return evidence_orders.counters(plant)
+    return query_orders.counters(plant)
 
 
 def _state(plant: VirtualPlant, order: Mapping[str, Any]) -> Mapping[str, Any]:
     _fields(order)
-    return evidence_orders.states(plant)
+    return query_orders.states(plant)
 
 
 def _fields(order: Mapping[str, Any], **known: tuple[tuple[type, ...], str]) -> list[Any]:

@@ -30,7 +30,7 @@ _ANSWERS_S = 0.5
 _FORMS = "HOST:PORT or unix:PATH"
 
 
-class Place(NamedTuple):
+class SocketAddress(NamedTuple):
     """Address of a control socket: a host and a port, or the path of a Unix socket."""
 
     host: str
@@ -43,18 +43,18 @@ class Place(NamedTuple):
         return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
 
 
-def parse_place(text: str) -> Place:
+def parse_socket_address(text: str) -> SocketAddress:
     """Parse `HOST:PORT`, `:PORT` for this machine only, or `unix:PATH`. Raises UsageError."""
     if text.startswith("unix:"):
         if not hasattr(socket, "AF_UNIX"):
             raise UsageError(f"this system has no Unix sockets; write HOST:PORT instead of {text!r}")
         if len(text) == len("unix:"):
             raise UsageError(f"{text!r} names no path; write unix:PATH")
-        return Place("", 0, text.removeprefix("unix:"))
+        return SocketAddress("", 0, text.removeprefix("unix:"))
     host, colon, port = text.rpartition(":")
     if not colon or not port.isascii() or not port.isdigit() or int(port) > 65535:
         raise UsageError(f"{text!r} is not an address for the control socket; write {_FORMS}")
-    return Place(host.removeprefix("[").removesuffix("]") or "127.0.0.1", int(port), "")
+    return SocketAddress(host.removeprefix("[").removesuffix("]") or "127.0.0.1", int(port), "")
 
 
 class ControlServer:
@@ -63,7 +63,7 @@ class ControlServer:
     be_now: called before each order to bring the lines up to the present time, so that the order takes effect now.
     """
 
-    def __init__(self, place: Place, plant: VirtualPlant, be_now: Callable[[], None]) -> None:
+    def __init__(self, place: SocketAddress, plant: VirtualPlant, be_now: Callable[[], None]) -> None:
         self._place = place
         self._plant = plant
         self._be_now = be_now
@@ -205,7 +205,7 @@ class ControlClient:
 
     def __init__(self, address: str) -> None:
         self.address = address
-        place = parse_place(address)
+        place = parse_socket_address(address)
         try:
             if place.path:
                 self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)

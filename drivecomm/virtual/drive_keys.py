@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.errors import UsageError, shortened
 from drivecomm.protocol import DriveConfig, installed, is_duration, option_names
 from drivecomm.virtual.drives import drive_type
-from drivecomm.virtual.planted_drive import PlantedDrive
+from drivecomm.virtual.plant_drive import PlantDrive
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _KEYS = ("needs_pause_s", "reply_delay_s", "values", "motor")
 
 
-def planted(drive: DriveConfig, *, line: str) -> DriveConfig:
+def separate_drive_keys(drive: DriveConfig, *, line: str) -> DriveConfig:
     """Return a drive for a line of a plant, with the general keys of a virtual drive separated from its options.
 
     A key that the protocol has as an option of the same name remains an option. Raises UsageError for an invalid value.
@@ -45,6 +45,6 @@ def virtual_drive(
     (baudrate, parity, ...), its gap_s, the protocol's drive options, and the keys of a virtual drive in a plant file:
     needs_pause_s, reply_delay_s, values, motor. Raises UsageError for invalid arguments.
     """
-    named = planted(DriveConfig(protocol=protocol, address=address, options=options), line="")
+    named = separate_drive_keys(DriveConfig(protocol=protocol, address=address, options=options), line="")
     kind = drive_type(protocol, address, model=model, options=named.options)
-    return kind.new() if named.options == options else PlantedDrive(named, kind.model, for_all={})
+    return kind.new() if named.options == options else PlantDrive(named, kind.model, for_all={})

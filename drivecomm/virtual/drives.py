@@ -14,10 +14,10 @@ from drivecomm.protocol import (
     Framed,
     Refusal,
     Tell,
-    answered,
     checked_address,
     installed,
     resolve_options,
+    run_with_answers,
 )
 from drivecomm.virtual.line_rules import SET_HERE, LineRules
 
@@ -146,7 +146,7 @@ def carry_out(exchange: Exchange[T], drive: VirtualDrive, codec: Codec, now: flo
             raise NoReplyError(f"the virtual drive at address {drive.address} does not answer")
         return reply
 
-    return answered(exchange, answer)
+    return run_with_answers(exchange, answer)
 
 
 def answer_to(request: Message, drive: VirtualDrive, codec: Codec, now: float) -> Message | None:

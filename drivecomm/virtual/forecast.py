@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
 from drivecomm.virtual.forecast_advice import advise
-from drivecomm.virtual.rehearsal import Conditions, Shares, prepared, rehearse_periods, rehearse_round
+from drivecomm.virtual.rehearsal import LineConditions, Shares, prepared, rehearse_periods, rehearse_round
 
 if TYPE_CHECKING:
-    from drivecomm.line import Plan
-    from drivecomm.virtual.rehearsal import Course, Round
+    from drivecomm.line import PollPlan
+    from drivecomm.virtual.rehearsal import PeriodsResult, RoundResult
 
 FULL = 0.995
 """Largest share of busy time at which a line still recovers from delays."""
@@ -83,7 +83,7 @@ class Forecast:
 
 
 def forecast(
-    plan: Plan, *, guard_s: float = 0.005, reply_delay_s: float | None = None, room: float = 0.05, **facts: Any
+    plan: PollPlan, *, guard_s: float = 0.005, reply_delay_s: float | None = None, room: float = 0.05, **facts: Any
 ) -> Forecast:
     """Return the forecast of a plan for one line, without opening a port.
 
@@ -94,7 +94,7 @@ def forecast(
     """
     if len(plan.lines) > 1:
         raise UsageError(f"the plan has {len(plan.lines)} lines; forecast each of them, plan.on_line(port)")
-    conditions = Conditions(facts=facts, guard_s=guard_s, reply_delay_s=reply_delay_s, room=room)
+    conditions = LineConditions(facts=facts, guard_s=guard_s, reply_delay_s=reply_delay_s, room=room)
     plan = prepared(plan)
     round_ = rehearse_round(plan, conditions)
     course = rehearse_periods(plan, conditions)
@@ -120,7 +120,7 @@ def forecast(
     )
 
 
-def _items(plan: Plan, round_: Round, course: Course) -> tuple[ItemForecast, ...]:
+def _items(plan: PollPlan, round_: RoundResult, course: PeriodsResult) -> tuple[ItemForecast, ...]:
     return tuple(
         ItemForecast(
             drive=read.drive.name,
@@ -136,7 +136,7 @@ def _items(plan: Plan, round_: Round, course: Course) -> tuple[ItemForecast, ...
     )
 
 
-def _drives(plan: Plan, round_: Round) -> tuple[DriveForecast, ...]:
+def _drives(plan: PollPlan, round_: RoundResult) -> tuple[DriveForecast, ...]:
     found = []
     for drive in plan.drives:
         own = [(read, shares) for read, shares in zip(plan.reads, round_.shares, strict=True) if read.drive == drive]

@@ -12,16 +12,18 @@ from drivecomm.virtual.rehearsal import rehearse_round
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from drivecomm.line import Plan
+    from drivecomm.line import PollPlan
     from drivecomm.protocol import DriveConfig
-    from drivecomm.virtual.rehearsal import Conditions, Course, Round
+    from drivecomm.virtual.rehearsal import LineConditions, PeriodsResult, RoundResult
 
 _BAUD_RATES = (9600, 19200, 38400, 57600, 115200)
 _WORTH_SAYING = 0.02
 _MUCH = 0.25
 
 
-def advise(plan: Plan, conditions: Conditions, round_: Round, course: Course, *, well: bool) -> Iterator[str]:
+def advise(
+    plan: PollPlan, conditions: LineConditions, round_: RoundResult, course: PeriodsResult, *, well: bool
+) -> Iterator[str]:
     """Yield recommended changes, the most effective first; for a plan that fits, only the reads that fail."""
     for read, cause in zip(plan.reads, round_.causes, strict=True):
         if cause:
@@ -39,21 +41,21 @@ def advise(plan: Plan, conditions: Conditions, round_: Round, course: Course, *,
     yield from _what_dominates(plan, round_)
 
 
-def _need(plan: Plan, round_: Round) -> float:
+def _need(plan: PollPlan, round_: RoundResult) -> float:
     """Return the share of the line's time that the plan needs."""
     return sum(
         shares.seconds / read.period_s for read, shares in zip(plan.reads, round_.shares, strict=True) if read.period_s
     )
 
 
-def _longer_periods(plan: Plan, times: float) -> str:
+def _longer_periods(plan: PollPlan, times: float) -> str:
     periods = {read.period_s for read in plan.reads if read.period_s}
     if len(periods) == 1:
         return f"a period of {_up(times * periods.pop())} s would fit"
     return f"periods {_up(times)} times as long would fit"
 
 
-def _faster_line(plan: Plan, conditions: Conditions, round_: Round) -> str:
+def _faster_line(plan: PollPlan, conditions: LineConditions, round_: RoundResult) -> str:
     need = 0.0
     for baudrate in _BAUD_RATES:
         slower = [drive for drive in plan.drives if round_.settings[drive].baudrate < baudrate]
@@ -75,7 +77,7 @@ def _at_least(baudrate: int, slower: list[DriveConfig], drive: DriveConfig) -> D
     return drive.with_options(baudrate=baudrate) if drive in slower else drive
 
 
-def _own_line(plan: Plan, round_: Round, most: float) -> Iterator[str]:
+def _own_line(plan: PollPlan, round_: RoundResult, most: float) -> Iterator[str]:
     """Yield the drives to move to another line: as few as possible, chosen by the time that they need."""
     needs = dict.fromkeys(plan.drives, 0.0)
     for read, shares in zip(plan.reads, round_.shares, strict=True):
@@ -92,7 +94,7 @@ def _own_line(plan: Plan, round_: Round, most: float) -> Iterator[str]:
         yield f"a line of {own} for {_names(moved)} would fit: {need} {taken:.0%} of one, the others {left:.0%}"
 
 
-def _late_reads(plan: Plan, round_: Round, course: Course) -> Iterator[str]:
+def _late_reads(plan: PollPlan, round_: RoundResult, course: PeriodsResult) -> Iterator[str]:
     """Yield a sentence for each read that comes late although the line has enough time."""
     longest = max(shares.seconds for shares in round_.shares)
     for read, pace in zip(plan.reads, course.paces, strict=True):
@@ -104,7 +106,7 @@ def _late_reads(plan: Plan, round_: Round, course: Course) -> Iterator[str]:
             )
 
 
-def _fewer_changes(plan: Plan, conditions: Conditions, round_: Round) -> Iterator[str]:
+def _fewer_changes(plan: PollPlan, conditions: LineConditions, round_: RoundResult) -> Iterator[str]:
     order = [round_.settings[read.drive] for read in plan.reads]
     different = len(set(order))
     if different < 2 or not conditions.guard_s:
@@ -124,7 +126,7 @@ def _fewer_changes(plan: Plan, conditions: Conditions, round_: Round) -> Iterato
         )
 
 
-def _what_dominates(plan: Plan, round_: Round) -> Iterator[str]:
+def _what_dominates(plan: PollPlan, round_: RoundResult) -> Iterator[str]:
     """Yield a sentence on pauses or reply delays that take much of a round, which a faster line does not reduce."""
     cycle_s = sum(shares.seconds for shares in round_.shares)
     for share, what, remedy in (

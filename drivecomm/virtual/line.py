@@ -16,9 +16,9 @@ from drivecomm.errors import UsageError, counted
 from drivecomm.plant import UNDISTURBED
 from drivecomm.protocol import LineSettings
 from drivecomm.virtual.audience import Audience
-from drivecomm.virtual.medium import Medium, Receiver, Transmission
+from drivecomm.virtual.medium import MasterReceiver, Medium, Transmission
 from drivecomm.virtual.port import VirtualPort
-from drivecomm.virtual.station import Answer, Station, one_of, stations_of
+from drivecomm.virtual.station import PendingAnswer, Station, shared_settings, stations_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -98,7 +98,7 @@ class VirtualLine:
         self._free_at: dict[Station | Source, float] = {}
         self._port_free_at = 0.0
         self._wire = LineSettings()
-        self._master = Receiver({id(station.drive): station.agreed for station in self._stations})
+        self._master = MasterReceiver({id(station.drive): station.agreed for station in self._stations})
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} with {counted(len(self.drives), 'drive')}, at {self.time:g} s>"
@@ -288,7 +288,7 @@ class VirtualLine:
         """Deliver a complete transmission to the drives."""
         for monitor in (*self.monitors, *self.recorders):
             monitor(sent)
-        sound, settings = sent.sound(0, len(sent.data)), one_of(sent.settings)
+        sound, settings = sent.sound(0, len(sent.data)), shared_settings(sent.settings)
         told = self._audience.of(sound, sent)
         for station in told:
             drive = station.drive
@@ -296,7 +296,7 @@ class VirtualLine:
                 spoken = station.agreed if sent.agreed else settings
                 for answer in station.hear(station.received(sound, spoken), sent.began, sent.ended):
                     station.answering += 1
-                    station.answer = Answer(sent.ended + answer.delay_s, answer.data, station.answering)
+                    station.answer = PendingAnswer(sent.ended + answer.delay_s, answer.data, station.answering)
                     self._wake_to_answer(station, station.answer.time)
         self._audience.has_half_heard = any(station.pending for station in told)
 

@@ -27,7 +27,7 @@ SET_HERE = "set for this drive"
 """Source of a value that was given with the drive."""
 
 
-class Limit(NamedTuple):
+class TimeLimit(NamedTuple):
     """A limit in seconds, and the source that demands it; an empty source for a default of drivecomm."""
 
     seconds: float
@@ -88,42 +88,42 @@ class LineRules:
         return any(all(_same(name, value, settings) for name, value in told.items()) for settings in known)
 
     @cached_property
-    def reply_timeouts(self) -> tuple[Limit, ...]:
+    def reply_timeouts(self) -> tuple[TimeLimit, ...]:
         """Limits for the wait of a master for a missing reply."""
         return (self._limit("reply_timeout_s"),)
 
     @cached_property
-    def turnarounds(self) -> tuple[Limit, ...]:
+    def turnarounds(self) -> tuple[TimeLimit, ...]:
         """Limits for the time from the end of a reply of this drive to the next request to any drive."""
-        needed = (Limit(self.needs_pause_s, SET_HERE),) if self.needs_pause_s else ()
+        needed = (TimeLimit(self.needs_pause_s, SET_HERE),) if self.needs_pause_s else ()
         own = self._limit("turnaround_s"), self._limit("least_turnaround_s")
         return (*needed, *own, self._limit("turnaround_characters"))
 
     @cached_property
-    def broadcast_pauses(self) -> tuple[Limit, ...]:
+    def broadcast_pauses(self) -> tuple[TimeLimit, ...]:
         """Limits for the time from the end of a broadcast to the next request."""
         return self._limit("broadcast_pause_s"), self._limit("turnaround_characters")
 
     @cached_property
-    def intervals(self) -> tuple[Limit, ...]:
+    def intervals(self) -> tuple[TimeLimit, ...]:
         """Limits for the time from the beginning of one request to this drive to the beginning of the next."""
         return (self._limit("request_interval_s"),)
 
     @cached_property
-    def gap(self) -> Limit:
+    def gap(self) -> TimeLimit:
         """The longest pause inside a telegram."""
         gaps = [self._limit("gap_s"), self._limit("gap_characters")]
         if self.silence_characters:
             silence_s = self.facts.settings.wire_s(self.silence_characters)
-            silence = Limit(silence_s, self.sources.get("silence_characters", ""))
+            silence = TimeLimit(silence_s, self.sources.get("silence_characters", ""))
             # A gap chosen for this drive overrides its protocol's silence.
             gaps = [max(silence, gaps[0])] if gaps[0].source == SET_HERE else [silence]
         return max(gaps)
 
-    def _limit(self, fact: str) -> Limit:
+    def _limit(self, fact: str) -> TimeLimit:
         value = float(getattr(self.facts.timing, fact))
         seconds = self.facts.settings.wire_s(value) if fact.endswith("_characters") else value
-        return Limit(seconds, self.sources.get(fact, ""))
+        return TimeLimit(seconds, self.sources.get(fact, ""))
 
 
 def _same(name: str, told: object, settings: LineSettings) -> bool:
@@ -132,7 +132,7 @@ def _same(name: str, told: object, settings: LineSettings) -> bool:
     return bool(told == own or (name == "stopbits" and told == 2 and own == 1.5))
 
 
-def reads_as(codec: Codec) -> Hashable:
+def codec_key(codec: Codec) -> Hashable:
     """Return a key that is equal for codecs that decode alike, so that only one of them is used."""
     known: Hashable = getattr(codec, "alike", type(codec))
     return known

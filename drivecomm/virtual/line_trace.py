@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from drivecomm.link import ARROWS, fields_text, hex_text, line_text
 from drivecomm.protocol import Damaged, Framed, Framer
-from drivecomm.virtual.line_rules import reads_as
+from drivecomm.virtual.line_rules import codec_key
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -148,7 +148,7 @@ class LineTrace:
     def _finds(self, data: bytes, direction: Direction) -> list[Find]:
         """Return the telegrams and other bytes, decoded in the protocol that accounts for most bytes."""
         # Only one of several codecs that decode alike is tried.
-        codecs = {reads_as(drive.codec): drive.codec for drive in self._drives}
+        codecs = {codec_key(drive.codec): drive.codec for drive in self._drives}
         framers = [Framer(codec, direction) for codec in codecs.values()]
         readings = [_once([*framer.feed(data), *framer.flush()]) for framer in framers]
         return max(readings, key=_understood, default=[])

@@ -67,7 +67,7 @@ class ShowsSettings(Protocol):
 
 
 @runtime_checkable
-class Overheard(Protocol):
+class OverhearingListener(Protocol):
     """A listener with read-only clients that hear the whole line."""
 
     def overhear(self, data: bytes) -> None:

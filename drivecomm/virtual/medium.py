@@ -123,7 +123,7 @@ class Medium:
                 transmission.cut_off(now)
 
 
-class Receiver:
+class MasterReceiver:
     """The receiving side of the master's port.
 
     agreed: settings that the master shares with each drive, by the drive's `id`, for a master with unknown settings.

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.plant import disturbed
 from drivecomm.protocol import fields_of
-from drivecomm.virtual.planted_drive import PlantedDrive
+from drivecomm.virtual.plant_drive import PlantDrive
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from drivecomm.plant import Condition, TelegramFault
+    from drivecomm.plant import TelegramFault, TripCondition
     from drivecomm.protocol import VirtualDrive
     from drivecomm.virtual.line import VirtualLine
 
@@ -52,11 +52,11 @@ class TelegramDisturbance:
 
     def reply(self, data: bytes, drive: VirtualDrive, now: float) -> Sequence[tuple[float, bytes]]:
         """Return the parts of a reply that arrive, as delays and bytes."""
-        if not isinstance(drive, PlantedDrive) or not self._means(drive):
+        if not isinstance(drive, PlantDrive) or not self._means(drive):
             return [(0.0, data)]
         return self._disturbed(data, now)
 
-    def _means(self, drive: PlantedDrive) -> bool:
+    def _means(self, drive: PlantDrive) -> bool:
         fault = self.fault
         if fault.of == "request" or (fault.drive and fault.drive != drive.name):
             return False
@@ -94,7 +94,7 @@ class ConditionWatch:
     """
 
     def __init__(
-        self, line: VirtualLine, drive: PlantedDrive, condition: Condition, code: int, *, speed: float
+        self, line: VirtualLine, drive: PlantDrive, condition: TripCondition, code: int, *, speed: float
     ) -> None:
         self._line = line
         self._drive = drive

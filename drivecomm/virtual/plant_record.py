@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from functools import partial
 from typing import TYPE_CHECKING, Self
 
-from drivecomm.capture import CaptureWriter, Gaps, Piece, Provenance
+from drivecomm.capture import CaptureWriter, Piece, Provenance, WriteGaps
 from drivecomm.errors import FileFormatError
 from drivecomm.version import __version__
 
@@ -32,7 +32,7 @@ class PlantRecord:
     def __init__(self, plant: VirtualPlant, path: Path) -> None:
         self._plant = plant
         self._path = path
-        self._gaps = Gaps(str(path), kept="pieces", done="recorded", goes_on="serving", tell=_LOGGER.warning)
+        self._gaps = WriteGaps(str(path), kept="pieces", done="recorded", goes_on="serving", tell=_LOGGER.warning)
         self._settings: LineSettings | None = None
         self._writer: CaptureWriter | None = None
 

@@ -18,16 +18,16 @@ from drivecomm.line import FIRST_ROUND_S, STATUS, PollBlock, in_blocks, poll_bus
 from drivecomm.link import CAREFUL_S
 from drivecomm.models import load_model
 from drivecomm.protocol import LONGEST_DELAY_S, ParameterInfo, installed
-from drivecomm.virtual.asked_drive import AskedDrive
 from drivecomm.virtual.drive_keys import virtual_drive
 from drivecomm.virtual.line import VirtualLine
-from drivecomm.virtual.planted_drive import PlantedDrive
+from drivecomm.virtual.plant_drive import PlantDrive
+from drivecomm.virtual.rehearsed_drive import RehearsedDrive
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from drivecomm.bus import Bus
-    from drivecomm.line import Plan, PollItem, PollResult
+    from drivecomm.line import PollItem, PollPlan, PollResult
     from drivecomm.link import TraceEvent
     from drivecomm.protocol import DriveConfig, LineSettings, Model
 
@@ -41,7 +41,7 @@ _PERIODS = 6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Conditions:
+class LineConditions:
     """Conditions on a line in addition to the facts of its drives.
 
     facts: line facts for all drives, as in `open_bus`. guard_s: quiet time after a change of line settings.
@@ -100,7 +100,7 @@ class Shares:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Round:
+class RoundResult:
     """One round of a plan on a busy line.
 
     shares: of each read, in order. causes: reason why each read fails, empty if it succeeds. settings: of each drive.
@@ -112,7 +112,7 @@ class Round:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Pace:
+class ReadPace:
     """The regularity of a read. every_s: actual interval. late_s: largest lateness.
 
     missed: number of periods without a read.
@@ -124,21 +124,21 @@ class Pace:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Course:
+class PeriodsResult:
     """The regularity of all reads of a plan, and the share of the time in which the line is busy.
 
     Reads without a period do not count as busy; they use the free time.
     """
 
-    paces: Sequence[Pace]
+    paces: Sequence[ReadPace]
     busy: float
 
 
-def rehearse_round(plan: Plan, conditions: Conditions) -> Round:
+def rehearse_round(plan: PollPlan, conditions: LineConditions) -> RoundResult:
     """Carry out the reads of a plan one after the other, and measure a round in the steady state."""
     ledger = _Ledger()
     with _line(plan, conditions, ledger.events.append) as bus:
-        items = plan.items(lambda drive: AskedDrive(drive.build(bus.drive)))
+        items = plan.items(lambda drive: RehearsedDrive(drive.build(bus.drive)))
         settings = {read.drive: item.drive.facts.settings for item, read in zip(items, plan.reads, strict=True)}
         for _ in range(_ROUNDS):
             by_item: dict[int, tuple[Shares, str]] = {}
@@ -148,10 +148,10 @@ def rehearse_round(plan: Plan, conditions: Conditions) -> Round:
                 used = ledger.close(turn.drive.facts.settings, bus.now()).of(len(together))
                 by_item |= {id(item): (used, cause) for item, cause in zip(together, found, strict=True)}
     ordered = [by_item[id(item)] for item in items]
-    return Round(shares=[used for used, _ in ordered], causes=[cause for _, cause in ordered], settings=settings)
+    return RoundResult(shares=[used for used, _ in ordered], causes=[cause for _, cause in ordered], settings=settings)
 
 
-def _causes(turn: PollItem[AskedDrive] | PollBlock[AskedDrive]) -> list[str]:
+def _causes(turn: PollItem[RehearsedDrive] | PollBlock[RehearsedDrive]) -> list[str]:
     """Read an item, or those of a block; return the reason why each read fails, empty if it succeeds."""
     try:
         if isinstance(turn, PollBlock):
@@ -163,7 +163,7 @@ def _causes(turn: PollItem[AskedDrive] | PollBlock[AskedDrive]) -> list[str]:
     return [""]
 
 
-def rehearse_periods(plan: Plan, conditions: Conditions) -> Course:
+def rehearse_periods(plan: PollPlan, conditions: LineConditions) -> PeriodsResult:
     """Carry out a plan with its periods, for six times the longest; return the regularity of each read."""
     longest = max(read.period_s for read in plan.reads) or 1.0
     asked: list[list[float]] = [[] for _ in plan.reads]
@@ -184,10 +184,12 @@ def rehearse_periods(plan: Plan, conditions: Conditions) -> Course:
                 # Count the time of a telegram that reads several items once.
                 counted.append((began, result.took_s if plan.reads[number].period_s else 0.0))
     paces = [
-        Pace(every_s=_interval(times) if lost or worst >= read.period_s else read.period_s, late_s=worst, missed=lost)
+        ReadPace(
+            every_s=_interval(times) if lost or worst >= read.period_s else read.period_s, late_s=worst, missed=lost
+        )
         for read, times, worst, lost in zip(plan.reads, asked, late, missed, strict=True)
     ]
-    return Course(paces=paces, busy=_busy(counted))
+    return PeriodsResult(paces=paces, busy=_busy(counted))
 
 
 def _busy(reads: Sequence[tuple[float, float]]) -> float:
@@ -197,7 +199,7 @@ def _busy(reads: Sequence[tuple[float, float]]) -> float:
     return sum(took_s for _, took_s in reads[:-1]) / (reads[-1][0] - reads[0][0])
 
 
-def prepared(plan: Plan) -> Plan:
+def prepared(plan: PollPlan) -> PollPlan:
     """Return a plan with its models loaded, so that each file is read once. Raises UsageError for an invalid model."""
 
     def loaded(drive: DriveConfig) -> DriveConfig:
@@ -209,10 +211,10 @@ def prepared(plan: Plan) -> Plan:
     return plan.with_drives(loaded)
 
 
-def _carried_out(plan: Plan, conditions: Conditions, duration_s: float) -> Iterator[tuple[int, PollResult]]:
+def _carried_out(plan: PollPlan, conditions: LineConditions, duration_s: float) -> Iterator[tuple[int, PollResult]]:
     """Yield the results, each with the position of its read in the plan."""
     with _line(plan, conditions, None) as bus:
-        items = plan.items(lambda drive: AskedDrive(drive.build(bus.drive)))
+        items = plan.items(lambda drive: RehearsedDrive(drive.build(bus.drive)))
         places = {item: place for place, item in enumerate(items)}
         # Just after opening, and at the first exchange with each drive, the link listens longer to every reply.
         # A plan that runs for days does not show this, so leave that time out.
@@ -223,16 +225,16 @@ def _carried_out(plan: Plan, conditions: Conditions, duration_s: float) -> Itera
             yield places[result.item], result
 
 
-def _line(plan: Plan, conditions: Conditions, trace: Callable[[TraceEvent], None] | None) -> Bus:
+def _line(plan: PollPlan, conditions: LineConditions, trace: Callable[[TraceEvent], None] | None) -> Bus:
     line = VirtualLine([_double(plan, drive, conditions) for drive in plan.drives])
     return open_bus(line.port, guard_s=conditions.guard_s, trace=trace, **conditions.facts)
 
 
-def _double(plan: Plan, drive: DriveConfig, conditions: Conditions) -> PlantedDrive:
+def _double(plan: PollPlan, drive: DriveConfig, conditions: LineConditions) -> PlantDrive:
     """Return a virtual drive that has all parameters the plan reads, without the faults and values of a plant."""
     model = _model(drive, [read for read in plan.reads if read.drive == drive])
     delay_s = conditions.reply_delay_s if drive.reply_delay_s is None else drive.reply_delay_s
-    return PlantedDrive(
+    return PlantDrive(
         replace(drive, reply_delay_s=delay_s, needs_pause_s=0.0, values={}), model, for_all=conditions.facts
     )
 

@@ -13,9 +13,9 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING, Self
 
 from drivecomm.errors import UsageError
-from drivecomm.virtual.control_socket import ControlServer, parse_place
+from drivecomm.virtual.control_socket import ControlServer, parse_socket_address
 from drivecomm.virtual.line import VirtualLine
-from drivecomm.virtual.listeners import Overheard, ShowsSettings, parse_listen, parse_shared_listen
+from drivecomm.virtual.listeners import OverhearingListener, ShowsSettings, parse_listen, parse_shared_listen
 from drivecomm.virtual.timers import Timers
 from drivecomm.virtual.timing_watch import SERVED_TOLERANCE_S
 from drivecomm.virtual.waiting import ready_within
@@ -34,7 +34,7 @@ _ROOM_S = 0.5
 """Limit for data that a master sends ahead, in seconds on the wire; further data waits on the master's side."""
 
 
-class ServedLine:
+class VirtualServedLine:
     """Couples a virtual line with a listener. Times are seconds of the line's own clock.
 
     A drive's transmission reaches the master when its last character has been sent. A master that sets no line
@@ -47,7 +47,7 @@ class ServedLine:
         self._settings: LineSettings | None = None
         line.configure(None)
         self._shows = listener if isinstance(listener, ShowsSettings) else None
-        if isinstance(listener, Overheard):
+        if isinstance(listener, OverhearingListener):
             # A monitor is called promptly; recorders are called late, as the drives are.
             line.monitors.append(lambda sent: listener.overhear(sent.data))
 
@@ -101,14 +101,14 @@ class LineServer:
     and the control socket, and raises PortError if one of them fails.
     """
 
-    def __init__(self, lines: Sequence[ServedLine], control: ControlServer | None = None) -> None:
+    def __init__(self, lines: Sequence[VirtualServedLine], control: ControlServer | None = None) -> None:
         self.lines = lines
         self.on_tick: list[Callable[[], None]] = []
         """Called ten times a second while the lines are served."""
         self._control = control
         self._selector: selectors.BaseSelector | None = None
-        self._watched: dict[ServedLine, int | None] = {}
-        self._timers = Timers[ServedLine]()
+        self._watched: dict[VirtualServedLine, int | None] = {}
+        self._timers = Timers[VirtualServedLine]()
         self._looked_at = 0.0
         self._watched_for_control: set[int] = set()
         self._began = time.monotonic()
@@ -153,7 +153,7 @@ class LineServer:
         now = self.now()
         for key in ready_within(selector, min(_TICK_S, self._timers.deadline - now)):
             now = self.now()
-            if isinstance(key.data, ServedLine):
+            if isinstance(key.data, VirtualServedLine):
                 key.data.attend(now)
                 self._watch(key.data)
             elif key.fd in self._watched_for_control:
@@ -175,7 +175,7 @@ class LineServer:
         for served in self.lines:
             self._timers.set(served, served.deadline)
 
-    def _watch(self, served: ServedLine) -> None:
+    def _watch(self, served: VirtualServedLine) -> None:
         """Set the timer of a line, and register its listener's descriptor, which can change or be held back."""
         self._timers.set(served, served.deadline)
         before, wanted = self._watched[served], served.descriptor
@@ -212,7 +212,7 @@ class Server(LineServer):
     ) -> None:
         self.line = VirtualLine(drives, echo=echo, paced=paced)
         self.drives = self.line.drives
-        super().__init__([ServedLine(self.line, listener)])
+        super().__init__([VirtualServedLine(self.line, listener)])
 
     @property
     def address(self) -> str:
@@ -230,19 +230,19 @@ class PlantServer(LineServer):
 
     def __init__(self, plant: VirtualPlant, *, control: str = "") -> None:
         self.plant = plant
-        self._served: dict[str, ServedLine] = {}
+        self._served: dict[str, VirtualServedLine] = {}
         for line in plant.plant.lines:
             if not line.listen:
                 raise UsageError(
                     f"line {line.name} has no listen key; set it to pty:PATH, tcp:HOST:PORT or rfc2217:HOST:PORT"
                 )
             listener = parse_shared_listen(line.listen) if line.listeners else parse_listen(line.listen)
-            self._served[line.name] = ServedLine(plant.line(line.name), listener)
+            self._served[line.name] = VirtualServedLine(plant.line(line.name), listener)
         if control:
             plant.watch(tolerance_s=SERVED_TOLERANCE_S)
         super().__init__(
             list(self._served.values()),
-            ControlServer(parse_place(control), plant, self._be_now) if control else None,
+            ControlServer(parse_socket_address(control), plant, self._be_now) if control else None,
         )
 
     @property

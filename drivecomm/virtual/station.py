@@ -6,7 +6,7 @@ from functools import lru_cache
 from math import inf
 from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
-from drivecomm.protocol import Command, Framed, Framer, Noise
+from drivecomm.protocol import Framed, Framer, MotorCommand, Noise
 from drivecomm.virtual.uart import heard
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class Mishears(Protocol):
 
 
 @runtime_checkable
-class PassesOver(Protocol):
+class IgnoresOthers(Protocol):
     """A virtual drive that ignores valid telegrams to others, except for overhearing them.
 
     inner: the drive itself, with its address and settings. shared_addresses: addresses that it shares with others, such
@@ -86,7 +86,7 @@ class NeedsPause(Protocol):
     needs_pause_s: float
 
 
-class Answer(NamedTuple):
+class PendingAnswer(NamedTuple):
     """A future answer of a drive, and its time. number: see `Station.answering`."""
 
     time: float
@@ -109,23 +109,23 @@ class Station:
         self.powered = True
         self.pending = b""
         self.answering = 0
-        self.answer: Answer | None = None
+        self.answer: PendingAnswer | None = None
         self.wakes_at = inf
-        self.agreed = one_of(drive.settings)
+        self.agreed = shared_settings(drive.settings)
         self.right_settings: LineSettings | None = None
         self.deaf_until = 0.0
         self._needs_pause_s = drive.needs_pause_s if isinstance(drive, NeedsPause) else 0.0
         self._heard_at = 0.0
-        self._passer = drive if isinstance(drive, PassesOver) else None
+        self._passer = drive if isinstance(drive, IgnoresOthers) else None
         self._mishearer = drive if isinstance(drive, Mishears) else None
         self.known: Known = {} if known is None else known
-        self._settings, self._own = drive.settings, one_of(drive.settings)
+        self._settings, self._own = drive.settings, shared_settings(drive.settings)
 
     def received(self, data: bytes, spoken: LineSettings) -> bytes:
-        """Return the characters that the drive receives. spoken: settings of the sender, as returned by `one_of`."""
+        """Return the characters that the drive receives. spoken: settings of the sender, see `shared_settings`."""
         settings = self.drive.settings
         if settings is not self._settings:
-            self._settings, self._own = settings, one_of(settings)
+            self._settings, self._own = settings, shared_settings(settings)
         return heard(data, spoken, self._own)
 
     def hear(self, data: bytes, began: float, ended: float) -> list[VirtualReply]:
@@ -173,7 +173,7 @@ class Station:
         self.powered = False
         self.pending = b""
         self.answering += 1
-        self.drive.motor.stop(Command.OFF, now)
+        self.drive.motor.stop(MotorCommand.OFF, now)
 
     def power_on(self, now: float) -> None:
         """Switch the power on; parameters are kept, other state is reset if the drive supports this."""
@@ -215,7 +215,7 @@ class Station:
 
 
 @lru_cache(maxsize=256)
-def one_of(settings: LineSettings) -> LineSettings:
+def shared_settings(settings: LineSettings) -> LineSettings:
     """Return the same object for equal settings, so that comparing them is fast."""
     return settings
 

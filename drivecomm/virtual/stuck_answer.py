@@ -12,7 +12,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, UsageError
-from drivecomm.protocol import Ask, Tell, VirtualReply, answered
+from drivecomm.protocol import Ask, Tell, VirtualReply, run_with_answers
 from drivecomm.virtual.drives import answer_to
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ class StuckAnswer:
                 raise UsageError(f"parameter {self.parameter} cannot be stuck: its value takes more than one reply")
             return replies.pop()
 
-        return answered(self._operations.read(self.parameter), answer)
+        return run_with_answers(self._operations.read(self.parameter), answer)
 
 
 def _names(message: Message) -> list[str]:

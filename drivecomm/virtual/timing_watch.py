@@ -7,7 +7,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 from drivecomm.protocol import SETTING_NAMES, Framed, Framer, LineSettings, is_broadcast
-from drivecomm.virtual.line_rules import DEFAULT, Limit, LineRules, Violation, in_ms, reads_as
+from drivecomm.virtual.line_rules import DEFAULT, LineRules, TimeLimit, Violation, codec_key, in_ms
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -99,10 +99,10 @@ class TimingWatch:
     def __init__(self, drives: Iterable[LineRules], *, tolerance_s: float = 0.0) -> None:
         self._drives = tuple(drives)
         self._tolerance_s = tolerance_s
-        self._codecs = {reads_as(rules.codec): rules.codec for rules in self._drives}
+        self._codecs = {codec_key(rules.codec): rules.codec for rules in self._drives}
         self._of_kind: dict[Any, list[LineRules]] = {}
         for rules in self._drives:
-            self._of_kind.setdefault(reads_as(rules.codec), []).append(rules)
+            self._of_kind.setdefault(codec_key(rules.codec), []).append(rules)
         self._pieces: list[_Piece] = []
         self._due: _Request | None = None
         self._replied: _Request | None = None
@@ -207,7 +207,7 @@ class TimingWatch:
             waited = max(at_s - due.ended, 0.0)
             sure = _SEEN if first.sent.answer_due or not waited else ""
             text = "the next request began {measured} after the last one, whose reply was due and may take {allowed}"
-            limits = [Limit(limit.seconds, limit.source or sure) for limit in due.drive.reply_timeouts]
+            limits = [TimeLimit(limit.seconds, limit.source or sure) for limit in due.drive.reply_timeouts]
             yield from self._short(_Measured("reply not awaited", due.drive, at_s, waited, text), limits)
         elif replied is not None:
             pause_s = max(at_s - replied.ended, 0.0)
@@ -234,7 +234,7 @@ class TimingWatch:
             text = "a request had a pause of {measured} inside it; it may have {allowed}"
             yield self._violation(_Measured("gap in a telegram", drive, at_s, longest_s, text), drive.gap)
 
-    def _short(self, measured: _Measured, limits: Iterable[Limit]) -> Iterator[Violation]:
+    def _short(self, measured: _Measured, limits: Iterable[TimeLimit]) -> Iterator[Violation]:
         """Yield a violation if a time is shorter than a limit, preferring a limit that a source demands."""
         tolerance_s = self._tolerance_of(measured)
         broken = [limit for limit in limits if measured.seconds < limit.seconds - tolerance_s - _EXACT_S]
@@ -244,7 +244,7 @@ class TimingWatch:
     def _tolerance_of(self, measured: _Measured) -> float:
         return self._tolerance_s if measured.tolerance_s is None else measured.tolerance_s
 
-    def _violation(self, measured: _Measured, limit: Limit) -> Violation:
+    def _violation(self, measured: _Measured, limit: TimeLimit) -> Violation:
         return Violation(
             rule=measured.rule,
             at_s=measured.at_s,

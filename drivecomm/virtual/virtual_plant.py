@@ -19,21 +19,21 @@ from drivecomm.plant import UNDISTURBED, InjectStep, PowerCutStep, StuckStep, Te
 from drivecomm.protocol import Model, installed
 from drivecomm.virtual.line import VirtualLine
 from drivecomm.virtual.line_trace import LineTrace
+from drivecomm.virtual.plant_drive import PlantDrive
 from drivecomm.virtual.plant_faults import ConditionWatch, TelegramDisturbance
-from drivecomm.virtual.planted_drive import PlantedDrive
 from drivecomm.virtual.violation_log import ViolationLog
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from drivecomm.plant import Plant, PlantLine, Step
+    from drivecomm.plant import Plant, PlantLine, ScriptStep
     from drivecomm.protocol import DriveConfig, VirtualDrive
     from drivecomm.virtual.line_rules import LineRules
 
 LARGEST_SPEED = 1000.0
 
 
-class DriveState(NamedTuple):
+class MotorSnapshot(NamedTuple):
     """The present state of a virtual drive. output_hz: of its motor. fault: its code, 0 for none."""
 
     name: str
@@ -65,7 +65,7 @@ class VirtualPlant:
         self.plant = plant
         self.speed = speed
         self._around = around
-        self.drives: Mapping[str, PlantedDrive] = self._planted()
+        self.drives: Mapping[str, PlantDrive] = self._planted()
         self.lines: Mapping[str, VirtualLine] = {line.name: self._line_of(line) for line in plant.lines}
         self._traces: dict[str, LineTrace] = {}
         self.disturbances: list[TelegramDisturbance] = []
@@ -83,7 +83,7 @@ class VirtualPlant:
         """Return a line by its name; its `port` opens the master's end. Raises UsageError."""
         return self.lines[self.plant.line(name).name]
 
-    def drive(self, name: str) -> PlantedDrive:
+    def drive(self, name: str) -> PlantDrive:
         """Return a drive by its name. Raises UsageError."""
         return self.drives[self.plant.drive(name).name]
 
@@ -129,7 +129,7 @@ class VirtualPlant:
         """Switch a drive off and on again with its factory settings. Raises UsageError."""
         line, planted = self.line_of(drive), self.drive(drive)
         self.power_off(drive)
-        planted.become_as_new(line.time)
+        planted.restore_factory_settings(line.time)
         line.power_on(planted)
 
     def set(self, drive: str, parameter: str, raw: int | str) -> None:
@@ -146,7 +146,7 @@ class VirtualPlant:
             raise UsageError("no bytes to inject")
         self.line(line).inject(data)
 
-    def add(self, step: Step) -> None:
+    def add(self, step: ScriptStep) -> None:
         """Add a step to the script; an action in the past happens immediately. Raises UsageError."""
         if isinstance(step, TelegramFault):
             self._disturb(step)
@@ -165,16 +165,16 @@ class VirtualPlant:
         elif isinstance(step, InjectStep):
             self.line(step.line).call_at(step.at_s / self.speed, partial(self.inject, step.line, step.data))
 
-    def states(self) -> list[DriveState]:
+    def states(self) -> list[MotorSnapshot]:
         """Return the present state of each drive."""
         return [self._state(drive) for drive in self.drives.values()]
 
-    def _state(self, drive: PlantedDrive) -> DriveState:
+    def _state(self, drive: PlantDrive) -> MotorSnapshot:
         line, motor = self.line_of(drive.name), drive.motor
         if line.has_power(drive):
             drive.follow(line.time)
         motor.advance(line.time * self.speed)
-        return DriveState(
+        return MotorSnapshot(
             name=drive.name,
             drive=f"{drive.planned.protocol}:{drive.address}",
             line=drive.planned.line,
@@ -184,12 +184,12 @@ class VirtualPlant:
             fault=motor.fault,
         )
 
-    def _planted(self) -> dict[str, PlantedDrive]:
+    def _planted(self) -> dict[str, PlantDrive]:
         drives = {}
         settings = {line.name: line.settings for line in self.plant.lines}
         for planned in self.plant.drives:
             try:
-                drives[planned.name] = PlantedDrive(
+                drives[planned.name] = PlantDrive(
                     planned, _model_of(planned), for_all=settings[planned.line], speed=self.speed, around=self._around
                 )
             except DriveCommError as error:

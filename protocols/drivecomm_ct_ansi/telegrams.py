@@ -27,7 +27,7 @@ _SENT = re.compile(r" *[+\-]?([0-9]{1,10}(\.[0-9]+)?)|X([0-9A-F]{1,8})")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Request:
+class CtRequest:
     """Request of the master; short commands and a rewrite name no drive.
 
     data: the value, with its characters as sent. unit: 0 means the whole group, and group 0 with unit 0 all drives (MP
@@ -48,7 +48,7 @@ class Request:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reply:
+class CtReply:
     """Reply of a drive, which never names the drive; only a value names its parameter."""
 
     kind: str
@@ -111,24 +111,24 @@ def _value(start: int) -> tuple[Any, ...]:
     text = Leaf(
         schema.until(_ETX, most=MOST), bytes.decode, str.encode, meaning="value", alphabet=bytes(range(32, 127))
     )
-    behind = constant(_ETX, "ETX"), schema.Check(1, start, lifted_xor, meaning="BCC")
+    behind = constant(_ETX, "ETX"), schema.CheckCharacters(1, start, lifted_xor, meaning="BCC")
     return constant(_STX, "STX"), *_WHAT, "text" / text, *behind
 
 
 TELEGRAMS = schema.Telegrams(
     {
-        "Read": _form(Request, "read", *_HEAD, *_WHAT, constant(_ENQ, "ENQ")),
-        "Write": _form(Request, "write", *_HEAD, *_value(6)),
-        "Rewrite": _form(Request, "rewrite", *_value(1)),
-        "Repeat": _form(Request, "repeat", constant(_NAK, "NAK")),
-        "Next": _form(Request, "next", constant(_ACK, "ACK")),
-        "Previous": _form(Request, "previous", constant(_BS, "BS")),
+        "Read": _form(CtRequest, "read", *_HEAD, *_WHAT, constant(_ENQ, "ENQ")),
+        "Write": _form(CtRequest, "write", *_HEAD, *_value(6)),
+        "Rewrite": _form(CtRequest, "rewrite", *_value(1)),
+        "Repeat": _form(CtRequest, "repeat", constant(_NAK, "NAK")),
+        "Next": _form(CtRequest, "next", constant(_ACK, "ACK")),
+        "Previous": _form(CtRequest, "previous", constant(_BS, "BS")),
     },
     {
-        "Value": _form(Reply, "value", *_value(1)),
-        "Unknown parameter": _form(Reply, "unknown", constant(_EOT, "EOT")),
-        "ACK": _form(Reply, "ack", constant(_ACK, "ACK")),
-        "NAK": _form(Reply, "nak", constant(_NAK, "NAK")),
+        "Value": _form(CtReply, "value", *_value(1)),
+        "Unknown parameter": _form(CtReply, "unknown", constant(_EOT, "EOT")),
+        "ACK": _form(CtReply, "ack", constant(_ACK, "ACK")),
+        "NAK": _form(CtReply, "nak", constant(_NAK, "NAK")),
     },
     alike="ct-ansi",
 )

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import RefusedError, UnexpectedReplyError
-from drivecomm_danfoss_fc.description import BASIC, NAME, description_reading
+from drivecomm_danfoss_fc.description_elements import BASIC, NAME, description_reading
 from drivecomm_danfoss_fc.messages import TextReply
 from drivecomm_danfoss_fc.parameters import TYPES_BY_NUMBER, raw_for, reading_of, text_reading, trimmed
 from drivecomm_danfoss_fc.tables import WRONG_TYPE, fault_text, table
@@ -17,7 +17,7 @@ from drivecomm_danfoss_fc.tables import WRONG_TYPE, fault_text, table
 if TYPE_CHECKING:
     from drivecomm.profiles import ProcessWords
     from drivecomm.protocol import Exchange, Reading, Value
-    from drivecomm_danfoss_fc.parameters import Target
+    from drivecomm_danfoss_fc.parameters import DanfossFcParameter
 
 READ, READ_ELEMENT, TEXT = 1, 4, 15
 """Commands (AK) that a master sends; those that write are in tables.toml."""
@@ -33,7 +33,7 @@ _NUMBERS, _ELEMENT, _TEXTS, _WRITTEN_TEXT = (1, 2), (3,), (15,), (1, 2, 15)
 _TWICE = range(2)
 
 
-def read_as_it_is(talk: ProcessWords, wanted: Target, types: dict[int, str]) -> Exchange[Reading]:
+def read_as_reported_type(talk: ProcessWords, wanted: DanfossFcParameter, types: dict[int, str]) -> Exchange[Reading]:
     """Read a value; if the drive refuses it for its data type, read the type (AK 4) and read the value again.
 
     types: the types found so far, by PNU; this function adds to it.
@@ -56,12 +56,12 @@ def read_as_it_is(talk: ProcessWords, wanted: Target, types: dict[int, str]) -> 
     return replace(reading, note="; ".join(filter(None, (note, reading.note))))
 
 
-def read_typed(talk: ProcessWords, wanted: Target) -> Exchange[Reading]:
+def read_typed(talk: ProcessWords, wanted: DanfossFcParameter) -> Exchange[Reading]:
     """Read a value as a text or as a number, as its type says."""
     return read_text(talk, wanted) if wanted.type == "text" else read_number(talk, wanted)
 
 
-def _told_type(talk: ProcessWords, wanted: Target) -> Exchange[str]:
+def _told_type(talk: ProcessWords, wanted: DanfossFcParameter) -> Exchange[str]:
     """Return the type that the drive reports, or the other kind of type if it reports none.
 
     The other kind of a refused number is text; that of a refused text is a number of unknown type, which is empty.
@@ -75,24 +75,24 @@ def _told_type(talk: ProcessWords, wanted: Target) -> Exchange[str]:
     return kind or ("" if wanted.type == "text" else "text")
 
 
-def read_number(talk: ProcessWords, wanted: Target) -> Exchange[Reading]:
+def read_number(talk: ProcessWords, wanted: DanfossFcParameter) -> Exchange[Reading]:
     """Read a value with AK 1."""
     return reading_of(wanted, (yield from _answer(talk, wanted, _NUMBERS, ak=READ, ind=wanted.ind)))
 
 
-def read_text(talk: ProcessWords, wanted: Target) -> Exchange[Reading]:
+def read_text(talk: ProcessWords, wanted: DanfossFcParameter) -> Exchange[Reading]:
     """Read the text of a parameter: AK 15, IND 04xx, in a parameter block with PWE 0."""
     reply = yield from _answer(talk, wanted, _TEXTS, ak=TEXT, ind=READ_TEXT | wanted.ind)
     return text_reading(wanted, reply.text)
 
 
-def read_option_text(talk: ProcessWords, wanted: Target, option: int) -> Exchange[Reading]:
+def read_option_text(talk: ProcessWords, wanted: DanfossFcParameter, option: int) -> Exchange[Reading]:
     """Read the text of one option value: AK 15, IND = value + 1 (VLT 5000 Design Guide p. 99)."""
     reply = yield from _answer(talk, wanted, _TEXTS, ak=TEXT, ind=option + 1)
     return text_reading(wanted, reply.text, f"text of option {option}")
 
 
-def read_element(talk: ProcessWords, wanted: Target, element: int) -> Exchange[Reading]:
+def read_element(talk: ProcessWords, wanted: DanfossFcParameter, element: int) -> Exchange[Reading]:
     """Read a description element with AK 4; element 6, the name, is a text."""
     reply = yield from _answer(talk, wanted, _ELEMENT, ak=READ_ELEMENT, ind=element)
     if element == NAME:
@@ -100,7 +100,7 @@ def read_element(talk: ProcessWords, wanted: Target, element: int) -> Exchange[R
     return description_reading(wanted, element, reply.pwe)
 
 
-def write_number(talk: ProcessWords, wanted: Target, ak: int, pwe: int) -> Exchange[Reading]:
+def write_number(talk: ProcessWords, wanted: DanfossFcParameter, ak: int, pwe: int) -> Exchange[Reading]:
     """Write a number with AK and PWE from `task_that_writes`; return the value that the drive reports."""
     for _ in _TWICE:
         reply = yield from _answer(talk, wanted, _NUMBERS, acts=True, ak=ak, ind=wanted.ind, pwe=pwe)
@@ -111,7 +111,7 @@ def write_number(talk: ProcessWords, wanted: Target, ak: int, pwe: int) -> Excha
     return replace(reported, note="; ".join(filter(None, (differs, reported.note))))
 
 
-def write_text(talk: ProcessWords, wanted: Target, text: str) -> Exchange[Reading | None]:
+def write_text(talk: ProcessWords, wanted: DanfossFcParameter, text: str) -> Exchange[Reading | None]:
     """Write a text with AK 15, IND 05xx, in a text block, exactly the characters given."""
     # No manual states the reply to a text write, so accept a text, or a word of unknown meaning.
     kept = "whether a drive keeps a text over power-off is not printed"
@@ -126,7 +126,7 @@ def write_text(talk: ProcessWords, wanted: Target, text: str) -> Exchange[Readin
     return text_reading(wanted, reply.text, f"the drive reports another text than the one written, {text!r}; {kept}")
 
 
-def task_that_writes(wanted: Target, value: Value | float, *, store: bool) -> tuple[int, int]:
+def task_that_writes(wanted: DanfossFcParameter, value: Value | float, *, store: bool) -> tuple[int, int]:
     """Return AK and PWE of a write: AK 2 or 3 for RAM, 14 or 13 for EEPROM as well. Raises as `raw_for`."""
     sought = {"bits": wanted.bits, "stored": store}
     ak = next(ak for ak, each in table("commands").items() if sought.items() <= each.items())
@@ -134,7 +134,7 @@ def task_that_writes(wanted: Target, value: Value | float, *, store: bool) -> tu
 
 
 def _answer(
-    talk: ProcessWords, wanted: Target, expected: tuple[int, ...], *, acts: bool = False, **task: Any
+    talk: ProcessWords, wanted: DanfossFcParameter, expected: tuple[int, ...], *, acts: bool = False, **task: Any
 ) -> Exchange[Any]:
     """Return the reply to a task for a parameter if it is one of the expected responses.
 

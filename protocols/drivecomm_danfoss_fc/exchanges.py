@@ -13,10 +13,10 @@ from drivecomm.errors import (
     UsageError,
     ValueRefusedError,
 )
-from drivecomm.profiles import ONLY, CommandMemory, ProcessWords
-from drivecomm.protocol import Capabilities, Stop, Tell, exact, kept, needs_answer, reference_limit_of, unless_refused
-from drivecomm_danfoss_fc import access, describing, words
-from drivecomm_danfoss_fc.frames import BROADCAST, Frames
+from drivecomm.profiles import SOLE_PLACE, CommandMemory, ProcessWords
+from drivecomm.protocol import Capabilities, Stop, Tell, cached, exact, needs_answer, reference_limit_of, unless_refused
+from drivecomm_danfoss_fc import access, parameter_description, words
+from drivecomm_danfoss_fc.frames import BROADCAST, DanfossFcFrames
 from drivecomm_danfoss_fc.functions import FUNCTIONS, Functions
 from drivecomm_danfoss_fc.options import span
 from drivecomm_danfoss_fc.parameters import target, text_for
@@ -53,12 +53,12 @@ class DanfossFcOperations:
         self, address: int, options: DanfossFcOptions, model: Model | None, memory: CommandMemory | None = None
     ) -> None:
         self.answers = address != BROADCAST
-        self._frames = Frames(address, options, lambda **task: self._talk.ask(**task))  # noqa: PLW0108 - `_talk` does not exist yet
+        self._frames = DanfossFcFrames(address, options, lambda **task: self._talk.ask(**task))  # noqa: PLW0108 - `_talk` does not exist yet
         profile = partial(words.profile, profidrive=options.profile == "profidrive")
         self._talk = ProcessWords(profile, self._frames, memory or CommandMemory())
         self._options = options
         self._model = model
-        self._known = kept(lambda name, kind: target(name, model, options, type=kind))
+        self._known = cached(lambda name, kind: target(name, model, options, type=kind))
         self._types: dict[int, str] = {}
         self._range = span("reference", options.reference_minimum_hz, options.reference_maximum_hz)
         self._limits = span("output", options.output_minimum_hz, options.output_maximum_hz)
@@ -118,7 +118,11 @@ class DanfossFcOperations:
             return access.read_option_text(self._talk, wanted, _in_ind(option_text, range(254), "option with a text"))
         if element is not None:
             return access.read_element(self._talk, wanted, _in_ind(element, range(1, 256), "description element"))
-        return access.read_typed(self._talk, wanted) if type else access.read_as_it_is(self._talk, wanted, self._types)
+        return (
+            access.read_typed(self._talk, wanted)
+            if type
+            else access.read_as_reported_type(self._talk, wanted, self._types)
+        )
 
     def write(
         self,
@@ -162,7 +166,7 @@ class DanfossFcOperations:
         return (
             yield from self._commander().status(
                 self._model,
-                {ONLY: reply.status_word},
+                {SOLE_PLACE: reply.status_word},
                 reverse=actual < 0 if actual else None,
                 actual_percent=percent if self._options.actual_scaling == "reference" else None,
                 actual_hz=self._frequency(percent),
@@ -251,7 +255,7 @@ class DanfossFcOperations:
 
         option_texts: the number of option values whose text is read, 0 to 254, one telegram each. Changes nothing.
         """
-        return describing.describe(self._talk, self._known(parameter, ""), option_texts)
+        return parameter_description.describe(self._talk, self._known(parameter, ""), option_texts)
 
     def may_start(self, verb: str, arguments: Mapping[str, Any]) -> bool:
         """Return whether a call may start the motor: a jog, or a control word that neither stops nor resets."""

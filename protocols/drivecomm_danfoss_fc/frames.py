@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 BROADCAST = 0
 
 
-class Frames:
+class DanfossFcFrames:
     """Telegrams to the drive at one address.
 
     ask: sends the drive a task for a parameter.

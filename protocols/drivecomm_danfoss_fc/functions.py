@@ -121,7 +121,7 @@ class Functions:
             if at_once and not memory.word:
                 raise StateError(f"{verb} needs a command that holds, and another one does by now; start or stop first")
             if memory.word:
-                yield from talk.must_hold(verb)
+                yield from talk.check_repeatable(verb)
                 word = memory.word & ~mask | bits
                 yield from talk.command(word, repeated=True)
                 memory.word = word
@@ -153,7 +153,7 @@ class Functions:
         if not self._talk.runs:
             raise UsageError(f"{verb} is for a motor that was started; call start() first")
         yield from self._talk.ask()
-        yield from self._talk.must_hold(verb)
+        yield from self._talk.check_repeatable(verb)
         return self._talk.memory.word
 
     def _remember(self, word: int) -> None:

@@ -10,8 +10,8 @@ import math
 from functools import cache
 from typing import TYPE_CHECKING
 
-from drivecomm.profiles import have_do
-from drivecomm.protocol import Command
+from drivecomm.profiles import drive_motor
+from drivecomm.protocol import MotorCommand
 from drivecomm_danfoss_fc import words
 from drivecomm_danfoss_fc.words import has
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from drivecomm.profiles import MotorDoes
     from drivecomm.protocol import Motor
     from drivecomm_danfoss_fc.options import DanfossFcOptions
-    from drivecomm_danfoss_fc.store import Store
+    from drivecomm_danfoss_fc.store import DanfossFcStore
 
 CONTROL_WORD_TIMEOUT = 17
 """Alarm "control word timeout"; the number is general knowledge of the FC series."""
@@ -37,7 +37,7 @@ _GATES = (
 """Role of the parameter that gates a bit, the bit, and its level if the bus may not set it (value 0, digital input)."""
 
 
-class Machine:
+class DanfossFcMachine:
     """Reaction of one drive to the bus over time.
 
     local: operated at the keypad, so that bus commands have no effect. locked: the trip is a trip lock, and mains must
@@ -46,7 +46,7 @@ class Machine:
     by bits 13 and 14, and by bits 11 and 12.
     """
 
-    def __init__(self, motor: Motor, store: Store, options: DanfossFcOptions) -> None:
+    def __init__(self, motor: Motor, store: DanfossFcStore, options: DanfossFcOptions) -> None:
         self.motor = motor
         self.local = False
         self.locked = False
@@ -171,7 +171,7 @@ class Machine:
         asked = self._asked()
         if asked == "run" and self.profidrive and not self._on:
             asked = "ramp"
-        have_do(motor, asked, lambda: self._directed(self._wanted_hz()), now)
+        drive_motor(motor, asked, lambda: self._directed(self._wanted_hz()), now)
 
     def _asked(self) -> MotorDoes:
         """Return the action that the word in force demands of the motor.
@@ -249,9 +249,9 @@ class Machine:
         self.timed_out = motor.warning = True
         self.relays = [False, False]
         if function == 1:
-            motor.stop(Command.HOLD, deadline)
+            motor.stop(MotorCommand.HOLD, deadline)
         elif function in (2, 5):
-            motor.stop(Command.RAMP_STOP, deadline)
+            motor.stop(MotorCommand.RAMP_STOP, deadline)
             self._trips_when_stopped = function == 5
         elif function in (3, 4) and motor.running:
             hz = self._store.setting("jog_hz", 5.0) if function == 3 else self._limits()[1]

@@ -40,7 +40,7 @@ _ADDRESS = re.compile(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Target:
+class DanfossFcParameter:
     """A parameter with the known facts about it.
 
     index: None if the parameter is not an array and was named without an index.
@@ -93,7 +93,7 @@ class Target:
 
 def target(
     parameter: str, model: Model | None, options: DanfossFcOptions, *, type: str = "", index: int | None = None
-) -> Target:
+) -> DanfossFcParameter:
     """Return the parameter for an address or a name of the model.
 
     `16-14` is group and member, PNU 1614; `520` is the PNU itself. The array index is in brackets, as it goes into IND.
@@ -128,7 +128,7 @@ def target(
     if chosen not in ("", *TYPES):
         raise UsageError(f"{chosen!r} is not a type of the FC protocol; they are {', '.join(TYPES)}")
     plain = str(pnu) if match["number"] else f"{int(match['group'])}-{match['member']}"
-    return Target(pnu=pnu, name=known.address if known else plain, index=index, type=chosen, info=known)
+    return DanfossFcParameter(pnu=pnu, name=known.address if known else plain, index=index, type=chosen, info=known)
 
 
 def element_addresses(info: ParameterInfo, options: DanfossFcOptions) -> tuple[str, ...]:
@@ -145,7 +145,7 @@ def number_of(address: str) -> int:
     return int(match["number"] or match["group"] + match["member"])
 
 
-def reading_of(wanted: Target, reply: ParameterReply) -> Reading:
+def reading_of(wanted: DanfossFcParameter, reply: ParameterReply) -> Reading:
     """Return the reading from the reply to a read or a write.
 
     AK decides the width. Of a word only PWE low counts, whatever type the model gives, because small drives keep some
@@ -160,10 +160,10 @@ def reading_of(wanted: Target, reply: ParameterReply) -> Reading:
     if wanted.type == "int16" and raw <= 0xFFFF:
         # No manual says whether a drive fills the high word of a negative word with the sign.
         bits = 16
-    return _physical(wanted, raw, counted(raw, wanted.type, bits), note)
+    return _physical(wanted, raw, value_in_type(raw, wanted.type, bits), note)
 
 
-def _physical(wanted: Target, raw: int, value: int, note: str) -> Reading:
+def _physical(wanted: DanfossFcParameter, raw: int, value: int, note: str) -> Reading:
     """Return the reading of a number.
 
     value: the number in the type of the parameter, if that is a numeric type.
@@ -179,12 +179,12 @@ def _physical(wanted: Target, raw: int, value: int, note: str) -> Reading:
     )
 
 
-def limit_reading(wanted: Target, pwe: int, note: str) -> Reading:
+def limit_reading(wanted: DanfossFcParameter, pwe: int, note: str) -> Reading:
     """Return the reading of a limit or default value (description elements 7, 8, 20), scaled like the parameter."""
-    return _physical(wanted, pwe, counted(pwe, wanted.type, wanted.bits if wanted.is_number else 32), note)
+    return _physical(wanted, pwe, value_in_type(pwe, wanted.type, wanted.bits if wanted.is_number else 32), note)
 
 
-def text_reading(wanted: Target, text: str, note: str = "") -> Reading:
+def text_reading(wanted: DanfossFcParameter, text: str, note: str = "") -> Reading:
     """Return the reading of a text; trailing spaces and zero bytes are padding (specification, section 8)."""
     return wanted.reading(value=trimmed(text), raw=text, type="text", note=note)
 
@@ -204,12 +204,12 @@ def signed(raw: int, bits: int) -> int:
     return raw - 2**bits if raw >= 2 ** (bits - 1) else raw
 
 
-def counted(raw: int, type: str, bits: int) -> int:
+def value_in_type(raw: int, type: str, bits: int) -> int:
     """Return the value of a number's low bits in a type."""
     return signed(raw % 2**bits, bits) if type.startswith("int") else raw % 2**bits
 
 
-def raw_for(wanted: Target, value: Value | float) -> int:
+def raw_for(wanted: DanfossFcParameter, value: Value | float) -> int:
     """Return the signed number that carries a value; the value is physical if the model knows the scale.
 
     Raises ValueRefusedError for a value that does not fit, UsageError if the type is unknown.
@@ -219,7 +219,7 @@ def raw_for(wanted: Target, value: Value | float) -> int:
     return whole_number(value, wanted.address, info, wanted.type, RANGES[wanted.type])
 
 
-def text_for(wanted: Target, value: Value | float, longest: int) -> str:
+def text_for(wanted: DanfossFcParameter, value: Value | float, longest: int) -> str:
     """Return the characters to write, without padding. Raises ValueRefusedError unless it is a text that fits."""
     if not isinstance(value, str):
         raise ValueRefusedError(f"{value!r} for parameter {wanted.address} is not a text")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from drivecomm.profiles import CommandMemory
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
-from drivecomm_danfoss_fc.description import DEFAULT
+from drivecomm_danfoss_fc.description_elements import DEFAULT
 from drivecomm_danfoss_fc.exchanges import DanfossFcOperations
 from drivecomm_danfoss_fc.frames import BROADCAST
 from drivecomm_danfoss_fc.messages import intent, mismatch

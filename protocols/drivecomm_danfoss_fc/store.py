@@ -10,8 +10,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.protocol import ParameterStore, Refusal
-from drivecomm_danfoss_fc import description, tables
-from drivecomm_danfoss_fc.parameters import DATA_TYPES, RANGES, bits_of, counted, number_of
+from drivecomm_danfoss_fc import description_elements, tables
+from drivecomm_danfoss_fc.parameters import DATA_TYPES, RANGES, bits_of, number_of, value_in_type
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -26,7 +26,7 @@ _CODES = {
 }
 
 
-class Store(ParameterStore[int, tuple[int, int], int | str]):
+class DanfossFcStore(ParameterStore[int, tuple[int, int], int | str]):
     """Parameters of one drive, by number and array index.
 
     index_base: the index of a first element. without_bus_access: parameters that answer fault 130. factory_set_up:
@@ -78,7 +78,7 @@ class Store(ParameterStore[int, tuple[int, int], int | str]):
         info = self.writable(number, running=running)
         if info.type == "text" or bits != bits_of(info.type):
             raise Refusal(tables.WRONG_TYPE)
-        place, number_given = self._place(number, index), counted(value, info.type, bits)
+        place, number_given = self._place(number, index), value_in_type(value, info.type, bits)
         lowest, highest = limits(info)
         if not lowest <= number_given <= highest:
             raise Refusal(tables.OUTSIDE_LIMITS)
@@ -98,22 +98,22 @@ class Store(ParameterStore[int, tuple[int, int], int | str]):
     def describe(self, number: int, element: int) -> int | str:
         """Return one element of a parameter's description. Raises Refusal if the parameter does not have it."""
         info = self._on_bus(number)
-        if element == description.NAME:
+        if element == description_elements.NAME:
             return info.title
-        if element == description.BASIC:
+        if element == description_elements.BASIC:
             return self._characteristics(number, info)
-        if element == description.ELEMENTS:
+        if element == description_elements.ELEMENTS:
             return max(1, _elements(info))
         if info.type == "text":
             raise Refusal(tables.NO_SUCH_ELEMENT)
-        if element == description.CONVERSION:
+        if element == description_elements.CONVERSION:
             conversion: int = info.extra.get("conversion_index", 0)
-            return conversion % 256 << 8 | description.unit_index(info.unit)
+            return conversion % 256 << 8 | description_elements.unit_index(info.unit)
         lowest, highest = limits(info)
         numbers = {
-            description.LOWER_LIMIT: lowest,
-            description.UPPER_LIMIT: highest,
-            description.DEFAULT: _raw(info, info.start),
+            description_elements.LOWER_LIMIT: lowest,
+            description_elements.UPPER_LIMIT: highest,
+            description_elements.DEFAULT: _raw(info, info.start),
         }
         if element not in numbers:
             raise Refusal(tables.NO_SUCH_ELEMENT)
@@ -129,7 +129,7 @@ class Store(ParameterStore[int, tuple[int, int], int | str]):
         """Set a value in RAM and EEPROM, which also replaces the measurement of the parameter. Raises Refusal."""
         place = self._place(number, index)
         of = self._infos[number].type
-        self.put(place, value if isinstance(value, str) else counted(value, of, bits_of(of)))
+        self.put(place, value if isinstance(value, str) else value_in_type(value, of, bits_of(of)))
         self.measured = {each: read for each, read in self.measured.items() if each != place}
         self._poked.add(number)
 

@@ -31,7 +31,7 @@ from construct import this
 from drivecomm.errors import TelegramError
 from drivecomm.protocol import begins_again
 from drivecomm.protocol.schema import (
-    Check,
+    CheckCharacters,
     Form,
     Leaf,
     characters,
@@ -128,7 +128,7 @@ def _lge_of_text() -> Leaf:
 
 
 _HEAD = constant(_STX, "STX")
-_BCC = Check(1, 0, xor_byte, meaning="BCC: exclusive-or of all bytes before it")
+_BCC = CheckCharacters(1, 0, xor_byte, meaning="BCC: exclusive-or of all bytes before it")
 _FROM_MASTER = (
     "address" / _adr(broadcast_allowed=True),
     ("control_word" / unsigned(2, "PCD1: control word"), "reference" / signed(2, "PCD2: 4000H = 100 %")),

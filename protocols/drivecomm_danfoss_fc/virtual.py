@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.protocol import DriveRepr, Framed, LineSettings, Motor, Refusal, VirtualReply, looked_into
+from drivecomm.protocol import DriveRepr, Framed, LineSettings, Motor, Refusal, VirtualReply, refusals_as_address_errors
 from drivecomm_danfoss_fc import access
-from drivecomm_danfoss_fc.hearing import DriveCodec
-from drivecomm_danfoss_fc.machine import Machine
+from drivecomm_danfoss_fc.machine import DanfossFcMachine
 from drivecomm_danfoss_fc.messages import (
     FORMAT_31,
     ParameterReply,
@@ -22,7 +21,8 @@ from drivecomm_danfoss_fc.messages import (
     TextRequest,
 )
 from drivecomm_danfoss_fc.parameters import target
-from drivecomm_danfoss_fc.store import Store
+from drivecomm_danfoss_fc.receiving_codec import ReceivingCodec
+from drivecomm_danfoss_fc.store import DanfossFcStore
 from drivecomm_danfoss_fc.tables import NO_TEXT, NOT_SUPPORTED, table
 
 if TYPE_CHECKING:
@@ -44,12 +44,12 @@ class VirtualDanfossFcDrive(DriveRepr):
 
     def __init__(self, address: int, options: DanfossFcOptions, model: Model) -> None:
         self.address = address
-        self.codec = DriveCodec(options.pnu_bits)
+        self.codec = ReceivingCodec(options.pnu_bits)
         self.settings = LineSettings(baudrate=9600, bytesize=8, parity="E", stopbits=1)
         self.gap_s = 0.050
         self.motor = Motor()
-        self.store = Store(model, options.index_base)
-        self.machine = Machine(self.motor, self.store, options)
+        self.store = DanfossFcStore(model, options.index_base)
+        self.machine = DanfossFcMachine(self.motor, self.store, options)
         self._model = model
         self._options = options
         self._logged = 0
@@ -80,13 +80,13 @@ class VirtualDanfossFcDrive(DriveRepr):
         """Return the unsigned number or the text that a read would return."""
         self.follow(now)
         wanted = target(parameter, self._model, self._options)
-        with looked_into(parameter):
+        with refusals_as_address_errors(parameter):
             return self.store.peek(wanted.pnu, wanted.index)
 
     def poke(self, parameter: str, raw: int | str) -> None:
         """Set the value of a parameter, which also replaces its measurement."""
         wanted = target(parameter, self._model, self._options)
-        with looked_into(parameter):
+        with refusals_as_address_errors(parameter):
             self.store.poke(wanted.pnu, wanted.index, raw)
 
     def trip(self, code: int, now: float) -> None:

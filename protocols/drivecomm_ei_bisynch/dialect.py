@@ -11,14 +11,14 @@ from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError, UnexpectedReplyError, UsageError, ValueRefusedError
-from drivecomm.profiles import Access, Dialect, Place, RegisterRefusal
+from drivecomm.profiles import Access, Dialect, RegisterPlace, RegisterRefusal
 from drivecomm.protocol import Ask, difference
-from drivecomm_ei_bisynch.telegrams import Answer, Enquiry, Selection, Value, is_value
+from drivecomm_ei_bisynch.telegrams import EiAnswer, EiEnquiry, EiSelection, EiValue, is_value
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
 
-    from drivecomm.profiles import Target
+    from drivecomm.profiles import RegisterParameter
     from drivecomm.protocol import Damaged, Message, Model
 
 LEAST = Decimal("0.0001")
@@ -34,7 +34,7 @@ def number_of(mnemonic: str) -> int:
     return ord(mnemonic[0]) * 128 + ord(mnemonic[1])
 
 
-ERRORS = Place("w", number_of("EE"))
+ERRORS = RegisterPlace("w", number_of("EE"))
 """Place of the error register (590 manual p. 14-10, P65 p. 25)."""
 
 
@@ -43,7 +43,7 @@ class EiDialect(Dialect):
 
     title = "EI Bisynch"
     types = ("s32", "u16")
-    probe = Place("w", number_of("II"))
+    probe = RegisterPlace("w", number_of("II"))
     identity = {"instrument": "II"}  # noqa: RUF012 - never changed
     refusals = {  # noqa: RUF012 - never changed
         0x15: "it was not taken, and EE was not read", 0x04: "no such parameter, or an error, and EE was not read",
@@ -66,39 +66,39 @@ class EiDialect(Dialect):
         self._factors = {each: it.factor for each, it in known.items()}
         self._is_bool = {each for each, it in known.items() if it.maximum == 1}
 
-    def place_of(self, address: str) -> Place:
+    def place_of(self, address: str) -> RegisterPlace:
         """Return the place of a parameter. Raises ParameterAddressError."""
         if not isinstance(address, str) or len(address) != 2 or not all("!" <= each <= "~" for each in address):
             raise ParameterAddressError(f"{address!r} is not a mnemonic of two characters, such as II or 0F")
         number = number_of(address)
-        return Place(_KINDS[self._types.get(number) or "s32"], number)
+        return RegisterPlace(_KINDS[self._types.get(number) or "s32"], number)
 
-    def address_at(self, place: Place) -> str:
+    def address_at(self, place: RegisterPlace) -> str:
         """Return the mnemonic of a place."""
         return "".join(map(chr, divmod(place.start, 128)))
 
-    def is_wide(self, place: Place, type: str) -> bool:  # noqa: ARG002 - the type decides alone
+    def is_wide(self, place: RegisterPlace, type: str) -> bool:  # noqa: ARG002 - the type decides alone
         """Return whether one place holds 32 bits, which is so for a decimal number in steps of its factor."""
         return type == "s32"
 
-    def target(self, parameter: str, type: str = "") -> Target:
+    def target(self, parameter: str, type: str = "") -> RegisterParameter:
         """Return the parameter to read or write; one that no model lists is decimal unless `type` says otherwise."""
         info = self.model.find(parameter) if self.model else None
         place = self.place_of(info.address if info else parameter)
         kind = type or self._types.get(place.start) or "s32"
         if kind not in _KINDS:
             raise UsageError(f"{kind!r} is not a type of an EI Bisynch parameter; types are {', '.join(_KINDS)}")
-        found = replace(super().target(parameter, kind), place=Place(_KINDS[kind], place.start))
+        found = replace(super().target(parameter, kind), place=RegisterPlace(_KINDS[kind], place.start))
         return found if found.info or kind != "s32" else replace(found, format=replace(found.format, scale=LEAST))
 
-    def reading(self, place: Place, _count: int, /) -> Ask:
+    def reading(self, place: RegisterPlace, _count: int, /) -> Ask:
         """Return the read request for a parameter.
 
         A reply with a value names the parameter and no drive; EOT names neither.
         """
-        return self._ask(Enquiry, place)
+        return self._ask(EiEnquiry, place)
 
-    def writing(self, place: Place, words: Sequence[int], /) -> Ask:
+    def writing(self, place: RegisterPlace, words: Sequence[int], /) -> Ask:
         """Return the write request for a parameter. Raises ValueRefusedError for too many digits.
 
         A value has at most five digits before the point, and four after it.
@@ -108,14 +108,14 @@ class EiDialect(Dialect):
             raise ValueRefusedError(
                 f"{data} for {self.address_at(place)} has more than five digits before the point, or four behind it"
             )
-        return self._ask(Selection, place, data=data)
+        return self._ask(EiSelection, place, data=data)
 
-    def _ask(self, message: Any, place: Place, **fields: Any) -> Ask:
+    def _ask(self, message: Any, place: RegisterPlace, **fields: Any) -> Ask:
         group, unit = divmod(self.address, 16)
         request = message(group=group, unit=unit, mnemonic=self.address_at(place), **fields)
         return Ask(message=request, nameless=True, anonymous=True)
 
-    def words(self, reply: Any, place: Place, /) -> tuple[int, ...]:
+    def words(self, reply: Any, place: RegisterPlace, /) -> tuple[int, ...]:
         """Return the value of a parameter. Raises UnexpectedReplyError for a value in another format."""
         word = self._word(reply.data, place)
         if word is None:
@@ -124,14 +124,14 @@ class EiDialect(Dialect):
             raise UnexpectedReplyError(f"{self.address_at(place)} is {reply.data}, in another format; {hint}")
         return (word,)
 
-    def _word(self, data: str, place: Place) -> int | None:
+    def _word(self, data: str, place: RegisterPlace) -> int | None:
         """Return the unsigned number for a value in a telegram; None for a value of another format."""
         if data[0] == ">":
             return int(data[1:], 16) if place.kind else None
         steps = Decimal(data) / self._factors.get(place.start, LEAST)
         return int(steps) & 0xFFFFFFFF if not place.kind and steps == int(steps) else None
 
-    def _data(self, word: int, place: Place) -> str:
+    def _data(self, word: int, place: RegisterPlace) -> str:
         if place.kind:
             return f">{word:0{2 if place.start in self._is_bool else 4}X}"
         text = f"{(word - (word >> 31 << 32)) * self._factors.get(place.start, LEAST):f}"
@@ -151,7 +151,7 @@ class EiDialect(Dialect):
             return "kind"
         return difference(request, reply, "mnemonic") if reply.kind == "value" else ""
 
-    def meant(self, request: Any) -> Access:
+    def access_of(self, request: Any) -> Access:
         """Return the effect of a request. Raises RegisterRefusal for a value in another format than the parameter's."""
         place = self.place_of(request.mnemonic)
         if request.kind == "enquiry":
@@ -165,18 +165,18 @@ class EiDialect(Dialect):
 
     def told(self, request: Any, words: Sequence[int]) -> Message:
         """Return the reply with a value."""
-        return Value(mnemonic=request.mnemonic, data=self._data(words[0], self.place_of(request.mnemonic)))
+        return EiValue(mnemonic=request.mnemonic, data=self._data(words[0], self.place_of(request.mnemonic)))
 
     def taken(self, request: Any) -> Message:  # noqa: ARG002 - ACK names nothing
         """Return ACK."""
-        return Answer(kind="ack")
+        return EiAnswer(kind="ack")
 
     def refused(self, request: Any, code: int) -> Message:  # noqa: ARG002 - EE holds the code
         """Return EOT to an enquiry, and NAK to a selection."""
-        return Answer(kind="end" if request.kind == "enquiry" else "nak")
+        return EiAnswer(kind="end" if request.kind == "enquiry" else "nak")
 
     def damaged(self, find: Damaged) -> Message | None:
         """Return NAK for a write to this drive that arrived damaged; an enquiry has no check character."""
         head = "\x04{0}{0}{1:X}{1:X}\x02".format(*divmod(self.address, 16)).encode()
         is_mine = find.data[:6] == head and find.error.category in self.codes
-        return Answer(kind="nak") if is_mine else None
+        return EiAnswer(kind="nak") if is_mine else None

@@ -29,7 +29,7 @@ _VALUE = re.compile(r">[0-9A-F]{1,4}|-?[0-9]{1,5}\.[0-9]{0,4}", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Enquiry:
+class EiEnquiry:
     """Read request for a parameter, to a unit 0 to 15 of a group 0 to 9."""
 
     kind: ClassVar[str] = "enquiry"
@@ -44,7 +44,7 @@ class Enquiry:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Selection(Enquiry):
+class EiSelection(EiEnquiry):
     """Write request for a parameter.
 
     data: the characters of the value.
@@ -55,7 +55,7 @@ class Selection(Enquiry):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Value:
+class EiValue:
     """Reply to an enquiry, which names the parameter and no drive."""
 
     kind: ClassVar[str] = "value"
@@ -64,7 +64,7 @@ class Value:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
+class EiAnswer:
     """Reply of one character: `ack`, `nak`, or `end`, which is EOT. It names neither parameter nor drive."""
 
     kind: str
@@ -112,18 +112,18 @@ def codec_for(lift: bool | None) -> schema.Telegrams:
         )
         return (
             *(constant(_STX, "STX"), mnemonic, "data" / data, constant(_ETX, "ETX")),
-            schema.Check(1, start, rule, also=also, meaning="BCC: exclusive-or of all behind STX"),
+            schema.CheckCharacters(1, start, rule, also=also, meaning="BCC: exclusive-or of all behind STX"),
         )
 
     kinds = {_ACK: "ack", _NAK: "nak", _EOT: "end"}
     return schema.Telegrams(
         {
-            "Enquiry": Form(Enquiry, *head, mnemonic, constant(_ENQ, "ENQ")),
-            "Selection": Form(Selection, *head, *ended(6)),
+            "Enquiry": Form(EiEnquiry, *head, mnemonic, constant(_ENQ, "ENQ")),
+            "Selection": Form(EiSelection, *head, *ended(6)),
         },
         {
-            "Value": Form(Value, *ended(1)),
-            "Answer": Form(Answer, "kind" / schema.deciding(schema.choice(kinds, "ACK, NAK or EOT"))),
+            "Value": Form(EiValue, *ended(1)),
+            "Answer": Form(EiAnswer, "kind" / schema.deciding(schema.choice(kinds, "ACK, NAK or EOT"))),
         },
         alike=("ei-bisynch", lift),
     )

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.errors import TelegramError
 from drivecomm.protocol.schema import Form, characters, filler, hex_number
 from drivecomm_fuji import telegrams
-from drivecomm_fuji.telegrams import COMMAND_REFUSED, LENGTHS, SOH, Standard
+from drivecomm_fuji.telegrams import COMMAND_REFUSED, LENGTHS, SOH, StandardFrame
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Direction, Message
-    from drivecomm_fuji.generations import Profile
+    from drivecomm_fuji.generations import Generation
 
 _SHORTEST = min(LENGTHS.values())
 _COMMANDS = frozenset([b"", *(bytes([command]) for _, command in LENGTHS)])
@@ -32,7 +32,7 @@ class FujiCodec:
     `decode` accepts it only if `measure` has just seen it.
     """
 
-    def __init__(self, profile: Profile | None = None, *, number_check: bool = True) -> None:
+    def __init__(self, profile: Generation | None = None, *, number_check: bool = True) -> None:
         self._profile = profile
         self._number_check = number_check
         made = telegrams.telegrams(profile.nak_filler if profile else "  ")
@@ -82,7 +82,7 @@ class FujiCodec:
 
     def _check_request(self, message: telegrams.Frame) -> None:
         profile, command, to_all = self._profile, message.command, message.address == telegrams.BROADCAST
-        function = message.function if isinstance(message, Standard) else None
+        function = message.function if isinstance(message, StandardFrame) else None
         if command == "m" and message.data != 0:
             raise TelegramError("field", "the data of m are zero", field="data")
         if to_all and command in "ARghijk":
@@ -97,24 +97,24 @@ class FujiCodec:
                 raise TelegramError("field", reason, field="function")
 
 
-class Ear(FujiCodec):
+class FujiReceivingCodec(FujiCodec):
     """Codec of the telegrams as an inverter receives them, including requests with an unlisted command, to refuse them.
 
     Its NAKs repeat bytes 5 to 7 of the request, even if they are invalid.
     """
 
-    def __init__(self, profile: Profile) -> None:
+    def __init__(self, profile: Generation) -> None:
         super().__init__(profile, number_check=False)
         self.alike = ("fuji", profile.nak_filler)
         echo = "function" / characters(3, lowest=0, highest=0xFF, meaning="as in the request")
         code, space = "error_code" / hex_number(2), filler(profile.nak_filler.encode())
         self._echo = Form(
-            Standard, *telegrams.head(["nak"], "RWAE"), echo, telegrams.SPACE, space, code, *telegrams.TAIL
+            StandardFrame, *telegrams.head(["nak"], "RWAE"), echo, telegrams.SPACE, space, code, *telegrams.TAIL
         )
 
     def encode(self, message: Any) -> bytes:
         """Return the bytes of one telegram."""
-        refuses = isinstance(message, Standard) and message.kind == "nak"
+        refuses = isinstance(message, StandardFrame) and message.kind == "nak"
         return self._echo.build(message) if refuses else super().encode(message)
 
     def _unlisted(self, head: bytes, direction: Direction) -> int:

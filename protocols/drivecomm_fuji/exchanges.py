@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
 from drivecomm.errors import NotSupported, StateError, UsageError, ValueRefusedError
-from drivecomm.protocol import Capabilities, Stop, check_store, exact, kept, needs_answer, unless_refused, unscaled
+from drivecomm.protocol import Capabilities, Stop, cached, check_store, exact, needs_answer, unless_refused, unscaled
 from drivecomm_fuji import words
-from drivecomm_fuji.asking import Asking, FujiMemory
-from drivecomm_fuji.parameters import Target, command_word, reading_of, target, word_for
-from drivecomm_fuji.telegrams import BROADCAST, Standard
+from drivecomm_fuji.inverter_requests import FujiMemory, FujiRequests
+from drivecomm_fuji.parameters import FujiFunction, command_word, reading_of, target, word_for
+from drivecomm_fuji.telegrams import BROADCAST, StandardFrame
 from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, RUN
 
 if TYPE_CHECKING:
@@ -44,8 +44,8 @@ class FujiOperations:
         self._profile = options.generation
         self._model = model
         self._memory = memory or FujiMemory()
-        self._asking = Asking(address, options, self._memory)
-        self._known = kept(lambda parameter, name=None: target(parameter, model, options, name))
+        self._asking = FujiRequests(address, options, self._memory)
+        self._known = cached(lambda parameter, name=None: target(parameter, model, options, name))
 
     @property
     def capabilities(self) -> Capabilities:
@@ -104,7 +104,7 @@ class FujiOperations:
         """Read the operation status M14, and the latest alarm M16 if the status shows an alarm."""
         seen, known = (yield from self._asking.look()), words.control_profile()
         reverse = known.says("reverse", seen) if known.says("running", seen) else None
-        flags = words.flags_of(seen[profiles.ONLY], self._profile)
+        flags = words.flags_of(seen[profiles.SOLE_PLACE], self._profile)
         return (yield from self._by(known).status(self._model, seen, reverse=reverse, flags=flags))
 
     def digital_outputs(self, **states: bool) -> Exchange[Reading | None]:
@@ -233,7 +233,7 @@ class FujiOperations:
         start, backwards = (
             tuple(replace(step, mask=RUN | coast) for step in steps) for steps in (known.start, known.start_reverse)
         )
-        stops = {**known.stops, Stop.COAST: (profiles.Step(word=coast, mask=RUN | coast, repeats=True),)}
+        stops = {**known.stops, Stop.COAST: (profiles.ControlStep(word=coast, mask=RUN | coast, repeats=True),)}
         return replace(known, start=start, start_reverse=backwards, stops=stops)
 
     def _by(self, known: ControlProfile) -> Commander:
@@ -251,21 +251,21 @@ class FujiOperations:
         except StateError as error:
             raise StateError(f"the alarm is still there: {error}") from None
 
-    def _read(self, wanted: Target) -> Exchange[Reading]:
+    def _read(self, wanted: FujiFunction) -> Exchange[Reading]:
         asking, function = self._asking, wanted.function
         ask = asking.read_ask(function)
         # Most reads of an inverter come through here, and a nested generator would cost time.
         reply: Any = yield ask
         if reply.kind != "ack":
             reply = yield from asking.again(ask, reply, function)
-        data, negative, note = reply.data, isinstance(reply, Standard) and reply.negative, ""
+        data, negative, note = reply.data, isinstance(reply, StandardFrame) and reply.negative, ""
         if reply.command == "j":
             note = "from the optional frame j, which has no room for a sign"
             negative = self._options.signed_j and data >= 0x8000
             data = 0x10000 - data if negative else data
         return reading_of(wanted, data, self._options, self._model, negative=negative, note=note)
 
-    def _write(self, wanted: Target, data: int) -> Exchange[Reading | None]:
+    def _write(self, wanted: FujiFunction, data: int) -> Exchange[Reading | None]:
         function = wanted.function
         if function == COMMAND:
             yield from self._asking.command(data)

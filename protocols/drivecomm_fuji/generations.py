@@ -28,7 +28,7 @@ DEFAULT_PROFILE: ProfileName = "frenic"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Profile:
+class Generation:
     """Functions and frames that inverters of one generation understand.
 
     - commands: of the standard frame.
@@ -105,8 +105,8 @@ def _sets(said: Mapping[str, Any]) -> dict[str, Any]:
     return {key: frozenset(each) if isinstance(each, list) else each for key, each in said.items()}
 
 
-PROFILES: Mapping[str, Profile] = {
-    name: Profile(name=name, **_sets(each)) for name, each in TABLES["generations"].items()
+PROFILES: Mapping[str, Generation] = {
+    name: Generation(name=name, **_sets(each)) for name, each in TABLES["generations"].items()
 }
 
 FUNCTIONS = frozenset(

@@ -16,8 +16,8 @@ from __future__ import annotations
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.profiles import have_do
-from drivecomm.protocol import Command
+from drivecomm.profiles import drive_motor
+from drivecomm.protocol import MotorCommand
 from drivecomm_fuji import words
 from drivecomm_fuji.generations import TABLES
 from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, FULL_SCALE
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import Motor
     from drivecomm_fuji.options import FujiOptions
-    from drivecomm_fuji.store import Store
+    from drivecomm_fuji.store import FujiStore
 
 _RAMP_S = 6.0
 """Ramp time in seconds if the model does not give the format of F07 and F08."""
@@ -44,7 +44,7 @@ _COMMUNICATION_ALARM = 38
 _TRIP, _RUN_THEN_TRIP, _TRIP_IF_IT_LASTS = 0, 1, 2
 
 
-class Machine:
+class FujiMachine:
     """Motor, M codes and alarm memory, driven by the operation command and references that H30 gives to the link.
 
     local_hz: the frequency set at the keypad, used if H30 does not give the reference to the link. busy_until: the time
@@ -52,7 +52,7 @@ class Machine:
     keeps.
     """
 
-    def __init__(self, motor: Motor, store: Store, options: FujiOptions) -> None:
+    def __init__(self, motor: Motor, store: FujiStore, options: FujiOptions) -> None:
         self.local_hz = self.busy_until = 0.0
         self.latest: dict[str, float] = {}
         self.silence = SilenceWatch(store, options.generation.silence)
@@ -69,7 +69,7 @@ class Machine:
     def power_up(self, now: float) -> None:
         """Begin as after a power-up: commands (S codes) and an alarm are lost."""
         self._store.initialise("S")
-        self._motor.stop(Command.OFF, now)
+        self._motor.stop(MotorCommand.OFF, now)
         self._motor.reset(now)
         self._alarm, self._command, self.busy_until = False, 0, 0.0
         self.silence.forget()
@@ -112,7 +112,7 @@ class Machine:
         word = self._run_command()
         does = "off" if word & self._coast else self._asks(word & words.RUN)
         direction = -1 if word & words.REVERSE else 1
-        have_do(self._motor, does, lambda: direction * self._reference_hz(), now)
+        drive_motor(self._motor, does, lambda: direction * self._reference_hz(), now)
         self.latest = {function: self._store.measured[function]() for function in _AT_ALARM}
 
     def _is_linked(self) -> bool:
@@ -203,7 +203,7 @@ class SilenceWatch:
     functions: `Profile.silence`.
     """
 
-    def __init__(self, store: Store, functions: Mapping[str, Any]) -> None:
+    def __init__(self, store: FujiStore, functions: Mapping[str, Any]) -> None:
         self._store = store
         self._functions = functions
         self._heard_at: float | None = None

@@ -7,7 +7,7 @@ from decimal import Decimal
 
 from drivecomm.errors import UsageError
 from drivecomm.protocol import exact
-from drivecomm_fuji.generations import DEFAULT_PROFILE, PROFILES, Profile, ProfileName, SlowWrite
+from drivecomm_fuji.generations import DEFAULT_PROFILE, PROFILES, Generation, ProfileName, SlowWrite
 
 QUICK_TIMEOUT_S = 0.1
 """Reply timeout for R, E, a-k, m, A, and W of S codes; a common value of the family that no known page states."""
@@ -69,7 +69,7 @@ class FujiOptions:
                 raise UsageError(f"{field.name} of {value} is negative")
 
     @property
-    def generation(self) -> Profile:
+    def generation(self) -> Generation:
         """Profile of a drive with these options."""
         return PROFILES[self.profile or DEFAULT_PROFILE]
 

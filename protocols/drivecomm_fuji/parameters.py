@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from drivecomm.errors import ParameterAddressError, UnexpectedReplyError, ValueRefusedError
 from drivecomm.protocol import AddressSpace, Value, exact, new_reading
 from drivecomm_fuji.generations import FUNCTION_ERROR, FUNCTIONS
-from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, FULL_SCALE, RUN, Format, format_of, word_text
+from drivecomm_fuji.words import COMMAND, FREQUENCY, FREQUENCY_PU, FULL_SCALE, RUN, DataFormat, format_of, word_text
 
 if TYPE_CHECKING:
     from decimal import Decimal
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Target:
+class FujiFunction:
     """A function code, with the known facts about its value."""
 
     function: str
-    format: Format
+    format: DataFormat
     info: ParameterInfo | None
 
 
-def target(parameter: str, model: Model | None, options: FujiOptions, format: str | int | None = None) -> Target:
+def target(parameter: str, model: Model | None, options: FujiOptions, format: str | int | None = None) -> FujiFunction:
     """Return the function for a parameter address or a name of the model.
 
     An address is a type letter, whose case matters, and two digits. format: the data format in the manual's numbering,
@@ -42,11 +42,17 @@ def target(parameter: str, model: Model | None, options: FujiOptions, format: st
     if reason:
         raise ParameterAddressError(f"{function}: {reason}", says="number_check=False")
     name = format if format is not None else (known.type if known else "")
-    return Target(function=function, format=format_of(function, name, options), info=known)
+    return FujiFunction(function=function, format=format_of(function, name, options), info=known)
 
 
 def reading_of(
-    wanted: Target, data: int, options: FujiOptions, model: Model | None, *, negative: bool = False, note: str = ""
+    wanted: FujiFunction,
+    data: int,
+    options: FujiOptions,
+    model: Model | None,
+    *,
+    negative: bool = False,
+    note: str = "",
 ) -> Reading:
     """Return the reading from the data of a reply. Raises UnexpectedReplyError if its format has no such value.
 
@@ -79,7 +85,7 @@ def reading_of(
     )
 
 
-def word_for(wanted: Target, value: Value | float, options: FujiOptions) -> int:
+def word_for(wanted: FujiFunction, value: Value | float, options: FujiOptions) -> int:
     """Return the data word that carries a value: physical if the format is known, otherwise the plain number.
 
     Raises ValueRefusedError for a value that does not fit.

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
-from drivecomm_fuji.asking import FujiMemory
 from drivecomm_fuji.codec import FujiCodec
 from drivecomm_fuji.exchanges import FujiOperations
 from drivecomm_fuji.generations import PROFILES, error_text
+from drivecomm_fuji.inverter_requests import FujiMemory
 from drivecomm_fuji.options import QUICK_TIMEOUT_S, FujiOptions
 from drivecomm_fuji.parameters import address_space
 from drivecomm_fuji.telegrams import BROADCAST, STATIONS, intent, message_from, mismatch, titled_forms

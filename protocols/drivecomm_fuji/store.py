@@ -26,7 +26,7 @@ _CODES = {
 }
 
 
-class Store(ParameterStore[str, str, int]):
+class FujiStore(ParameterStore[str, str, int]):
     """Functions of one inverter, as unsigned words; a measured value with a sign character is kept negative.
 
     measured: physical values, by function.

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 from drivecomm.errors import TelegramError
 from drivecomm.protocol import Intent, difference
 from drivecomm.protocol.schema import (
-    Check,
+    CheckCharacters,
     Form,
     Leaf,
     Telegrams,
@@ -60,7 +60,7 @@ FrameKind: TypeAlias = Literal["request", "ack", "nak"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Standard:
+class StandardFrame:
     """A frame of 16 bytes.
 
     data: the four hexadecimal digits, unsigned. negative: byte 8 is "-", and data is a magnitude. E has no function. R
@@ -78,7 +78,7 @@ class Standard:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Select:
+class SelectFrame:
     """A short frame that writes: a request of 12 bytes, and a reply of 8 bytes without data."""
 
     frame: Literal["select"] = "select"
@@ -89,7 +89,7 @@ class Select:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Poll:
+class PollFrame:
     """A short frame that reads: a request of 8 bytes, and a reply of 12 bytes."""
 
     frame: Literal["poll"] = "poll"
@@ -99,13 +99,13 @@ class Poll:
     data: int | None = None
 
 
-Frame: TypeAlias = Standard | Select | Poll
+Frame: TypeAlias = StandardFrame | SelectFrame | PollFrame
 
-_FRAMES: dict[type[Any], str] = {Standard: "standard", Select: "select", Poll: "poll"}
+_FRAMES: dict[type[Any], str] = {StandardFrame: "standard", SelectFrame: "select", PollFrame: "poll"}
 _MESSAGES: dict[str, type[Any]] = {
-    **dict.fromkeys("RWAE", Standard),
-    **dict.fromkeys("abcdefm", Select),
-    **dict.fromkeys("ghijk", Poll),
+    **dict.fromkeys("RWAE", StandardFrame),
+    **dict.fromkeys("abcdefm", SelectFrame),
+    **dict.fromkeys("ghijk", PollFrame),
 }
 
 
@@ -137,7 +137,7 @@ _SIGN = "negative" / choice({b" ": False, b"-": True}, meaning='space, or "-" be
 _DATA = "data" / hex_number(4, "data, four hexadecimal digits")
 _UNSURE_DATA = "data" / unsure(hex_number(4), "means nothing, shown when it is a number")
 _CODE = "error_code" / unsure(hex_number(2), "error code, hexadecimal")
-TAIL = (constant(ETX, "ETX"), Check(2, 1, hex_sum, meaning="sum from the station to ETX, hexadecimal"))
+TAIL = (constant(ETX, "ETX"), CheckCharacters(2, 1, hex_sum, meaning="sum from the station to ETX, hexadecimal"))
 
 
 def _echoed(function: str | None, error_code: int | None) -> str | None:
@@ -147,7 +147,7 @@ def _echoed(function: str | None, error_code: int | None) -> str | None:
     return function
 
 
-def _to_echo(message: Standard) -> None:
+def _to_echo(message: StandardFrame) -> None:
     if message.function is None and message.error_code not in _UNECHOED:
         raise TelegramError(
             "field", f"a NAK with code {message.error_code} repeats the refused function", field="function"
@@ -192,9 +192,9 @@ def telegrams(space: str = "  ") -> Telegrams:
     refused = "function" / unsure(_FUNCTION_LEAF)
     refusals = {
         "Standard NAK": Form(
-            Standard, *head(["nak"], "RWA"), refused, *end, reads={"function": _echoed}, check=_to_echo
+            StandardFrame, *head(["nak"], "RWA"), refused, *end, reads={"function": _echoed}, check=_to_echo
         ),
-        "Standard NAK, E": Form(Standard, *head(["nak"], "E"), _NO_FUNCTION, *end),
+        "Standard NAK, E": Form(StandardFrame, *head(["nak"], "E"), _NO_FUNCTION, *end),
     }
     return Telegrams(
         requests={title: form for title, form in _FORMS.items() if "request" in title},
@@ -203,7 +203,7 @@ def telegrams(space: str = "  ") -> Telegrams:
 
 
 COMMAND_REFUSED = Form(
-    Standard,
+    StandardFrame,
     *head(["nak"], "R")[:3],
     "command" / Leaf(1, lambda found: found.decode("latin-1"), _never_written, meaning="the refused command"),
     filler(b"   ", "not looked at"),
@@ -237,14 +237,14 @@ def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
     return made
 
 
-_ALARM_RESET = {Standard: "E", Select: "m"}
+_ALARM_RESET = {StandardFrame: "E", SelectFrame: "m"}
 
 
 def intent(request: Message) -> Intent:
     """Return the purpose of a request, by its frame and command; only the alarm reset has no function."""
-    if isinstance(request, Poll) or (isinstance(request, Standard) and request.command == "R"):
+    if isinstance(request, PollFrame) or (isinstance(request, StandardFrame) and request.command == "R"):
         return Intent(access="read")
-    if isinstance(request, Standard | Select) and request.command != _ALARM_RESET[type(request)]:
+    if isinstance(request, StandardFrame | SelectFrame) and request.command != _ALARM_RESET[type(request)]:
         return Intent(access="write")
     return Intent(commands=True)
 
@@ -260,8 +260,8 @@ def mismatch(request: Message, reply: Message) -> str:
         return "kind"
     if reply.address != request.address:
         return "address"
-    if isinstance(reply, Standard) and reply.kind == "nak":
+    if isinstance(reply, StandardFrame) and reply.kind == "nak":
         listed = reply.command in _MESSAGES
         if reply.error_code in WITHOUT_ECHO or (not listed and reply.error_code is None):
             return ""
-    return difference(request, reply, "frame", "command", *(["function"] if isinstance(request, Standard) else []))
+    return difference(request, reply, "frame", "command", *(["function"] if isinstance(request, StandardFrame) else []))

@@ -10,15 +10,24 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from drivecomm.protocol import Damaged, DriveRepr, Framed, LineSettings, Motor, Refusal, VirtualReply, looked_into
+from drivecomm.protocol import (
+    Damaged,
+    DriveRepr,
+    Framed,
+    LineSettings,
+    Motor,
+    Refusal,
+    VirtualReply,
+    refusals_as_address_errors,
+)
 from drivecomm.protocol.schema import hex_sum
 from drivecomm_fuji import generations as codes, words
-from drivecomm_fuji.codec import Ear
+from drivecomm_fuji.codec import FujiReceivingCodec
 from drivecomm_fuji.generations import slow_write
-from drivecomm_fuji.machine import Machine
+from drivecomm_fuji.machine import FujiMachine
 from drivecomm_fuji.parameters import target
-from drivecomm_fuji.store import Store
-from drivecomm_fuji.telegrams import BROADCAST, ENQ, Frame, Poll, Select, Standard
+from drivecomm_fuji.store import FujiStore
+from drivecomm_fuji.telegrams import BROADCAST, ENQ, Frame, PollFrame, SelectFrame, StandardFrame
 from drivecomm_fuji.words import COMMAND
 
 if TYPE_CHECKING:
@@ -46,9 +55,9 @@ class VirtualFujiDrive(DriveRepr):
         self.gap_s = 0.050
         self.motor = Motor()
         self._profile = options.generation
-        self.codec = Ear(self._profile)
-        self.store = Store(model, options)
-        self.machine = Machine(self.motor, self.store, options)
+        self.codec = FujiReceivingCodec(self._profile)
+        self.store = FujiStore(model, options)
+        self.machine = FujiMachine(self.motor, self.store, options)
         self._options = options
         self._model = model
 
@@ -76,14 +85,14 @@ class VirtualFujiDrive(DriveRepr):
     def peek(self, parameter: str, now: float) -> int:
         """Return the value of a function in the form of `Reading.raw`."""
         self.machine.live(now)
-        with looked_into(parameter):
+        with refusals_as_address_errors(parameter):
             return self.store.word(target(parameter, self._model, self._options).function)
 
     def poke(self, parameter: str, raw: int | str) -> None:
         """Set the value of a function; a measured value is soon overwritten."""
         function = target(parameter, self._model, self._options).function
         number = int(raw)
-        with looked_into(parameter):
+        with refusals_as_address_errors(parameter):
             self.store.poke(function, number if function in self._profile.sign_functions else number % 0x10000)
         # An alarm that comes before the next request keeps the value that was set here.
         self.machine.latest.pop(function, None)
@@ -109,17 +118,17 @@ class VirtualFujiDrive(DriveRepr):
 
     def _heeds(self, message: Frame) -> bool:
         """Return whether a request at station 99 is executed: W of some S codes, E, a-f and m."""
-        if isinstance(message, Standard):
+        if isinstance(message, StandardFrame):
             writes = message.command == "W" and self._profile.takes_from_all(message.function or "")
             return writes or message.command == "E"
-        return isinstance(message, Select)
+        return isinstance(message, SelectFrame)
 
     def _obey(self, message: Frame, now: float) -> tuple[Frame, float]:
         """Return the ACK, and the seconds that it needs beyond the usual time. Raises Refusal."""
         command, data = message.command, message.data or 0
         if command not in self._profile.all_commands:
             raise Refusal(codes.COMMAND_ERROR)
-        if isinstance(message, Poll):
+        if isinstance(message, PollFrame):
             word = self.store.fetch(self._profile.poll[command])
             return replace(message, kind="ack", data=word % 0x10000 if self._options.signed_j else abs(word)), 0.0
         if command in ("E", "m"):
@@ -127,7 +136,7 @@ class VirtualFujiDrive(DriveRepr):
                 raise Refusal(codes.DATA_ERROR)
             self.machine.reset(now)
             return replace(message, kind="ack", data=None), 0.0
-        if isinstance(message, Select):
+        if isinstance(message, SelectFrame):
             self._write(self._profile.select[command], data, now)
             return replace(message, kind="ack", data=None), 0.0
         function = message.function or ""
@@ -179,11 +188,11 @@ class VirtualFujiDrive(DriveRepr):
         code = _CODES.get(damage.error.field, codes.FORMAT_ERROR) if is_request else codes.FORMAT_ERROR
         self.store.set(words.ERROR, code)
         if is_request and len(data) < 16 and code != codes.COMMAND_ERROR:
-            kind: type[Select | Poll] = Select if len(data) == 12 else Poll
+            kind: type[SelectFrame | PollFrame] = SelectFrame if len(data) == 12 else PollFrame
             return self._reply(kind(kind="nak", address=self.address, command=command), 0.0)
         # In place of an unlisted command it repeats R, from which a host knows the length.
         command, echo = command if command in "RWAE" else "R", data[5:8].decode("latin-1")
-        nak = Standard(kind="nak", address=self.address, command=command, function=echo, error_code=code)
+        nak = StandardFrame(kind="nak", address=self.address, command=command, function=echo, error_code=code)
         return self._reply(nak, 0.0)
 
     def refusing(self, find: Framed, code: int, now: float) -> VirtualReply | None:
@@ -201,6 +210,6 @@ class VirtualFujiDrive(DriveRepr):
 
 
 def _nak(message: Frame, code: int) -> Frame:
-    if isinstance(message, Standard):
+    if isinstance(message, StandardFrame):
         return replace(message, kind="nak", function=message.function or "   ", data=None, error_code=code)
     return replace(message, kind="nak", data=None)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from drivecomm.profiles import ControlProfile
-    from drivecomm_fuji.generations import Profile
+    from drivecomm_fuji.generations import Generation
     from drivecomm_fuji.options import FujiOptions
 
 FREQUENCY_PU, FREQUENCY, COMMAND = "S01", "S05", "S06"
@@ -46,7 +46,7 @@ def control_profile() -> ControlProfile:
     return profiles.control_profile("fuji")
 
 
-def flags_of(word: int, profile: Profile) -> tuple[str, ...]:
+def flags_of(word: int, profile: Generation) -> tuple[str, ...]:
     """Return the names of the set bits of M14; only G11S distinguishes the write right in bits 13 and 14."""
     names = [*control_profile().flags_of(word)]
     right = word >> 13 & 3
@@ -57,14 +57,14 @@ def flags_of(word: int, profile: Profile) -> tuple[str, ...]:
     return tuple(names)
 
 
-def command_flags(word: int, profile: Profile) -> tuple[str, ...]:
+def command_flags(word: int, profile: Generation) -> tuple[str, ...]:
     """Return the names of the set bits of the operation command; a bit without a name has its number."""
     places = {"FWD": 0, "REV": 1, **profile.terminals, **profile.shown_bits, "RST": 15}
     names = {place: name for name, place in places.items()}
     return tuple(names.get(place, f"bit {place}") for place in range(16) if word >> place & 1)
 
 
-def word_text(format_name: str, word: int, profile: Profile, faults: Mapping[int, str]) -> str:
+def word_text(format_name: str, word: int, profile: Generation, faults: Mapping[int, str]) -> str:
     """Return the meaning of a word of this format; empty if the number is all of it."""
     if format_name == "[10]":
         return faults.get(word, "") if word else "no alarm"
@@ -94,7 +94,7 @@ _WORD = 0x10000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Format:
+class DataFormat:
     """One data format.
 
     known: whether its table is known; a value of an unknown format is the plain number. factor: physical value of one
@@ -134,11 +134,11 @@ class Format:
         return unscaled(value, self.factor, parameter, unit) % _WORD
 
 
-PLAIN = Format(name="", meaning="not known")
+PLAIN = DataFormat(name="", meaning="not known")
 """The plain number, for functions of unknown format."""
 
 
-def format_named(name: str | int, *, e11s: bool) -> Format:
+def format_named(name: str | int, *, e11s: bool) -> DataFormat:
     """Return a format by its name; a number without brackets refers to the table of the drive's generation.
 
     Raises UsageError for a format that no table lists.
@@ -152,14 +152,14 @@ def format_named(name: str | int, *, e11s: bool) -> Format:
     return FORMATS[shown]
 
 
-def current_format(rating_hp: int | None) -> Format:
+def current_format(rating_hp: int | None) -> DataFormat:
     """Return format [19] for an inverter of this rating; without a rating it is unknown."""
     if rating_hp is None:
         return replace(FORMATS["[19]"], known=False)
     return replace(FORMATS["[19]"], factor=Decimal("0.01") if rating_hp < 40 else Decimal("0.1"))
 
 
-def format_of(function: str, name: str | int, options: FujiOptions) -> Format:
+def format_of(function: str, name: str | int, options: FujiOptions) -> DataFormat:
     """Return the data format of this name, as this inverter uses it for a function."""
     chosen = format_named(name, e11s=options.generation.e11s_formats)
     if chosen.name == "[19]":
@@ -244,4 +244,4 @@ _SPECIAL: Mapping[str, tuple[Callable[[int], int | Decimal], Callable[[Decimal],
     "floating 0.001": _floating("0.001"),
 }
 
-FORMATS = {name: Format(name=name, **each) for name, each in TABLES["formats"].items()}
+FORMATS = {name: DataFormat(name=name, **each) for name, each in TABLES["formats"].items()}

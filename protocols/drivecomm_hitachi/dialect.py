@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import NotSupported, ParameterAddressError
-from drivecomm.profiles import Access, Dialect, Place, RegisterRefusal
+from drivecomm.profiles import Access, Dialect, RegisterPlace, RegisterRefusal
 from drivecomm.protocol import Ask, code_texts
 from drivecomm_hitachi import telegrams as sent
 from drivecomm_hitachi.telegrams import Reply, Request
@@ -22,18 +22,25 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import Damaged, Message
 
-FREQUENCY, STORABLE, STORE, NOWHERE = Place("F", 1), Place("e", 9), Place("e", 10), Place("u", 0)
+FREQUENCY, STORABLE, STORE, NOWHERE = (
+    RegisterPlace("F", 1),
+    RegisterPlace("e", 9),
+    RegisterPlace("e", 10),
+    RegisterPlace("u", 0),
+)
 _COMMANDS = {
-    "run": Place("r", 0), "frequency": FREQUENCY, "terminals": Place("t", 0), "further_terminals": Place("t", 1),
-    "store": STORE, "recalculate": Place("e", 11),
+    "run": RegisterPlace("r", 0), "frequency": FREQUENCY, "terminals": RegisterPlace("t", 0),
+    "further_terminals": RegisterPlace("t", 1),
+    "store": STORE, "recalculate": RegisterPlace("e", 11),
 }  # fmt: skip
 _KINDS = {place: kind for kind, place in _COMMANDS.items()}
 _BLOCKS = {"monitor": "m", "status": "s", "history": "h"}
 _ADDRESSES = {
-    **{sent.REQUESTS[kind]: place for kind, place in _COMMANDS.items()}, "09": STORABLE, "05-0": Place("h", 0),
-    "04": Place("s", 0), "04-A": Place("s", 0, "high"), "04-B": Place("s", 0, "low"), "04-C": Place("s", 1),
-    **{f"03-{number}": Place("m", number) for number in sent.MONITORED},
-    **{f"05-{trip}-{item}": Place("h", 9 * trip + item - 9) for trip in range(1, 7) for item in range(1, 10)},
+    **{sent.REQUESTS[kind]: place for kind, place in _COMMANDS.items()}, "09": STORABLE, "05-0": RegisterPlace("h", 0),
+    "04": RegisterPlace("s", 0), "04-A": RegisterPlace("s", 0, "high"), "04-B": RegisterPlace("s", 0, "low"),
+    "04-C": RegisterPlace("s", 1),
+    **{f"03-{number}": RegisterPlace("m", number) for number in sent.MONITORED},
+    **{f"05-{trip}-{item}": RegisterPlace("h", 9 * trip + item - 9) for trip in range(1, 7) for item in range(1, 10)},
 }  # fmt: skip
 _NAMES = {**{place: address for address, place in _ADDRESSES.items()}, FREQUENCY: "F001"}
 _PARAMETER = re.compile("([A-CFHPUb])([0-9]{3})", re.ASCII)
@@ -57,7 +64,7 @@ class HitachiDialect(Dialect):
     title = "Hitachi"
     broadcast_address = sent.BROADCAST
     requests = Request
-    probe = Place("s", 0)
+    probe = RegisterPlace("s", 0)
     common_model = "models/sj300.toml"
     refusals = code_texts(__file__, "errors.toml")
     codes = {"unknown": 16, "read only": 13, "running": 13, "limits": 13, "not set up": 13}  # noqa: RUF012 - constant
@@ -65,7 +72,7 @@ class HitachiDialect(Dialect):
     reply_delay_s = 0.01
     advice = "A002, the terminals of command 02, and the drive's own FRS, EXT and RS terminals"
 
-    def place_of(self, address: str) -> Place:
+    def place_of(self, address: str) -> RegisterPlace:
         """Return the place of an address in the manual. Raises ParameterAddressError."""
         if address in _ADDRESSES:
             return _ADDRESSES[address]
@@ -74,17 +81,17 @@ class HitachiDialect(Dialect):
                 f"{address!r} is not a parameter of a Hitachi drive; write A001, 03-1 to 03-13 for what it monitors, "
                 "04-A to 04-C for its states, or 05-1-1 to 05-6-9 for its trips"
             )
-        return Place(found[1], int(found[2]))
+        return RegisterPlace(found[1], int(found[2]))
 
-    def address_at(self, place: Place) -> str:
+    def address_at(self, place: RegisterPlace) -> str:
         """Return the address of a place as the manual prints it."""
         return _NAMES.get(place, f"{place.kind}{place.start:03d}")
 
-    def allowed(self, place: Place) -> range:
+    def allowed(self, place: RegisterPlace) -> range:
         """Return the numbers for which a telegram has room."""
         return range(1 << 64 if place.kind == "t" else 10**6 if place == FREQUENCY else 10**8)
 
-    def reading(self, place: Place, _count: int, /) -> Ask:
+    def reading(self, place: RegisterPlace, _count: int, /) -> Ask:
         """Return the request for a place; only a reply to 06 has a length that replies to other requests share."""
         for kind, block in {**_BLOCKS, "check": "e"}.items():
             if place.kind == block and place not in _KINDS:
@@ -93,7 +100,7 @@ class HitachiDialect(Dialect):
             raise NotSupported(f"{self.address_at(place)} is a command, which a drive does not return")
         return Ask(message=self._ask("read", parameter=self.address_at(place)), nameless=True)
 
-    def writing(self, place: Place, words: Sequence[int], /) -> Ask:
+    def writing(self, place: RegisterPlace, words: Sequence[int], /) -> Ask:
         """Return the request that writes a place, or the command."""
         kind = _KINDS.get(place, "write")
         if kind == "write" and place.kind.islower() and place.kind != "b":
@@ -102,11 +109,11 @@ class HitachiDialect(Dialect):
         value = None if kind in ("store", "recalculate") else words[0]
         return Ask(message=self._ask(kind, parameter=name, value=value), nameless=True)
 
-    def preparing(self, place: Place) -> Ask | None:
+    def preparing(self, place: RegisterPlace) -> Ask | None:
         """Return the request that checks whether values can be stored, for the store command; None for other places."""
         return self.reading(STORABLE, 1) if place == STORE else None
 
-    def words(self, reply: Any, place: Place, /) -> tuple[int, ...]:
+    def words(self, reply: Any, place: RegisterPlace, /) -> tuple[int, ...]:
         """Return the values of a reply from a place on; trip codes with letters are hexadecimal."""
         if place.kind == "s":
             a, b, c = (int(reply.data[at : at + 2]) for at in (0, 2, 4))
@@ -127,7 +134,7 @@ class HitachiDialect(Dialect):
         told = reply.kind, len(reply.data or "")
         return "" if reply.kind == "nak" or told == _LENGTHS.get(request.kind, ("ack", 0)) else "length"
 
-    def meant(self, request: Any) -> Access:
+    def access_of(self, request: Any) -> Access:
         """Return the access that a request makes.
 
         Command 08 is refused, so that no virtual drive loses its parameters.
@@ -137,10 +144,12 @@ class HitachiDialect(Dialect):
         if request.kind in _COMMANDS:
             return Access(place=_COMMANDS[request.kind], words=(1 if request.value is None else request.value,))
         if block := _BLOCKS.get(request.kind):
-            return Access(place=Place(block, self.whole[block].start), count=len(self.whole[block]))
+            return Access(place=RegisterPlace(block, self.whole[block].start), count=len(self.whole[block]))
         if request.kind == "check":
             return Access(place=STORABLE)
-        place = Place(request.parameter[0], int(request.parameter[1:])) if request.parameter != "F001" else NOWHERE
+        place = (
+            RegisterPlace(request.parameter[0], int(request.parameter[1:])) if request.parameter != "F001" else NOWHERE
+        )
         return Access(place=place, words=(request.value,) if request.kind == "write" else None)
 
     def told(self, request: Any, words: Sequence[int]) -> Message:

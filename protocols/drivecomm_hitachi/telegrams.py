@@ -71,7 +71,9 @@ def _form(message: type[Any], *leaves: Any, nodes: dict[bytes, int] = _NODES, **
         schema.constant(b"\x02", "STX"),
         "node" / schema.choice(nodes, "node, FF for all" if b"FF" in nodes else "node"),
         *leaves,
-        schema.Check(2, 1, lambda covered: b"%02X" % schema.xor_byte(covered)[0], meaning="BCC: all behind STX"),
+        schema.CheckCharacters(
+            2, 1, lambda covered: b"%02X" % schema.xor_byte(covered)[0], meaning="BCC: all behind STX"
+        ),
         schema.constant(b"\r", "CR"),
         reads=reads,
         **further,

@@ -12,7 +12,7 @@ from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError
-from drivecomm.profiles import Access, Dialect, Place, RegisterConversation, control_of
+from drivecomm.profiles import Access, Dialect, RegisterConversation, RegisterPlace, control_of
 from drivecomm.protocol import AddressSpace, Ask, Model, tables_beside
 from drivecomm_huanyang import telegrams as fn
 from drivecomm_huanyang.telegrams import Reply, Request
@@ -20,11 +20,11 @@ from drivecomm_huanyang.telegrams import Reply, Request
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from drivecomm.profiles import ControlTable, Step, Target, Words
+    from drivecomm.profiles import ControlStep, ControlTable, RegisterParameter, Words
     from drivecomm.protocol import Exchange
     from drivecomm_huanyang.options import HuanyangOptions
 
-CONTROL, TURNS = Place("", 256), Place("s", 256)
+CONTROL, TURNS = RegisterPlace("", 256), RegisterPlace("s", 256)
 RUN = 0x01
 """Run bit of CNTR and CNST (p. 62)."""
 
@@ -38,7 +38,7 @@ class HuanyangDialect(Dialect):
     title = "Huanyang"
     broadcast_address = fn.BROADCAST
     requests = Request
-    probe = Place("s", 1)
+    probe = RegisterPlace("s", 1)
     identity = {"software": "PD181", "serial": "PD183"}  # noqa: RUF012 - never changed
     refusals = {  # noqa: RUF012 - never changed
         fn.REFUSED: "it has no such parameter, or does not take this now",
@@ -57,7 +57,7 @@ class HuanyangDialect(Dialect):
         """The commands of the drive, from its model; without a model those that all Huanyang drives share."""
         return control_of(type(self), self.options, self.model or _any_model())
 
-    def place_of(self, address: str) -> Place:
+    def place_of(self, address: str) -> RegisterPlace:
         """Return the place of an address in the manual. Raises ParameterAddressError."""
         if address in _OWN:
             return _OWN[address]
@@ -67,28 +67,28 @@ class HuanyangDialect(Dialect):
                 f"{address!r} is not a parameter of a Huanyang drive; write PD005, with three digits up to PD255, or "
                 "CFG0 to CFG7 for a status value"
             )
-        return Place("", int(found[1])) if found[1] else Place("s", int(found[2]))
+        return RegisterPlace("", int(found[1])) if found[1] else RegisterPlace("s", int(found[2]))
 
-    def target(self, parameter: str, type: str = "") -> Target:
+    def target(self, parameter: str, type: str = "") -> RegisterParameter:
         """Return the target of a read or write; places without a number are for the table [control] only."""
         if parameter in _OWN:
             raise ParameterAddressError(f"{parameter!r} is not a parameter of a Huanyang drive; use start and stop")
         return super().target(parameter, type)
 
-    def address_at(self, place: Place) -> str:
+    def address_at(self, place: RegisterPlace) -> str:
         """Return the address of a place as the manual prints it."""
         if place == CONTROL:
             return "CNTR"
         return f"CFG{place.start}" if place.kind else f"PD{place.start:03d}"
 
-    def reading(self, place: Place, _count: int, /) -> Ask:
+    def reading(self, place: RegisterPlace, _count: int, /) -> Ask:
         """Return the request for a place; the reply to a status request is longer, so an echo cannot match it."""
         if place.kind:
             item = self.probe.start if place == TURNS else place.start
             return Ask(message=self._request(fn.STATUS, 1, item, None), distinct=True)
         return Ask(message=self._request(fn.READ, 3, place.start, 0), mirrored=True)
 
-    def writing(self, place: Place, words: Sequence[int], /) -> Ask:
+    def writing(self, place: RegisterPlace, words: Sequence[int], /) -> Ask:
         """Return the request that writes a place; the drive repeats a parameter and a frequency."""
         (word,) = words
         if place == CONTROL:
@@ -97,7 +97,7 @@ class HuanyangDialect(Dialect):
             return Ask(message=self._request(fn.FREQUENCY, 2, None, word), mirrored=True)
         return Ask(message=self._request(fn.WRITE, 3, place.start, word), mirrored=True)
 
-    def words(self, reply: Any, _place: Place, /) -> tuple[int, ...]:
+    def words(self, reply: Any, _place: RegisterPlace, /) -> tuple[int, ...]:
         """Return the value of a reply."""
         return (reply.value or 0,)
 
@@ -105,19 +105,19 @@ class HuanyangDialect(Dialect):
         """Return the function code of a refusal; None for any other reply."""
         return reply.function if reply.function in (fn.REFUSED, fn.CONTROL_REFUSED) else None
 
-    def meant(self, request: Any) -> Access:
+    def access_of(self, request: Any) -> Access:
         """Return the access that a request makes."""
         words = (request.value or 0,)
         if request.function == fn.CONTROL:
             return Access(place=CONTROL, words=words)
         if request.function == fn.FREQUENCY:
-            return Access(place=Place("s", 0), words=words)
-        place = Place("s" if request.function == fn.STATUS else "", request.parameter)
+            return Access(place=RegisterPlace("s", 0), words=words)
+        place = RegisterPlace("s" if request.function == fn.STATUS else "", request.parameter)
         return Access(place=place, words=words if request.function == fn.WRITE else None)
 
     def told(self, request: Any, words: Sequence[int]) -> Reply:
         """Return the reply to a read; some parameters are one byte."""
-        info = self.places.get(Place("", request.parameter)) if request.function == fn.READ else None
+        info = self.places.get(RegisterPlace("", request.parameter)) if request.function == fn.READ else None
         is_byte = info is not None and info.extra.get("bytes") == 1
         return self._reply(request, 2 if is_byte else 3, request.parameter, words[0])
 
@@ -137,10 +137,10 @@ class HuanyangDialect(Dialect):
         return Reply(address=self.address, function=function, length=length, parameter=parameter, value=value)
 
 
-class Conversation(RegisterConversation):
+class HuanyangConversation(RegisterConversation):
     """Requests to one drive. Until it is known to answer, no reply that may be an echo is accepted."""
 
-    def asked(self, ask: Ask, called: str, place: Place | None = None) -> Exchange[Any]:
+    def asked(self, ask: Ask, called: str, place: RegisterPlace | None = None) -> Exchange[Any]:
         """Send a request and return the reply; verify with a status request if the reply could be an echo.
 
         The check comes before a request that acts, or after an urgent one and after a first value of 0.
@@ -162,9 +162,9 @@ class Conversation(RegisterConversation):
         told = yield from super().word(place)
         return int(told > 0) if place == TURNS.name else told
 
-    def carry(self, step: Step, **how: Any) -> Exchange[Words | None]:
+    def carry(self, step: ControlStep, **how: Any) -> Exchange[Words | None]:
         """Send control data; the reply shows whether the drive runs."""
-        reply = yield from self._send(Place.named(step.place), (step.word,), "CNTR", **how)
+        reply = yield from self._send(RegisterPlace.named(step.place), (step.word,), "CNTR", **how)
         return None if reply is None else {TURNS.name: reply.value & RUN}
 
     def _look(self, called: str) -> Exchange[None]:

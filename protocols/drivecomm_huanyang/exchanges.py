@@ -7,9 +7,9 @@ from decimal import Decimal
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import NotSupported, ValueRefusedError
-from drivecomm.profiles import OrderMemory, RegisterOperations, check_needs
+from drivecomm.profiles import RegisterCommandMemory, RegisterOperations, check_needs
 from drivecomm.protocol import check_store, exact, unscaled
-from drivecomm_huanyang.dialect import TURNS, Conversation, HuanyangDialect
+from drivecomm_huanyang.dialect import TURNS, HuanyangConversation, HuanyangDialect
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,10 +25,10 @@ class HuanyangOperations(RegisterOperations):
     """Verbs of one drive, or at address 0 the stop of all drives on the line."""
 
     def __init__(
-        self, address: int, options: HuanyangOptions, model: Model | None, memory: OrderMemory | None = None
+        self, address: int, options: HuanyangOptions, model: Model | None, memory: RegisterCommandMemory | None = None
     ) -> None:
-        dialect, memory = HuanyangDialect(address, options, model), memory or OrderMemory()
-        super().__init__(dialect, memory, Conversation(dialect, memory))
+        dialect, memory = HuanyangDialect(address, options, model), memory or RegisterCommandMemory()
+        super().__init__(dialect, memory, HuanyangConversation(dialect, memory))
         self.capabilities = replace(
             self.capabilities, reference_percent=True, reference_hz=True, faults=False, reference_maximum=""
         )

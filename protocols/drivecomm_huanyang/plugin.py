@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from drivecomm.profiles import CONTROL_KEYS, OrderMemory
+from drivecomm.profiles import CONTROL_KEYS, RegisterCommandMemory
 from drivecomm.protocol import LineFacts, LineSettings, Protocol, Timing, later
 from drivecomm_huanyang.dialect import HuanyangDialect, address_space
 from drivecomm_huanyang.exchanges import HuanyangOperations
@@ -46,7 +46,7 @@ protocol = Protocol(
     message=message_from,
     mismatch=mismatch,
     operations=HuanyangOperations,
-    memory=OrderMemory,
+    memory=RegisterCommandMemory,
     virtual=later("drivecomm_huanyang.virtual:VirtualHuanyangDrive"),
     forms=titled_forms,
     parameter_examples=("PD005", "CFG1"),

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError
 from drivecomm.protocol import Intent, difference
-from drivecomm.protocol.schema import Check, Form, choice, crc16, message_of, unsigned, whole, wrong_field
+from drivecomm.protocol.schema import CheckCharacters, Form, choice, crc16, message_of, unsigned, whole, wrong_field
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -89,7 +89,7 @@ def _form(message: type[Any], function: int, length: int) -> Form[Any]:
         "length" / choice({bytes([length]): length}, "LEN: bytes of data"),
         *named,
         *valued,
-        Check(2, 0, crc16, meaning="CRC of all bytes before it, low byte first"),
+        CheckCharacters(2, 0, crc16, meaning="CRC of all bytes before it, low byte first"),
         check=check,
     )
 

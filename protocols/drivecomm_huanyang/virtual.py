@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.profiles import VirtualRegisterDrive
-from drivecomm.protocol import Command, Framed, LineSettings, VirtualReply
+from drivecomm.protocol import Framed, LineSettings, MotorCommand, VirtualReply
 from drivecomm_huanyang import telegrams as fn
 from drivecomm_huanyang.dialect import HuanyangDialect
 from drivecomm_huanyang.telegrams import HuanyangCodec, Reply
@@ -46,5 +46,12 @@ class VirtualHuanyangDrive(VirtualRegisterDrive):
     def _status_byte(self) -> int:
         """Return CNST: run, jog, r/f as commanded, running, jogging, r/f as the motor turns (p. 62)."""
         motor = self.motor
-        says = (motor.command is Command.RUN, False, motor.target_hz < 0, motor.running, False, motor.output_hz < 0)
+        says = (
+            motor.command is MotorCommand.RUN,
+            False,
+            motor.target_hz < 0,
+            motor.running,
+            False,
+            motor.output_hz < 0,
+        )
         return sum(holds << bit for bit, holds in enumerate(says))

@@ -13,14 +13,14 @@ from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError, UnexpectedReplyError, UsageError, ValueRefusedError
-from drivecomm.profiles import Access, Dialect, Place, RegisterRefusal
+from drivecomm.profiles import Access, Dialect, RegisterPlace, RegisterRefusal
 from drivecomm.protocol import Ask, difference
 from drivecomm_lecom.telegrams import CODES, Reply, Request
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
 
-    from drivecomm.profiles import Target
+    from drivecomm.profiles import RegisterParameter
     from drivecomm.protocol import Damaged, Model
 
 LEAST = Decimal("0.0001")
@@ -36,7 +36,7 @@ class LecomDialect(Dialect):
 
     title = "LECOM"
     broadcast_address, joins = 0, True
-    probe = Place("", 9)
+    probe = RegisterPlace("", 9)
     refusals = {  # noqa: RUF012 - never changed
         0x3F: "the request came damaged", 0x04: "there is no such code",
         0x15: "the code cannot be written, or not now, the value is outside its range, or it came damaged",
@@ -51,45 +51,45 @@ class LecomDialect(Dialect):
         self._factors = {number: each.factor for number, each in known.items()}
         self.identity = {"software": "C0200", **(model.control.get("identity", {}) if model else {})}
 
-    def place_of(self, address: str) -> Place:
+    def place_of(self, address: str) -> RegisterPlace:
         """Return the place of a code. Raises ParameterAddressError."""
         return self._place(_number(address))
 
-    def _place(self, number: int) -> Place:
-        return Place(_KINDS[self._types.get(number, "s32")], number)
+    def _place(self, number: int) -> RegisterPlace:
+        return RegisterPlace(_KINDS[self._types.get(number, "s32")], number)
 
-    def address_at(self, place: Place) -> str:
+    def address_at(self, place: RegisterPlace) -> str:
         """Return the code of a place as manuals print it."""
         subcode, code = divmod(place.start, _SUBCODES)
         return f"C{code:04d}" + (f"/{subcode}" if subcode else "")
 
-    def target(self, parameter: str, type: str = "") -> Target:
+    def target(self, parameter: str, type: str = "") -> RegisterParameter:
         """Return the target of a read or write; a code unknown to the model is decimal unless `type` is given."""
         info = self.model.find(parameter) if self.model else None
         number = _number(info.address if info else parameter)
         kind = type or self._types.get(number, "s32")
         if kind not in _KINDS:
             raise UsageError(f"{kind!r} is not a type of a LECOM code; types are {', '.join(_KINDS)}")
-        found = replace(super().target(parameter, kind), place=Place(_KINDS[kind], number), wide=True)
+        found = replace(super().target(parameter, kind), place=RegisterPlace(_KINDS[kind], number), wide=True)
         return replace(found, format=replace(found.format, scale=LEAST)) if kind == "s32" else found
 
-    def reading(self, place: Place, _count: int, /) -> Ask:
+    def reading(self, place: RegisterPlace, _count: int, /) -> Ask:
         """Return the request for a code; the answer names the code but no drive, and a NAK names neither."""
         return self._ask(place, kind="receive")
 
-    def writing(self, place: Place, words: Sequence[Any], /) -> Ask:
+    def writing(self, place: RegisterPlace, words: Sequence[Any], /) -> Ask:
         """Return the telegram that writes a code; ACK and NAK name neither code nor drive (L p. 8-20)."""
         if place.kind == "s":
             raise ValueRefusedError(f"{self.address_at(place)} is a text, and drives take none over LECOM")
         return self._ask(place, kind="send", data=self._data(words[0], place))
 
-    def _ask(self, place: Place, **fields: Any) -> Ask:
+    def _ask(self, place: RegisterPlace, **fields: Any) -> Ask:
         subcode, code = divmod(place.start, _SUBCODES)
         is_long = subcode > 0 or code not in CODES  # two characters cannot express it (L p. 8-16, 8-18)
         request = Request(address=self.address, code=code, subcode=subcode, extended=is_long, **fields)
         return Ask(message=request, nameless=True, anonymous=True)
 
-    def words(self, reply: Any, place: Place, /) -> tuple[Any, ...]:
+    def words(self, reply: Any, place: RegisterPlace, /) -> tuple[Any, ...]:
         """Return the value of a code. Raises UnexpectedReplyError for a value in another format."""
         word = self._word(reply.data, place)
         if word is None:
@@ -100,7 +100,7 @@ class LecomDialect(Dialect):
             raise UnexpectedReplyError(f"{self.address_at(place)} is {reply.data}, in another format; {hint}")
         return (word,)
 
-    def _word(self, data: str, place: Place) -> Any:
+    def _word(self, data: str, place: RegisterPlace) -> Any:
         """Return the unsigned number or the text in a telegram; None for a value in another format."""
         if data[0] in "SO":
             return data[1:] if place.kind == "s" else None
@@ -109,7 +109,7 @@ class LecomDialect(Dialect):
         steps = Decimal(data) / self._factors.get(place.start, LEAST)
         return int(steps) & 0xFFFFFFFF if not place.kind and steps == int(steps) else None
 
-    def _data(self, word: Any, place: Place) -> str:
+    def _data(self, word: Any, place: RegisterPlace) -> str:
         if place.kind:
             return f"S{word or ' '}" if place.kind == "s" else f"H{word:0{8 if place.kind == 'l' else 4}X}"
         text = f"{(word - (word >> 31 << 32)) * self._factors.get(place.start, LEAST):f}"
@@ -129,7 +129,7 @@ class LecomDialect(Dialect):
             return "kind"
         return "" if reply.code is None else difference(request, reply, "code", "subcode", "extended")
 
-    def meant(self, request: Any) -> Access:
+    def access_of(self, request: Any) -> Access:
         """Return the access that a request makes.
 
         Raises RegisterRefusal for a value in another format than that of the code.
@@ -144,7 +144,7 @@ class LecomDialect(Dialect):
 
     def told(self, request: Any, words: Sequence[Any]) -> Reply:
         """Return the answer with a value."""
-        return self._reply(request, kind="value", data=self._data(words[0], self.meant(request).place))
+        return self._reply(request, kind="value", data=self._data(words[0], self.access_of(request).place))
 
     def taken(self, request: Any) -> Reply:  # noqa: ARG002 - ACK is the same for all requests
         """Return ACK."""

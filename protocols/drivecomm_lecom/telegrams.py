@@ -123,7 +123,7 @@ _TOP = [constant(_STX, "STX")]
 
 
 def _end(start: int) -> tuple[Any, ...]:
-    return constant(_ETX, "ETX"), schema.Check(1, start, schema.xor_byte, meaning="BCC")
+    return constant(_ETX, "ETX"), schema.CheckCharacters(1, start, schema.xor_byte, meaning="BCC")
 
 
 TELEGRAMS = schema.Telegrams(

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError
-from drivecomm.profiles import Access, Dialect, Place, RegisterRefusal, VirtualRegisterDrive
+from drivecomm.profiles import Access, Dialect, RegisterPlace, RegisterRefusal, VirtualRegisterDrive
 from drivecomm.protocol import Ask, code_texts
 from drivecomm_ls_bus import telegrams as sent
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import Damaged, Message
 
-WRITE_ENABLE = Place("", 4)
+WRITE_ENABLE = RegisterPlace("", 4)
 """While this place holds 0, a drive of the iG family accepts no other write (SV-iG5A manual p. 11-3)."""
 _ADDRESS = re.compile("0[xh]([0-9A-Fa-f]{4})", re.ASCII)
 _CODES = {"IF": 1, "IA": 2, "ID": 3, "WM": 20, "FE": 255}
@@ -50,30 +50,30 @@ class LsBusDialect(Dialect):
     )
     registered: tuple[int, ...] = ()
 
-    def place_of(self, address: str) -> Place:
+    def place_of(self, address: str) -> RegisterPlace:
         """Return the place of an address in the manual. Raises ParameterAddressError."""
         if not (found := _ADDRESS.fullmatch(address)):
             raise ParameterAddressError(
                 f"{address!r} is not an address of an LS drive; write four digits, such as 0x000A"
             )
-        return Place("", int(found[1], 16))
+        return RegisterPlace("", int(found[1], 16))
 
-    def address_at(self, place: Place) -> str:
+    def address_at(self, place: RegisterPlace) -> str:
         """Return the address of a place as the manual prints it."""
         return f"0x{place.start:04X}"
 
-    def reading(self, place: Place, count: int, /) -> Ask:
+    def reading(self, place: RegisterPlace, count: int, /) -> Ask:
         """Return the request that reads consecutive addresses; a reply names its drive but no address."""
         return Ask(message=sent.Read(address=self.address, first=place.start, count=count), nameless=True)
 
-    def writing(self, place: Place, words: Sequence[int], /) -> Ask:
+    def writing(self, place: RegisterPlace, words: Sequence[int], /) -> Ask:
         """Return the request that writes consecutive addresses."""
         return Ask(message=self._write(place, tuple(words)), nameless=True)
 
-    def _write(self, place: Place, words: tuple[int, ...]) -> Any:
+    def _write(self, place: RegisterPlace, words: tuple[int, ...]) -> Any:
         return sent.Write(address=self.address, first=place.start, count=len(words), values=words)
 
-    def words(self, reply: Any, _place: Place, /) -> tuple[int, ...]:
+    def words(self, reply: Any, _place: RegisterPlace, /) -> tuple[int, ...]:
         """Return the values of a reply."""
         told: tuple[int, ...] = reply.values
         return told
@@ -98,15 +98,15 @@ class LsBusDialect(Dialect):
             return "command"
         return "count" if reply.kind in ("data", "written") and len(reply.values) != request.count else ""
 
-    def meant(self, request: Any) -> Access | None:
+    def access_of(self, request: Any) -> Access | None:
         """Return the access that a request makes; None for X, which only prepares Y."""
         if request.kind == "register":
             self.registered = request.addresses
             return None
         if request.kind == "monitor":
-            return Access(place=Place("", next(iter(self.registered), 0)))
+            return Access(place=RegisterPlace("", next(iter(self.registered), 0)))
         words = request.values if request.kind == "write" else None
-        return Access(place=Place("", request.first), count=request.count, words=words)
+        return Access(place=RegisterPlace("", request.first), count=request.count, words=words)
 
     def forget(self) -> None:
         """Clear the registered addresses."""
@@ -151,11 +151,13 @@ class VirtualLsBusDrive(VirtualRegisterDrive):
 
     def answer(self, request: Any, now: float) -> Any:
         """Carry out a request; Y reads the registered addresses, and writes are refused while writing is disabled."""
-        access, dialect = self._dialect.meant(request), self._dialect
+        access, dialect = self._dialect.access_of(request), self._dialect
         if request.kind == "monitor":
             if not dialect.registered:
                 raise RegisterRefusal("unknown")
-            return dialect.told(request, self._machine.read([Place("", each).name for each in dialect.registered]))
+            return dialect.told(
+                request, self._machine.read([RegisterPlace("", each).name for each in dialect.registered])
+            )
         enabled = self._machine.words.get(WRITE_ENABLE.name, 1)
         if access is not None and access.words is not None and access.place != WRITE_ENABLE and not enabled:
             raise RegisterRefusal("read only")

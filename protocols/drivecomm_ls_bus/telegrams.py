@@ -67,7 +67,7 @@ def _form(message: type[Any], begin: bytes, *leaves: Any, to_all: bool = False, 
         schema.constant(begin),
         "address" / schema.hex_number(2, "station", allowed=(*STATIONS, BROADCAST) if to_all else STATIONS),
         *leaves,
-        schema.Check(2, 1, schema.hex_sum, meaning="sum"),
+        schema.CheckCharacters(2, 1, schema.hex_sum, meaning="sum"),
         schema.constant(b"\x04", "EOT"),
         **further,
     )

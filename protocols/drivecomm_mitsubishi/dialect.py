@@ -11,7 +11,7 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import NotSupported, ParameterAddressError, UnexpectedReplyError
-from drivecomm.profiles import Access, Dialect, Place, RegisterRefusal, VirtualRegisterDrive
+from drivecomm.profiles import Access, Dialect, RegisterPlace, RegisterRefusal, VirtualRegisterDrive
 from drivecomm.protocol import Ask, code_texts
 from drivecomm_mitsubishi.telegrams import LONG, SHORT, Ack, Data, Multi, MultiReply, Nak, Read, Write
 
@@ -28,7 +28,7 @@ class MitsubishiDialect(Dialect):
 
     title = "Mitsubishi computer link"
     requests = (Read, Write, Multi)
-    probe = Place("h", 0x7A)
+    probe = RegisterPlace("h", 0x7A)
     repeats = {"multi_reply": ("send_type", "receive_type")}  # noqa: RUF012 - never changed
     refusals = code_texts(__file__, "errors.toml")
     codes = {"unknown": 11, "read only": 11, "running": 10, "not set up": 10, "limits": 12}  # noqa: RUF012 - never changed
@@ -38,37 +38,37 @@ class MitsubishiDialect(Dialect):
     advice = "its operation mode (Pr. 79, 338 to 340) and its terminals"
     page = 0
 
-    def place_of(self, address: str) -> Place:
+    def place_of(self, address: str) -> RegisterPlace:
         """Return the place of an address. Raises ParameterAddressError."""
         found = re.fullmatch(r"H([0-9A-F]{2})(?:\.(low|high))?|(0|[1-9][0-9]{0,3})", str(address), re.ASCII)
         if found is None:
             raise ParameterAddressError(
                 f"{address!r} is neither a parameter nor a code; write 7 for Pr. 7, or H6F, H74.low"
             )
-        return Place("", int(found[3])) if found[3] else Place("h", int(found[1], 16), found[2] or "")
+        return RegisterPlace("", int(found[3])) if found[3] else RegisterPlace("h", int(found[1], 16), found[2] or "")
 
-    def address_at(self, place: Place) -> str:
+    def address_at(self, place: RegisterPlace) -> str:
         """Return the address of a place as messages print it."""
         return f"H{place.start:02X}" if place.kind else str(place.start)
 
-    def allowed(self, place: Place) -> range | None:
+    def allowed(self, place: RegisterPlace) -> range | None:
         """Return the numbers that a place can hold if it has only two digits, else None."""
         return range(256) if place.kind and self._digits(place.start) == 2 else None
 
-    def preparing(self, place: Place) -> Ask | None:
+    def preparing(self, place: RegisterPlace) -> Ask | None:
         """Return the request that selects the page of a parameter; None for an instruction code.
 
         The page is a state of the drive that another master may have changed.
         """
         return None if place.kind else self._ask(Write, _PAGE, self._paged(place)[0])
 
-    def reading(self, place: Place, _count: int, /) -> Ask:
+    def reading(self, place: RegisterPlace, _count: int, /) -> Ask:
         """Return the request that reads a place."""
         if (code := self._paged(place)[1]) >= 0x80:
             raise NotSupported(f"H{code:02X} can only be written")
         return self._ask(Read, code)
 
-    def writing(self, place: Place, words: Sequence[int], /) -> Ask:
+    def writing(self, place: RegisterPlace, words: Sequence[int], /) -> Ask:
         """Return the request that writes a place, or the command."""
         code = self._paged(place)[1]
         if place.kind and code < 0x80 and code not in _PAIRED:
@@ -82,7 +82,7 @@ class MitsubishiDialect(Dialect):
         """
         return 2.0 if request.kind == "write" and (request.code, request.data) == ("FD", "9696") else 0.0
 
-    def words(self, reply: Any, _place: Place, /) -> tuple[int, ...]:
+    def words(self, reply: Any, _place: RegisterPlace, /) -> tuple[int, ...]:
         """Return the word of a value. Raises UnexpectedReplyError for six digits, which are a speed."""
         if len(reply.data) > 4:
             raise UnexpectedReplyError(f"the drive tells {reply.data}, no four digits, as with Pr. 37 set; set it to 0")
@@ -104,24 +104,24 @@ class MitsubishiDialect(Dialect):
         fitting = (4,) if reply.unit else (2,) if request.code in SHORT else (4, 6) if request.code in LONG else (4, 20)
         return "" if len(reply.data) in fitting else "data"
 
-    def meant(self, request: Any) -> Access | None:
+    def access_of(self, request: Any) -> Access | None:
         """Return the access that a request makes; None for the selection of a page. Raises RegisterRefusal."""
         self.reply_delay_s, code = 0.012 + (request.wait or 0) / 100, int(request.code, 16)
         word = None if request.kind == "read" else int(request.data1 if request.kind == "multi" else request.data, 16)
         if code == _PAGE and word is not None:
             self.page = word
             return None
-        number, place = code & 0x7F, Place("h", code)
+        number, place = code & 0x7F, RegisterPlace("h", code)
         if number < _FIRST:
             paged = {self._paged(each): each.start for each in self.places if not each.kind}
             if self.page and self.model is not None and (self.page, number) not in paged:
                 raise RegisterRefusal("unknown")
-            place = Place("", paged.get((self.page, number), number))
+            place = RegisterPlace("", paged.get((self.page, number), number))
         elif number in _PAIRED and place not in self.places:
-            place = Place("h", number)
+            place = RegisterPlace("h", number)
         elif request.code in ("FA", "F9") and (code == _RUN or place in self.places):
             # The low byte of F9 is FA, and forward and reverse together are a stop (from memory).
-            place, word = Place("h", _RUN), (word or 0) & (0xF9 if (word or 0) & 6 == 6 else 0xFF)
+            place, word = RegisterPlace("h", _RUN), (word or 0) & (0xF9 if (word or 0) & 6 == 6 else 0xFF)
         return Access(place=place, words=None if word is None else (word,))
 
     def forget(self) -> None:
@@ -149,7 +149,7 @@ class MitsubishiDialect(Dialect):
     def _digits(self, code: int) -> int:
         return 2 if f"{code:02X}" in SHORT and self.options.dialect != "shihlin" else 4
 
-    def _paged(self, place: Place) -> tuple[int, int]:
+    def _paged(self, place: RegisterPlace) -> tuple[int, int]:
         """Return the page and the code of a place. Raises ParameterAddressError if they are unknown."""
         if place.kind or (place.start < 100 and self.options.dialect != "shihlin"):
             return 0, place.start

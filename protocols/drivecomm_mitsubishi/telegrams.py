@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from drivecomm.errors import TelegramError, UsageError
 from drivecomm.protocol import schema
-from drivecomm.protocol.schema import Check, Form, Telegrams, constant, hex_number, hex_text, wrong_field
+from drivecomm.protocol.schema import CheckCharacters, Form, Telegrams, constant, hex_number, hex_text, wrong_field
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -109,14 +109,24 @@ def codec_for(options: MitsubishiOptions) -> Telegrams:
 
     def request(message: type[Any], codes: Sequence[str], *data: Any) -> Form[Any]:
         code = "code" / schema.deciding(schema.choice({each.encode(): each for each in codes}, "instruction code"))
-        whole = (constant(_ENQ, "ENQ"), station, code, *wait, *data, Check(2, 1, schema.hex_sum, meaning="sum"), *tail)
+        whole = (
+            constant(_ENQ, "ENQ"),
+            station,
+            code,
+            *wait,
+            *data,
+            CheckCharacters(2, 1, schema.hex_sum, meaning="sum"),
+            *tail,
+        )
         return Form(message, *whole, check=None if message is Read else _check_request)
 
     def write(digits: int, codes: Sequence[str]) -> Form[Any]:
         return request(Write, [each for each in codes if each in writes], "data" / hex_text(digits, "data"))
 
     def value(message: type[Any], *data: Any, **further: Any) -> Form[Any]:
-        summed = Check(2, 1, lambda covered: schema.hex_sum(covered[:-1]), meaning="sum behind STX, without ETX")
+        summed = CheckCharacters(
+            2, 1, lambda covered: schema.hex_sum(covered[:-1]), meaning="sum behind STX, without ETX"
+        )
         return Form(message, constant(_STX, "STX"), station, *data, constant(_ETX, "ETX"), summed, *tail, **further)
 
     requests = {"Read (B)": request(Read, reads)}
@@ -133,4 +143,4 @@ def codec_for(options: MitsubishiOptions) -> Telegrams:
     replies["Value (E)"] = value(Data, text, reads={"data": _checked}, check=lambda message: _checked(message.data))
     done = {"Multi command done (C1)": value(MultiReply, *types, *errors, *two)}
     further = Telegrams({"Write of 6 digits (A'')": write(6, LONG)}, done)
-    return schema.LengtheningTelegrams(requests, replies, further=further, alike=options)
+    return schema.TelegramsByLength(requests, replies, further=further, alike=options)

@@ -87,7 +87,7 @@ class ModbusCodec:
         return self._forms.get(TITLES[direction].get(function, ""))
 
 
-class DriveCodec(ModbusCodec):
+class ModbusDriveCodec(ModbusCodec):
     """The telegrams as a drive on a two-wire line hears them: requests, and also the replies of other drives.
 
     No mark distinguishes requests from replies. Without this codec, the reply to a write would be mistaken for the

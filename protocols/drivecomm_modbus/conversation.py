@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import RefusedError
-from drivecomm.profiles import Place, RegisterConversation
+from drivecomm.profiles import RegisterConversation, RegisterPlace
 from drivecomm.protocol import Ask, Tell
 from drivecomm_modbus import functions as fn
 from drivecomm_modbus.messages import Request
@@ -14,20 +14,20 @@ from drivecomm_modbus.messages import Request
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from drivecomm.profiles import Target
+    from drivecomm.profiles import RegisterParameter
     from drivecomm.protocol import Exchange
     from drivecomm_modbus.dialect import ModbusDialect
     from drivecomm_modbus.memory import ModbusMemory
 
 
-class Conversation(RegisterConversation):
+class ModbusConversation(RegisterConversation):
     """Reads and writes registers of one drive, or writes those of all drives at address 0."""
 
     def __init__(self, dialect: ModbusDialect, memory: ModbusMemory) -> None:
         super().__init__(dialect, memory)
         self._modbus, self._lacking = dialect, memory.lacking
 
-    def raw(self, wanted: Target) -> Exchange[int | str]:
+    def raw(self, wanted: RegisterParameter) -> Exchange[int | str]:
         """Read the raw value of a parameter."""
         if not wanted.wide:
             return (yield from super().raw(wanted))
@@ -35,11 +35,11 @@ class Conversation(RegisterConversation):
         reply = yield from self.asked(Ask(message=request, nameless=True), wanted.address)
         return int(reply.value or 0)
 
-    def put(self, wanted: Target, raw: int | str, goal: Place, **how: Any) -> Exchange[None]:
+    def put(self, wanted: RegisterParameter, raw: int | str, goal: RegisterPlace, **how: Any) -> Exchange[None]:
         """Write a parameter, 32 bits as two words."""
         return self.write(goal, wanted.format.words_of(raw), wanted.address, **how)
 
-    def write(self, place: Place, words: Sequence[int], called: str, **how: Any) -> Exchange[None]:
+    def write(self, place: RegisterPlace, words: Sequence[int], called: str, **how: Any) -> Exchange[None]:
         """Write consecutive registers or a coil; at the broadcast address, send only. how: see `Ask`.
 
         A single register or coil is written by a function that the drive knows. Raises RefusedError.
@@ -84,7 +84,7 @@ class Conversation(RegisterConversation):
     def _probing(self) -> Ask:
         return self._modbus.reading(self._modbus.probe, 1)
 
-    def _ways(self, place: Place, words: Sequence[int]) -> list[Ask]:
+    def _ways(self, place: RegisterPlace, words: Sequence[int]) -> list[Ask]:
         """Return the requests that write these words, beginning with the one that the drive most likely accepts."""
         modbus = self._modbus
         if modbus.options.wide_functions and len(words) == 2:
@@ -97,7 +97,7 @@ class Conversation(RegisterConversation):
             ways.insert(0 if first else 1, modbus.writing_one(place, words[0]))
         return sorted(ways, key=lambda each: _function(each) in self._lacking)
 
-    def _coils_of(self, place: Place, words: Sequence[int]) -> Ask | None:
+    def _coils_of(self, place: RegisterPlace, words: Sequence[int]) -> Ask | None:
         """Return the request that writes a register as coils, one for each bit; None if the model has none."""
         modbus = self._modbus
         if modbus.model is None or place.is_bit or len(words) != 1:

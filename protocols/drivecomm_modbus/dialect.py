@@ -5,10 +5,10 @@ from __future__ import annotations
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.profiles import Dialect, Place
+from drivecomm.profiles import Dialect, RegisterPlace
 from drivecomm.protocol import Ask
 from drivecomm_modbus import functions as fn, parameters
-from drivecomm_modbus.control import Control, control_of
+from drivecomm_modbus.control import ModbusControl, control_of
 from drivecomm_modbus.messages import Request
 from drivecomm_modbus.telegrams import BROADCAST
 
@@ -43,46 +43,46 @@ class ModbusDialect(Dialect):
         self.refusals, self.codes = self.control.exceptions, {**_EXCEPTIONS, **self.control.refusals}
 
     @cached_property
-    def control(self) -> Control:
+    def control(self) -> ModbusControl:
         """The commands and storage of the drive."""
         return control_of(self.model, self.options)
 
-    def place_of(self, address: str) -> Place:
+    def place_of(self, address: str) -> RegisterPlace:
         """Return the place of an address as the manual prints it. Raises ParameterAddressError."""
         return parameters.place_of(address, self.options)
 
-    def address_at(self, place: Place) -> str:
+    def address_at(self, place: RegisterPlace) -> str:
         """Return the address of a place as the model gives it, or else in the numbering of the manual."""
         known = self.places.get(place)
         return known.address if known else parameters.address_at(place, self.options)
 
-    def allowed(self, place: Place) -> range | None:
+    def allowed(self, place: RegisterPlace) -> range | None:
         """Return the values of a coil; None for a register."""
         return range(2) if place.is_bit else None
 
-    def is_wide(self, place: Place, type: str) -> bool:
+    def is_wide(self, place: RegisterPlace, type: str) -> bool:
         """Whether functions 64H and 65H read and write a place."""
         return type.endswith("32") and not place.kind and bool(self.options.wide_functions)
 
-    def reading(self, place: Place, count: int, /) -> Ask:
+    def reading(self, place: RegisterPlace, count: int, /) -> Ask:
         """Return the request that reads consecutive registers."""
         message = Request(address=self.address, function=_READS[place.kind], start=place.start, count=count)
         # The reply repeats nothing of the request, so a late one could be mistaken for the next.
         return Ask(message=message, nameless=True)
 
-    def writing(self, place: Place, words: Sequence[int], /) -> Ask:
+    def writing(self, place: RegisterPlace, words: Sequence[int], /) -> Ask:
         """Return the request that writes registers by a function that contains their number."""
         function = fn.WRITE_COILS if place.is_bit else fn.WRITE_REGISTERS
         message = Request(address=self.address, function=function, start=place.start, values=tuple(words))
         return Ask(message=message, distinct=True)
 
-    def writing_one(self, place: Place, word: int) -> Ask:
+    def writing_one(self, place: RegisterPlace, word: int) -> Ask:
         """Return the request that writes one register or coil, and that equals its reply."""
         function = fn.WRITE_COIL if place.is_bit else fn.WRITE_REGISTER
         message = Request(address=self.address, function=function, start=place.start, value=word)
         return Ask(message=message, distinct=True, mirrored=True)
 
-    def words(self, reply: Any, _place: Place, /) -> tuple[int, ...]:
+    def words(self, reply: Any, _place: RegisterPlace, /) -> tuple[int, ...]:
         """Return the words in the reply to a read."""
         return reply.values or (0,)
 

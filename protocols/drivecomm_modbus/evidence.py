@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING
 
-from drivecomm.profiles import Place, views_of
-from drivecomm.protocol import kept
+from drivecomm.profiles import RegisterPlace, views_of
+from drivecomm.protocol import cached
 from drivecomm_modbus import functions as fn
 from drivecomm_modbus.dialect import ModbusDialect
 from drivecomm_modbus.options import ModbusOptions
@@ -19,7 +19,7 @@ from drivecomm_modbus.options import ModbusOptions
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from drivecomm.profiles import Target
+    from drivecomm.profiles import RegisterParameter
     from drivecomm.protocol import Model
 
 _FIRST = ("fault_code", "reference_hz", "reference_percent")
@@ -35,8 +35,8 @@ class Evidence:
     requests cannot rule out. titled: models by title, its own and the open ones, if function 2BH may return the title.
     """
 
-    present: tuple[Target, ...]
-    absent: tuple[Target, ...] = ()
+    present: tuple[RegisterParameter, ...]
+    absent: tuple[RegisterParameter, ...] = ()
     knows: int = 0
     lacks: int = 0
     open: tuple[str, ...] = ()
@@ -59,12 +59,12 @@ class Series:
         self.writable = frozenset(spot for each in written for spot in each.spots) | self.control.starts
 
     @property
-    def status(self) -> tuple[Target, ...]:
+    def status(self) -> tuple[RegisterParameter, ...]:
         """The register or coil that holds the status."""
-        places = [Place.named(condition.place) for condition in self.control.status.values()]
+        places = [RegisterPlace.named(condition.place) for condition in self.control.status.values()]
         return tuple(self._dialect.target(self._dialect.address_at(place)) for place in places[:1])
 
-    def in_order(self) -> list[Target]:
+    def in_order(self) -> list[RegisterParameter]:
         """Return its readable parameters, first those that every drive of the series has for its commands."""
         control, model = self.control, self.model
         named = [*model.quantities.values(), *(getattr(control, each) for each in _FIRST), *control.needs]
@@ -75,7 +75,7 @@ class Series:
         found = [self._dialect.target(each) for each in readable]
         return [each for each in found if not each.place.part]
 
-    def may_answer(self, wanted: Target) -> bool:
+    def may_answer(self, wanted: RegisterParameter) -> bool:
         """Whether drives of this series may answer for a parameter of another series."""
         spots = wanted.spots if self.control.unused != "zero" else wanted.spots[:1]
         return self.held.issuperset(spots)
@@ -86,12 +86,12 @@ class Series:
         return function in listed if listed else self.control.identification == function
 
 
-@kept
+@cached
 def _series(model: Model) -> Series:
     return Series(model)
 
 
-@kept
+@cached
 def evidence_for(model: Model, options: ModbusOptions, others: tuple[Model, ...]) -> Evidence:
     """Return the requests that distinguish a drive from those of other models that its command words could start.
 
@@ -116,7 +116,7 @@ def evidence_for(model: Model, options: ModbusOptions, others: tuple[Model, ...]
         rivals = [each for each in rivals if each.control.identification != lacks]
     else:
         lacks = 0
-    absent: list[Target] = []
+    absent: list[RegisterParameter] = []
     for rival in rivals:
         if not any(rival.may_answer(each) for each in absent):
             absent += [each for each in rival.in_order() if not own.may_answer(each)][:1]
@@ -135,7 +135,9 @@ def _by_title(known: Iterable[Series]) -> Mapping[str, str]:
     return {each.model.title.encode("ascii", "replace").decode(): each.model.name for each in known}
 
 
-def candidates(models: Iterable[Model], answered: Sequence[Target], refused: Target | None = None) -> tuple[str, ...]:
+def candidates(
+    models: Iterable[Model], answered: Sequence[RegisterParameter], refused: RegisterParameter | None = None
+) -> tuple[str, ...]:
     """Return the models that have the status among the answered parameters, and that may lack the refused one.
 
     Models that may not answer one of the answered parameters are left out. Without an answer no model is returned.

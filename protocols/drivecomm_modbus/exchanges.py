@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import NoReplyError, RefusedError, ReplyError
 from drivecomm.profiles import RegisterOperations
-from drivecomm.protocol import Ask, SeriesFound, asked_once, unless_refused
+from drivecomm.protocol import Ask, SeriesFound, unless_refused, without_repeats
 from drivecomm_modbus import functions as fn
-from drivecomm_modbus.conversation import Conversation
+from drivecomm_modbus.conversation import ModbusConversation
 from drivecomm_modbus.dialect import ModbusDialect
 from drivecomm_modbus.evidence import candidates, evidence_for
 from drivecomm_modbus.memory import ModbusMemory
@@ -19,7 +19,7 @@ from drivecomm_modbus.parameters import counting_hint
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
-    from drivecomm.profiles import Target
+    from drivecomm.profiles import RegisterParameter
     from drivecomm.protocol import Exchange, Model, Reading
     from drivecomm_modbus.options import ModbusOptions
 
@@ -33,10 +33,10 @@ class ModbusOperations(RegisterOperations):
         self, address: int, options: ModbusOptions, model: Model | None, memory: ModbusMemory | None = None
     ) -> None:
         dialect, memory = ModbusDialect(address, options, model), memory or ModbusMemory()
-        super().__init__(dialect, memory, Conversation(dialect, memory))
+        super().__init__(dialect, memory, ModbusConversation(dialect, memory))
         self._address, self._options, self._identification_code = address, options, dialect.control.identification
 
-    def _told(self, wanted: Target, raw: int | str) -> Reading:
+    def _told(self, wanted: RegisterParameter, raw: int | str) -> Reading:
         reading = super()._told(wanted, raw)
         if self._model is None and (hint := counting_hint(wanted.address, self._options)):
             return replace(reading, note=f"{reading.note or 'no model'}; {hint}")
@@ -71,7 +71,7 @@ class ModbusOperations(RegisterOperations):
                 fitting = candidates(others, plan.present[:number], wanted)
                 return SeriesFound(against=str(error), candidates=fitting)
         for wanted in plan.absent:
-            told = yield from unless_refused(asked_once(self._drive.raw(wanted)), NoReplyError)
+            told = yield from unless_refused(without_repeats(self._drive.raw(wanted)), NoReplyError)
             if told is not None:
                 return SeriesFound(
                     against=f"it has register {wanted.place.name} of the telegram, which such a drive lacks",

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError
 from drivecomm.protocol.schema import crc16, wrong_field
-from drivecomm_modbus.codec import DriveCodec, ModbusCodec, length_of, transaction_of
+from drivecomm_modbus.codec import ModbusCodec, ModbusDriveCodec, length_of, transaction_of
 from drivecomm_modbus.messages import Request
 from drivecomm_modbus.telegrams import BROADCAST, EVERY_ADDRESS
 
@@ -144,7 +144,7 @@ def codec_of(options: ModbusOptions) -> ModbusCodec:
 
 def drive_codec(options: ModbusOptions) -> ModbusCodec:
     """Return the codec as a drive uses it; in framings with a start mark, it ignores the replies of other drives."""
-    kind = DriveCodec if options.framing == "rtu" else _CODECS[options.framing]
+    kind = ModbusDriveCodec if options.framing == "rtu" else _CODECS[options.framing]
     return kind(EVERY_ADDRESS)
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from drivecomm.profiles import OrderMemory
+from drivecomm.profiles import RegisterCommandMemory
 
 
-class ModbusMemory(OrderMemory):
+class ModbusMemory(RegisterCommandMemory):
     """The memory of one drive, shared by all callers that command it on one bus.
 
     lacking: write functions that the drive refused as unknown; they are tried last.

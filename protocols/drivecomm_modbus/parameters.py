@@ -11,7 +11,7 @@ import re
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError
-from drivecomm.profiles import Place
+from drivecomm.profiles import RegisterPlace
 
 if TYPE_CHECKING:
     from drivecomm_modbus.options import ModbusOptions
@@ -21,7 +21,7 @@ _COUNTED = re.compile(r"([34])([0-9]{4,5})", re.ASCII)
 """Register numbers in the style of the first Modbus manuals: 4 for holding registers, 3 for input registers."""
 
 
-def place_of(address: str, options: ModbusOptions) -> Place:
+def place_of(address: str, options: ModbusOptions) -> RegisterPlace:
     """Return the place of an address as the manual prints it. Raises ParameterAddressError."""
     found = _ADDRESS.fullmatch(address) if isinstance(address, str) else None
     if found is None or (found[3] and found[1] in ("c", "d")):
@@ -35,7 +35,7 @@ def place_of(address: str, options: ModbusOptions) -> Place:
         hint = counting_hint(address, options)
         outside = f"{address} is not {base} to {base + 0xFFFF}, the registers of this drive"
         raise ParameterAddressError(f"{outside}; {hint}" if hint else outside)
-    return Place(found[1], start, found[3] or "")
+    return RegisterPlace(found[1], start, found[3] or "")
 
 
 def counting_hint(address: str, options: ModbusOptions) -> str:
@@ -51,7 +51,7 @@ def counting_hint(address: str, options: ModbusOptions) -> str:
     return f"where the manual counts registers from {first} on, set register_base={first}{write}"
 
 
-def address_at(place: Place, options: ModbusOptions) -> str:
+def address_at(place: RegisterPlace, options: ModbusOptions) -> str:
     """Return the address of a place in the numbering of the series' manual."""
     base = options.coil_base if place.is_bit else options.register_base
     return f"{place.kind}{place.start + base}{f'.{place.part}' if place.part else ''}"

@@ -122,7 +122,7 @@ def _form(
         "function"
         / schema.choice({bytes([code | bit_7]): code for code in codes}, ", ".join(f"{code:02X}" for code in codes)),
         *leaves,
-        schema.Check(2, 0, schema.crc16, meaning="CRC of all bytes before it, low byte first"),
+        schema.CheckCharacters(2, 0, schema.crc16, meaning="CRC of all bytes before it, low byte first"),
         check=check,
         **made,
     )

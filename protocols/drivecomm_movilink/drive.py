@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
 from drivecomm.errors import ParameterAddressError, RefusedError, UsageError
-from drivecomm.profiles import ONLY, Access, CommandMemory, Place, ProcessWords
+from drivecomm.profiles import SOLE_PLACE, Access, CommandMemory, ProcessWords, RegisterPlace
 from drivecomm.protocol import Ask, Intent, LineSettings, Tell, code_texts, difference, exact
 from drivecomm_movilink.telegrams import BROADCAST, CYCLIC, PARAMETER, TELEGRAMS, Reply, Request
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import DriveStatus, Exchange, Message, Model, Value
 
 _READ, _WRITE, _WRITE_VOLATILE, _HANDSHAKE, _ERROR = 0x31, 0x32, 0x33, 0x40, 0x80  # management byte
-_RAM, _STATUS = 1 << 24, Place("", 8310 << 8)
+_RAM, _STATUS = 1 << 24, RegisterPlace("", 8310 << 8)
 """Offset added to the place of a volatile write; index of status word 1, which is on no page that was found."""
 
 
@@ -53,7 +53,7 @@ class MovilinkDialect(profiles.Dialect, profiles.WordTelegrams):
 
     keeps_start, needs_words, actual = True, False, (0, 0, 0)  # actual: process words of the next reply
     title, broadcast_address, requests, types = "MOVILINK", BROADCAST, Request, ("u32", "s32", "f32")
-    probe, identity = Place("", 8300 << 8), {"software": "8300"}  # PROFINET field distributors, data set 47
+    probe, identity = RegisterPlace("", 8300 << 8), {"software": "8300"}  # PROFINET field distributors, data set 47
     refusals = code_texts(__file__, "errors.toml")
     codes: Mapping[str, int] = {"unknown": 0x10, "read only": 0x12, "limits": 0x1D, "running": 0x20}
 
@@ -64,7 +64,7 @@ class MovilinkDialect(profiles.Dialect, profiles.WordTelegrams):
         """
         return {"plain_write": "stored", "volatile_offset": _RAM}
 
-    def place_of(self, address: str) -> Place:
+    def place_of(self, address: str) -> RegisterPlace:
         """Return the place of an index such as 8470, or of an index with a subindex, 8470.1.
 
         Raises ParameterAddressError.
@@ -73,18 +73,18 @@ class MovilinkDialect(profiles.Dialect, profiles.WordTelegrams):
         index, subindex = (int(each or 0) for each in found.groups()) if found else (-1, 0)
         if index not in range(0x10000) or subindex not in range(0x100):
             raise ParameterAddressError(f"{address!r} is not an index; write 0 to 65535, or index.subindex: 8470.1")
-        return Place("", index << 8 | subindex)
+        return RegisterPlace("", index << 8 | subindex)
 
-    def address_at(self, place: Place) -> str:
+    def address_at(self, place: RegisterPlace) -> str:
         """Return the index and subindex of a place."""
         index, subindex = divmod(place.start & (_RAM - 1), 0x100)
         return f"{index}.{subindex}" if subindex else str(index)
 
-    def reading(self, place: Place, _count: int, /) -> Ask:
+    def reading(self, place: RegisterPlace, _count: int, /) -> Ask:
         """Return the request that reads an index."""
         return Ask(message=self._channel(_READ, place, 0))
 
-    def writing(self, place: Place, words: Sequence[int], /) -> Ask:
+    def writing(self, place: RegisterPlace, words: Sequence[int], /) -> Ask:
         """Return the request that writes an index, to RAM if there is no model.
 
         A late reply to another write may match it.
@@ -92,7 +92,7 @@ class MovilinkDialect(profiles.Dialect, profiles.WordTelegrams):
         service = _WRITE if self.model is not None and place.start < _RAM else _WRITE_VOLATILE
         return Ask(message=self._channel(service, place, words[0]), nameless=True)
 
-    def words(self, reply: Any, _place: Place, /) -> tuple[int, ...]:
+    def words(self, reply: Any, _place: RegisterPlace, /) -> tuple[int, ...]:
         """Return the value of a reply."""
         return (reply.value,)
 
@@ -110,11 +110,11 @@ class MovilinkDialect(profiles.Dialect, profiles.WordTelegrams):
             return differs
         return "management" if ((request.management or 0) ^ (reply.management or 0)) & ~_ERROR else ""
 
-    def meant(self, request: Any) -> Access | None:
+    def access_of(self, request: Any) -> Access | None:
         """Return the access of a parameter channel, with or without the handshake bit; None if there is no channel."""
         if request.management is None:
             return None
-        service, place = request.management & ~_HANDSHAKE, Place("", request.index << 8 | request.subindex)
+        service, place = request.management & ~_HANDSHAKE, RegisterPlace("", request.index << 8 | request.subindex)
         if service not in (_READ, _WRITE, _WRITE_VOLATILE):
             raise profiles.RegisterRefusal("unknown")
         words = None if service == _READ else (request.value,)
@@ -163,7 +163,7 @@ class MovilinkDialect(profiles.Dialect, profiles.WordTelegrams):
             raise RefusedError(self.address_at(_STATUS), code, self.refusal_text(code, ""))
         return reply
 
-    def _channel(self, management: int, place: Place, value: int) -> Request:
+    def _channel(self, management: int, place: RegisterPlace, value: int) -> Request:
         index, subindex = divmod(place.start & (_RAM - 1), 0x100)
         same: Any = {"address": self.address, "type": PARAMETER}
         return Request(**same, management=management, index=index, subindex=subindex, value=value)
@@ -194,7 +194,7 @@ class MovilinkOperations(profiles.RegisterOperations):
         """Read status word 1 as a parameter; repeat the present command to a running motor if a watchdog guards it."""
         self._drive.must_be_one()
         word = (yield from self._talk.status()).status_word
-        told, texts = self._control.profile.status({ONLY: word}), self._model.faults if self._model else {}
+        told, texts = self._control.profile.status({SOLE_PLACE: word}), self._model.faults if self._model else {}
         return replace(told, fault_code=word >> 8, fault_text=texts.get(word >> 8, "")) if told.fault else told
 
     def reset(self) -> Exchange[None]:

@@ -87,7 +87,7 @@ def _form(message: type[Telegram], low: int) -> schema.Form[Any]:
         "type" / schema.deciding(schema.choice({bytes([each]): each for each in types}, "TYP, bit 7: acyclic")),
         *(_CHANNEL if channel else ()),
         *((content,) if words else ()),
-        schema.Check(1, 0, schema.xor_byte, meaning="BCC: exclusive-or of all bytes before it"),
+        schema.CheckCharacters(1, 0, schema.xor_byte, meaning="BCC: exclusive-or of all bytes before it"),
         reads={"pd": schema.words_in} if words else None,
         writes={"content": lambda given: schema.words_as(given.pd)} if words else None,
         check=check,

@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import NotSupported, ParameterAddressError
-from drivecomm.profiles import Access, Dialect, Place, RegisterRefusal, VirtualRegisterDrive
+from drivecomm.profiles import Access, Dialect, RegisterPlace, RegisterRefusal, VirtualRegisterDrive
 from drivecomm.protocol import Ask, Framed, LineSettings, code_texts, difference
 from drivecomm_toshiba.telegrams import BROADCAST, Reply, Request, ToshibaOptions, codec_for, smallest
 
@@ -52,7 +52,7 @@ class ToshibaDialect(Dialect):
         self._telling, self.named = int(told[0] if told else "FD00", 16), True
         self.probe = self.place_of("FD00")
 
-    def place_of(self, address: str) -> Place:
+    def place_of(self, address: str) -> RegisterPlace:
         """Return the place of a communication number. Raises ParameterAddressError."""
         found = _ADDRESS.fullmatch(address)
         number = int(found[1], 16) if found else -1
@@ -62,21 +62,21 @@ class ToshibaDialect(Dialect):
                 f"{address!r} is not a communication number of a Toshiba drive; write four hexadecimal digits, such as "
                 "FD00, F829 for a parameter as the panel has it, or FD00.tripped"
             )
-        return Place("s", 1 if found[2] else 0) if number == self._telling else Place("", number)
+        return RegisterPlace("s", 1 if found[2] else 0) if number == self._telling else RegisterPlace("", number)
 
-    def address_at(self, place: Place) -> str:
+    def address_at(self, place: RegisterPlace) -> str:
         """Return the communication number of a place."""
         return f"{self._number(place):04X}" + (".tripped" if place.kind and place.start else "")
 
-    def _number(self, place: Place) -> int:
+    def _number(self, place: RegisterPlace) -> int:
         return self._telling if place.kind else place.start & (_RAM - 1)
 
-    def reading(self, place: Place, _count: int, /) -> Ask:
+    def reading(self, place: RegisterPlace, _count: int, /) -> Ask:
         """Return the request that reads a number; a refusal of it names no number."""
         request = Request(address=self.address, command="R", communication_number=self._number(place))
         return Ask(message=request, nameless=True)
 
-    def writing(self, place: Place, words: Sequence[int], /) -> Ask:
+    def writing(self, place: RegisterPlace, words: Sequence[int], /) -> Ask:
         """Return the request that writes a number.
 
         It uses P, which writes to RAM only, for volatile values, because W wears the EEPROM (E6581222, first pages).
@@ -90,7 +90,7 @@ class ToshibaDialect(Dialect):
         request = Request(address=self.address, command=command, communication_number=number, data=words[0])
         return Ask(message=request, nameless=True, mirrored=True)
 
-    def words(self, reply: Any, place: Place, /) -> tuple[int, ...]:
+    def words(self, reply: Any, place: RegisterPlace, /) -> tuple[int, ...]:
         """Return the value, and for the number that shows the state, whether the drive is tripped."""
         return (reply.data, int(reply.tripped))[place.start :] if place.kind else (reply.data,)
 
@@ -110,7 +110,7 @@ class ToshibaDialect(Dialect):
         repeated = ("command", "communication_number", *(("data",) if request.kind == "write" else ()))
         return "" if reply.command == "N" else difference(request, reply, *repeated)
 
-    def meant(self, request: Any) -> Access:
+    def access_of(self, request: Any) -> Access:
         """Return the access that a request makes; a block is refused, because only the drive knows what it writes."""
         if request.kind == "block":
             raise RegisterRefusal("running")

@@ -144,10 +144,10 @@ def _pair(mode: str, title: str, message: type[Any], commands: str, *leaves: Any
 @cache
 def codec_for(options: ToshibaOptions) -> schema.Telegrams:
     """Return the codec of ASCII telegrams with or without a sum; binary ones always have one."""
-    check = schema.Check(2, 0, lambda covered: b"%02X" % (sum(covered) & 0xFF), meaning="sum of all to &")
+    check = schema.CheckCharacters(2, 0, lambda covered: b"%02X" % (sum(covered) & 0xFF), meaning="sum of all to &")
     end = (*((constant(b"&", "&"), check) if options.sum else ()), constant(b")", ")"), constant(b"\r", "CR"))
     text = "text" / characters(until(b"&" if options.sum else b")", most=4), meaning="data")
-    total = schema.Check(1, 0, lambda covered: bytes([sum(covered) & 0xFF]), meaning="sum of all before it")
+    total = schema.CheckCharacters(1, 0, lambda covered: bytes([sum(covered) & 0xFF]), meaning="sum of all before it")
     name, code, data = ("communication_number", "error_code", "data")
     ascii_name, binary_name = name / hex_number(4), name / unsigned(2)
     digits = {"reads": {"data digits": _in_hex}, "writes": {"text": _as_hex}}

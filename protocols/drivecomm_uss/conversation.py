@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import NotSupported, UnexpectedReplyError
-from drivecomm.protocol import Pause, Tell, kept, unless_refused
+from drivecomm.protocol import Pause, Tell, cached, unless_refused
 from drivecomm_uss.messages import Request
 from drivecomm_uss.options import VARIABLE
 from drivecomm_uss.tasks import TASKS, mismatch
@@ -34,13 +34,13 @@ No drive sends this many change reports in a row.
 """
 
 
-class Frames:
+class UssFrames:
     """Telegrams to one drive. read: reads a parameter as a word."""
 
     keeps_start = False
 
     def __init__(self, address: int, options: UssOptions, read: Callable[[str], Exchange[Reading]]) -> None:
-        self.request = kept(partial(Request, address=address))
+        self.request = cached(partial(Request, address=address))
         self.needs_words = options.running_needs_control
         self._options, self._codec = options, UssCodec(options)
         self._spm: bool | None = None

@@ -14,7 +14,7 @@ from drivecomm.errors import (
     UnexpectedReplyError,
     ValueRefusedError,
 )
-from drivecomm.profiles import ONLY, CommandMemory, ProcessWords
+from drivecomm.profiles import SOLE_PLACE, CommandMemory, ProcessWords
 from drivecomm.protocol import (
     Ask,
     Capabilities,
@@ -26,7 +26,7 @@ from drivecomm.protocol import (
     needs_answer,
     reference_limit_of,
 )
-from drivecomm_uss.conversation import Frames
+from drivecomm_uss.conversation import UssFrames
 from drivecomm_uss.messages import Request
 from drivecomm_uss.options import VARIABLE
 from drivecomm_uss.parameters import DOUBLE, raw_for, reading_of, target, words_of
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Exchange, Model, Reading, Value
     from drivecomm_uss.messages import Reply
     from drivecomm_uss.options import UssOptions
-    from drivecomm_uss.parameters import Target
+    from drivecomm_uss.parameters import UssTarget
 
 BROADCAST = 32
 
@@ -69,7 +69,7 @@ class UssOperations:
         self._full_scale = next((info.address for info in known if info.extra.get("full_scale")), "")
         self._asked: Mapping[str, Any] = {}
         self._said: Reply | None = None
-        self._frames = Frames(address, options, partial(self.read, type="U16"))
+        self._frames = UssFrames(address, options, partial(self.read, type="U16"))
         self._talk = ProcessWords(profile, self._frames, memory or CommandMemory(), self._frames.answer)
         self.extra: Mapping[str, Callable[..., Exchange[Any]]] = {
             "control_word": self.control_word,
@@ -141,7 +141,7 @@ class UssOperations:
         actual, hertz = reply.actual, self._options.hertz
         percent = None if actual is None else profile().percent_of(actual)
         return profile().status(
-            {ONLY: reply.status_word or 0},
+            {SOLE_PLACE: reply.status_word or 0},
             reverse=actual < 0 if actual else None,
             actual_percent=percent,
             actual_hz=None if percent is None or hertz is None else percent * hertz / 100,
@@ -256,10 +256,10 @@ class UssOperations:
 
     # Exchanges
 
-    def _read(self, wanted: Target) -> Exchange[Reading]:
+    def _read(self, wanted: UssTarget) -> Exchange[Reading]:
         return _reading(wanted, (yield from self._task(wanted, 1 if wanted.index is None else 6)))
 
-    def _write(self, wanted: Target, task: int, raw: int) -> Exchange[Reading]:
+    def _write(self, wanted: UssTarget, task: int, raw: int) -> Exchange[Reading]:
         # A reply with another value may answer an earlier task for the parameter; an empty task rules that out.
         for is_last in (False, False, True):
             if is_last:
@@ -271,7 +271,7 @@ class UssOperations:
             f"parameter {wanted.address}: the drive reports {reading.raw} where {raw} was written"
         )
 
-    def _task(self, wanted: Target, ak: int, **value: int) -> Exchange[Reply]:
+    def _task(self, wanted: UssTarget, ak: int, **value: int) -> Exchange[Reply]:
         options = self._options
         words = words_of(value["value"], wanted.type, options) if value else None
         place = wanted.place_in(options)
@@ -314,7 +314,7 @@ class UssOperations:
             raise NotSupported("these drives do not obey a broadcast; stop them one by one")
 
 
-def _reading(wanted: Target, reply: Reply) -> Reading:
+def _reading(wanted: UssTarget, reply: Reply) -> Reading:
     if reply.value is None:
         raise UnexpectedReplyError(f"the drive answered parameter {wanted.address} with AK {reply.ak} and no value")
     return reading_of(wanted, reply.value, 32 if reply.ak in (2, 5) else 16)

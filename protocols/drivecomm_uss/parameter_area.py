@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.protocol.schema import numbers, words_as, words_in, wrong_field
 from drivecomm_uss.options import VARIABLE
-from drivecomm_uss.tasks import TASKS, Task
+from drivecomm_uss.tasks import TASKS, UssTask
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Direction
@@ -120,15 +120,15 @@ class ParameterArea:
     def _layout(self, ak: int) -> str:
         return "masterdrives text" if ak == _TEXT and self.ind == "masterdrives" else self.ind
 
-    def _carried(self, ak: int, index: int, text_write: object) -> tuple[str, Task]:
+    def _carried(self, ak: int, index: int, text_write: object) -> tuple[str, UssTask]:
         """Return the name of the field that PWE carries, empty for none, and its task."""
-        task = TASKS[self.direction].get(ak, Task())
+        task = TASKS[self.direction].get(ak, UssTask())
         if task.array and task.carries and index == _WHOLE_ARRAY and self.size == VARIABLE:
             return "values", task
         has_text = self.size == VARIABLE and (self.direction == "reply" or bool(text_write))
         return "" if task.carries == "text" and not has_text else task.carries, task
 
-    def _content(self, pwe: Words, name: str, task: Task) -> Any:
+    def _content(self, pwe: Words, name: str, task: UssTask) -> Any:
         if name == "text":
             return words_as(pwe)
         if name == "values":
@@ -137,7 +137,7 @@ class ParameterArea:
             return _joined(pwe[:2] if task.bits == 32 else pwe[1:2] if self.size == 4 else pwe[:1], task.bits)[0]
         return None
 
-    def _plain(self, content: Any, name: str, task: Task) -> Words:
+    def _plain(self, content: Any, name: str, task: UssTask) -> Words:
         """Return the words that carry a content, without additional ones."""
         if name == "text":
             return _words_of_text(content)
@@ -147,7 +147,7 @@ class ParameterArea:
         halves = _halves(tuple(numbers(many, 2**task.bits - 1, name)), task.bits)
         return (0, *halves) if self.size == 4 and task.bits == 16 else halves
 
-    def _words(self, message: Request | Reply, name: str, task: Task) -> Words:
+    def _words(self, message: Request | Reply, name: str, task: UssTask) -> Words:
         content = getattr(message, name) if name else None
         if message.pwe is None and name != "pwe":
             words = self._plain(content, name, task)

@@ -36,7 +36,7 @@ _ADDRESS = re.compile(r"[PpRr]?(?P<number>\d{1,6})(?:\[(?P<index>\d{1,3})\])?", 
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Target:
+class UssTarget:
     """A parameter with its model data. index: None for one that is not an array and was named without an index."""
 
     number: int
@@ -75,7 +75,7 @@ def target(
     type: str = "",
     index: int | None = None,
     parameter_set: int = 1,
-) -> Target:
+) -> UssTarget:
     """Return the target of a parameter address or of a name in the model. Raises ParameterAddressError."""
     name, opening, rest = parameter.partition("[")
     known = model.find(name) if model else None
@@ -98,7 +98,7 @@ def target(
     chosen = type or (info.type if info else "")
     if chosen not in ("", *_TYPES):
         raise UsageError(f"{chosen!r} is not a type of USS parameters; they are {', '.join(_TYPES)}")
-    return Target(number=number, index=index, parameter_set=parameter_set, type=chosen, info=info)
+    return UssTarget(number=number, index=index, parameter_set=parameter_set, type=chosen, info=info)
 
 
 def _must_be(what: str, given: object, allowed: range) -> None:
@@ -112,7 +112,7 @@ def element_addresses(info: ParameterInfo, options: UssOptions) -> tuple[str, ..
     return tuple(f"{info.address}[{options.index_base + place}]" for place in range(count)) or (info.address,)
 
 
-def reading_of(wanted: Target, raw: int, bits: int) -> Reading:
+def reading_of(wanted: UssTarget, raw: int, bits: int) -> Reading:
     """Return the reading of an unsigned value. bits: its size, as AK of the reply gives it."""
     info, type_, unit, text = wanted.info, wanted.type, "", ""
     value: Value = raw
@@ -150,7 +150,7 @@ def number_of(raw: int, type: str) -> int | Decimal | None:
     return raw if raw in RANGES[type] else raw - len(RANGES[type])
 
 
-def raw_for(wanted: Target, value: Value | float) -> int:
+def raw_for(wanted: UssTarget, value: Value | float) -> int:
     """Return the unsigned number that carries a value. Raises ValueRefusedError for a value that does not fit."""
     info = wanted.info
     must_know_type(wanted.type, _TYPES, wanted.address)

@@ -28,7 +28,7 @@ ANSWERS = _TABLES["answers"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Task:
+class UssTask:
     """Properties of a task or a reply, named as in tasks.toml."""
 
     carries: str = ""
@@ -42,9 +42,9 @@ class Task:
     answers: list[int] | tuple[()] = ()
 
 
-TASKS: dict[Direction, dict[int, Task]] = {
-    "request": {int(ak): Task(**each) for ak, each in _TABLES["request"].items()},
-    "reply": {int(ak): Task(**each) for ak, each in _TABLES["reply"].items()},
+TASKS: dict[Direction, dict[int, UssTask]] = {
+    "request": {int(ak): UssTask(**each) for ak, each in _TABLES["request"].items()},
+    "reply": {int(ak): UssTask(**each) for ak, each in _TABLES["reply"].items()},
 }
 
 

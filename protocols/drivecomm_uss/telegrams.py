@@ -20,7 +20,7 @@ from construct import this
 from drivecomm.errors import TelegramError
 from drivecomm.protocol import begins_again
 from drivecomm.protocol.schema import (
-    Check,
+    CheckCharacters,
     Form,
     Leaf,
     bytes_as,
@@ -138,7 +138,7 @@ def _form(direction: Direction, name: str, pkw: int, pzd: int, ind: Ind) -> Form
         / Leaf(1, _net_bytes, lambda net: bytes([net + 2]), category="length", meaning="LGE: 2 + bytes of net data"),
         "adr" / unsigned(1, "ADR: bit 7 special, 6 mirror, 5 broadcast, 0..4 address"),
         *middle,
-        Check(1, 0, xor_byte, meaning="BCC: exclusive-or of all bytes before it"),
+        CheckCharacters(1, 0, xor_byte, meaning="BCC: exclusive-or of all bytes before it"),
         reads=reads,
         writes=writes,
     )

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Damaged, Message, Model, ParameterInfo
     from drivecomm_uss.messages import Words
     from drivecomm_uss.options import UssOptions
-    from drivecomm_uss.tasks import Task
+    from drivecomm_uss.tasks import UssTask
 
 Place: TypeAlias = tuple[int, int, int]
 """Place of one value: parameter number, parameter set, index."""
@@ -247,7 +247,7 @@ class VirtualUssDrive(DriveRepr):
         reply = (4 if task.array else 1) + double
         return {"ak": reply, "value": values[0], "pwe": words_of(values[0], info.type, options)}
 
-    def _write(self, places: Sequence[Place], task: Task, values: Words | None) -> None:
+    def _write(self, places: Sequence[Place], task: UssTask, values: Words | None) -> None:
         """Set all of these values, or none. Raises Refusal for a value that the parameter does not accept."""
         info = self._infos[places[0][0]]
         if (info.type in DOUBLE) is not (task.bits == 32):

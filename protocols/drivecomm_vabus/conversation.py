@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
 from drivecomm.errors import RefusedError, ReplyError, UnexpectedReplyError
-from drivecomm.protocol import Ask, Exchange, Tell, code_texts, kept
+from drivecomm.protocol import Ask, Exchange, Tell, cached, code_texts
 from drivecomm_vabus.errorcodes import DATASETS_DIFFER, ERROR_REGISTER, LINE_FAULTS, UNKNOWN_PARAMETER
 from drivecomm_vabus.telegrams import BROADCAST, Enquiry, Eot, Nak, Select, Value, number_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from drivecomm.profiles import Step, Words
+    from drivecomm.profiles import ControlStep, Words
     from drivecomm.protocol import Message
     from drivecomm_vabus.options import VabusOptions
     from drivecomm_vabus.telegrams import ValueType
@@ -56,7 +56,7 @@ class VabusMemory:
         """Do nothing, because every telegram to a drive feeds its watchdog."""
 
 
-class Conversation:
+class VabusConversation:
     """Enquiries and selects to one drive, and selects to all drives at address 32.
 
     After a NAK the drive refuses every write until its error register is read, so the register is read after every NAK
@@ -71,7 +71,7 @@ class Conversation:
         self._options = options
         self._memory = memory
         self._closes_values = options.trailing_eot is True
-        self._enquiry = kept(
+        self._enquiry = cached(
             lambda number, dataset: Ask(message=Enquiry(**self._place, dataset=dataset, parameter=number))
         )
 
@@ -119,9 +119,9 @@ class Conversation:
 
     def look(self) -> Exchange[Words]:
         """Read the state word."""
-        return {profiles.ONLY: (yield from self.number(STATE_WORD, "uint", "411, the state word"))}
+        return {profiles.SOLE_PLACE: (yield from self.number(STATE_WORD, "uint", "411, the state word"))}
 
-    def send(self, step: Step, *, urgent: bool) -> Exchange[Words | None]:
+    def send(self, step: ControlStep, *, urgent: bool) -> Exchange[Words | None]:
         """Write a control word of the profile; its answer does not contain the state."""
         yield from self.command(step.word, attempts=None if step.repeats else 1, urgent=urgent)
         return None

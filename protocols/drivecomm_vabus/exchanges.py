@@ -22,18 +22,18 @@ from drivecomm.errors import (
     UnexpectedReplyError,
     UsageError,
 )
-from drivecomm.protocol import Capabilities, Stop, asked_once, check_store, kept, needs_answer, unless_refused
+from drivecomm.protocol import Capabilities, Stop, cached, check_store, needs_answer, unless_refused, without_repeats
 from drivecomm_vabus.conversation import (
     CONTROL_WORD,
     CURRENT_FAULT,
     LOCAL_REMOTE,
     STATE_WORD,
-    Conversation,
+    VabusConversation,
     VabusMemory,
     profile,
 )
-from drivecomm_vabus.parameters import Target, characters_for, reading_of, target
-from drivecomm_vabus.references import References
+from drivecomm_vabus.parameters import VabusTarget, characters_for, reading_of, target
+from drivecomm_vabus.references import VabusReferences
 from drivecomm_vabus.telegrams import BROADCAST
 
 if TYPE_CHECKING:
@@ -65,9 +65,9 @@ class VabusOperations:
         self._options = options
         self._model = model
         self._memory = memory or VabusMemory()
-        self._talk = Conversation(address, options, self._memory)
-        self._references = References(self._talk, options, model)
-        self._known = kept(lambda name, kind: target(name, model, kind, None))
+        self._talk = VabusConversation(address, options, self._memory)
+        self._references = VabusReferences(self._talk, options, model)
+        self._known = cached(lambda name, kind: target(name, model, kind, None))
 
     @property
     def capabilities(self) -> Capabilities:
@@ -191,7 +191,7 @@ class VabusOperations:
         if words is None:
             return {}
         state = profile().state_of(words)
-        return {"state": state.name if state else f"0x{words[profiles.ONLY]:04X}"}
+        return {"state": state.name if state else f"0x{words[profiles.SOLE_PLACE]:04X}"}
 
     def control_word(self, word: int) -> Exchange[None]:
         """Write the control word once, because a repeated edge or start could act twice."""
@@ -211,11 +211,11 @@ class VabusOperations:
 
     # Exchanges
 
-    def _read_target(self, wanted: Target) -> Exchange[Reading]:
+    def _read_target(self, wanted: VabusTarget) -> Exchange[Reading]:
         reply = yield from self._talk.enquire(wanted.number, wanted.dataset or 0, wanted.address)
         return reading_of(wanted, reply.data, lower_case_hex=self._options.lower_case_hex)
 
-    def _write_dataset(self, wanted: Target, *, store: bool) -> int:
+    def _write_dataset(self, wanted: VabusTarget, *, store: bool) -> int:
         dataset = wanted.dataset or 0
         if dataset > 4:
             if store:
@@ -265,7 +265,7 @@ class VabusOperations:
             yield self._talk.tell(safe)
         if word != DISABLE_VOLTAGE:
             try:
-                in_charge = yield from asked_once(self._state_machine_in_charge())
+                in_charge = yield from without_repeats(self._state_machine_in_charge())
             except ReplyError as error:
                 if error.others_wait:
                     # The drive may hear without being heard. Its answer is requested after the other drives' turn.

@@ -20,7 +20,7 @@ _ADDRESS = re.compile(r"(?P<hundreds>\d{0,2}|[A-F])(?P<rest>\d{1,2})(?:\[(?P<dat
 
 
 @dataclass(frozen=True, kw_only=True)
-class Target:
+class VabusTarget:
     """A parameter in a data set, with its model data. dataset: None if the address names none."""
 
     number: int
@@ -34,7 +34,7 @@ class Target:
         return str(self.number) if self.dataset is None else f"{self.number}[{self.dataset}]"
 
 
-def target(parameter: str, model: Model | None, type: str, dataset: int | None) -> Target:
+def target(parameter: str, model: Model | None, type: str, dataset: int | None) -> VabusTarget:
     """Return the target of a parameter address or of a name in the model.
 
     Numbers run from 0 to 1599, and those from 1000 on may be written A00 to F99; the data set is in brackets. Raises
@@ -60,7 +60,7 @@ def target(parameter: str, model: Model | None, type: str, dataset: int | None) 
     chosen: Any = type or (info.type if info else "")
     if chosen not in ("", *VALUE_TYPES):
         raise UsageError(f"{chosen!r} is not a VABus type; they are {', '.join(VALUE_TYPES)}")
-    return Target(number=number, dataset=dataset, type=chosen, info=info)
+    return VabusTarget(number=number, dataset=dataset, type=chosen, info=info)
 
 
 def element_addresses(info: ParameterInfo, _options: VabusOptions) -> tuple[str, ...]:
@@ -70,7 +70,7 @@ def element_addresses(info: ParameterInfo, _options: VabusOptions) -> tuple[str,
     return tuple(f"{info.address}[{dataset}]" for dataset in range(1, 5))
 
 
-def reading_of(wanted: Target, data: str, *, lower_case_hex: bool) -> Reading:
+def reading_of(wanted: VabusTarget, data: str, *, lower_case_hex: bool) -> Reading:
     """Return the reading for a value's data characters.
 
     Without a type only the characters are certain: 0x000003E8 in eight characters may be a long or a text. Raises
@@ -100,7 +100,7 @@ def reading_of(wanted: Target, data: str, *, lower_case_hex: bool) -> Reading:
     )
 
 
-def characters_for(wanted: Target, value: Value | float) -> str:
+def characters_for(wanted: VabusTarget, value: Value | float) -> str:
     """Return the data characters for a value; the value is physical if the model has the scale.
 
     Raises ValueRefusedError for a value that does not fit, UsageError if the type is unknown.

@@ -18,14 +18,14 @@ from typing import TYPE_CHECKING
 from drivecomm.errors import RefusedError, StateError, ValueRefusedError
 from drivecomm.protocol import check_store, exact, unscaled
 from drivecomm_vabus.conversation import profile
-from drivecomm_vabus.parameters import Target, characters_for, target
+from drivecomm_vabus.parameters import VabusTarget, characters_for, target
 from drivecomm_vabus.telegrams import data_of, number_of, range_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from drivecomm.protocol import Exchange, Model, Value
-    from drivecomm_vabus.conversation import Conversation
+    from drivecomm_vabus.conversation import VabusConversation
     from drivecomm_vabus.options import VabusOptions
 
 _MAXIMUM_FREQUENCY = 419
@@ -37,10 +37,10 @@ All references and frequencies have two decimals (short description section 7).
 """
 
 
-class References:
+class VabusReferences:
     """The references of one drive, which are only written to its RAM."""
 
-    def __init__(self, talk: Conversation, options: VabusOptions, model: Model | None) -> None:
+    def __init__(self, talk: VabusConversation, options: VabusOptions, model: Model | None) -> None:
         self._talk = talk
         self._in_ram = options.ram_datasets
         self._hz = target(str(options.reference_hz_parameter), model, "long", None)
@@ -85,7 +85,7 @@ class References:
                 f"though {self._hz.number} and {self._percent.number} are not; it was not started"
             )
 
-    def _set(self, wanted: Target, other: Target, raw: int) -> Exchange[None]:
+    def _set(self, wanted: VabusTarget, other: VabusTarget, raw: int) -> Exchange[None]:
         held = yield from self._held(wanted)
         others = yield from self._held(other)
         signs = {value < 0 for value in (*held.values(), *others.values()) if value}
@@ -114,13 +114,13 @@ class References:
                 f"limited (418, 419), or follows something else (475, 476); {_REMEDY}"
             )
 
-    def _set_back(self, wanted: Target, held: Mapping[int, int], now: int) -> Exchange[None]:
+    def _set_back(self, wanted: VabusTarget, held: Mapping[int, int], now: int) -> Exchange[None]:
         """Restore the earlier values of a reference, by data set, where they differ from the present one."""
         for dataset, raw in held.items():
             if raw != now:
                 yield from self._write(wanted, raw, dataset)
 
-    def _meant_hz(self, wanted: Target, raw: int) -> Exchange[list[Decimal]]:
+    def _meant_hz(self, wanted: VabusTarget, raw: int) -> Exchange[list[Decimal]]:
         """Return the frequencies that a reference may represent: one for each maximum in the data sets."""
         value = raw * _factor(wanted)
         if wanted is self._hz or not self._shown.number:
@@ -139,10 +139,10 @@ class References:
         raw = yield from self._talk.number(self._shown.number, "long", self._shown.address)
         return raw * _factor(self._shown)
 
-    def _held(self, wanted: Target) -> Exchange[Mapping[int, int]]:
+    def _held(self, wanted: VabusTarget) -> Exchange[Mapping[int, int]]:
         return self._talk.held(wanted.number, wanted.type, wanted.address)
 
-    def _write(self, wanted: Target, raw: int, dataset: int = 0) -> Exchange[None]:
+    def _write(self, wanted: VabusTarget, raw: int, dataset: int = 0) -> Exchange[None]:
         if not self._in_ram:
             raise StateError(
                 f"{_what(wanted, -raw)}, which turns the motor the other way, and this drive has no RAM data sets to "
@@ -153,7 +153,7 @@ class References:
         highest = range_of(wanted.type)[-1]
         yield from self._talk.select(wanted.number, dataset + 5, data_of(min(raw, highest), wanted.type))
 
-    def _raw(self, wanted: Target, value: Value | float, unit: str) -> int:
+    def _raw(self, wanted: VabusTarget, value: Value | float, unit: str) -> int:
         """Return a reference in the drive's steps. Raises NotSupported, ValueRefusedError."""
         name = str(wanted.number)
         check_store(name, "as asked" if self._in_ram else "always", store=False)
@@ -175,13 +175,13 @@ def _turned(raw: int, *, backwards: bool) -> int:
     return 0 if raw == -1 else abs(raw)
 
 
-def _factor(wanted: Target) -> Decimal:
+def _factor(wanted: VabusTarget) -> Decimal:
     return wanted.info.factor if wanted.info is not None else _HUNDREDTH
 
 
-def _what(wanted: Target, raw: int) -> str:
+def _what(wanted: VabusTarget, raw: int) -> str:
     return f"parameter {wanted.address} is {raw * _factor(wanted)} {_unit(wanted)} now"
 
 
-def _unit(wanted: Target) -> str:
+def _unit(wanted: VabusTarget) -> str:
     return "%" if wanted.type == "int" else "Hz"

@@ -21,7 +21,7 @@ _CODES = {
 }
 
 
-class Store(ParameterStore[int, tuple[int, int], str]):
+class VabusStore(ParameterStore[int, tuple[int, int], str]):
     """The parameters of one drive, as data characters by number and data set (0 for parameters that exist once).
 
     measured: functions that return measured raw values, by number.

@@ -28,7 +28,7 @@ from construct import this
 
 from drivecomm.protocol import Intent, difference
 from drivecomm.protocol.schema import (
-    Check,
+    CheckCharacters,
     Form,
     Telegrams,
     characters,
@@ -141,7 +141,7 @@ def _with_data(message: type[Any], *head: Any, covered_from: int, type: ValueTyp
         "length" / decimal_number(2, range(1, 100), "number of data characters, decimal"),
         "data" / characters(this.length, meaning="hexadecimal digits, or text"),
         constant(ETX, "ETX"),
-        Check(1, covered_from, xor_byte, meaning="BCC: exclusive-or from SYS to ETX"),
+        CheckCharacters(1, covered_from, xor_byte, meaning="BCC: exclusive-or from SYS to ETX"),
         reads={"data": checked} if type in RANGES else None,
         writes={"length": _length},
         check=check if type in RANGES else None,

@@ -15,12 +15,21 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError
 from drivecomm.profiles import ProfileMachine
-from drivecomm.protocol import Damaged, DriveRepr, Framed, LineSettings, Motor, Refusal, VirtualReply, looked_into
+from drivecomm.protocol import (
+    Damaged,
+    DriveRepr,
+    Framed,
+    LineSettings,
+    Motor,
+    Refusal,
+    VirtualReply,
+    refusals_as_address_errors,
+)
 from drivecomm_vabus import errorcodes
 from drivecomm_vabus.conversation import CONTROL_WORD, CURRENT_FAULT, LOCAL_REMOTE, STATE_WORD, profile
 from drivecomm_vabus.exchanges import STATE_MACHINE
 from drivecomm_vabus.parameters import target
-from drivecomm_vabus.store import Store
+from drivecomm_vabus.store import VabusStore
 from drivecomm_vabus.telegrams import BROADCAST, Ack, Enquiry, Nak, Select, Value, data_of, digits_of, telegrams
 
 if TYPE_CHECKING:
@@ -56,7 +65,7 @@ class VirtualVabusDrive(DriveRepr):
         self.settings = LineSettings()
         self.gap_s = 0.050
         self.motor = Motor()
-        self.store = Store(model, ram_datasets=options.ram_datasets, lower_case_hex=options.lower_case_hex)
+        self.store = VabusStore(model, ram_datasets=options.ram_datasets, lower_case_hex=options.lower_case_hex)
         self.store.measured = self._measured()
         self.error_register = 0
         self.locked = False
@@ -87,13 +96,13 @@ class VirtualVabusDrive(DriveRepr):
         """Return the data characters that an enquiry would get."""
         self.follow(now)
         wanted = target(parameter, self._model, "", None)
-        with looked_into(parameter):
+        with refusals_as_address_errors(parameter):
             return self._held(wanted.number, wanted.dataset or 0)
 
     def poke(self, parameter: str, raw: int | str) -> None:
         """Set a parameter's data characters, or its raw number."""
         wanted = target(parameter, self._model, "", None)
-        with looked_into(parameter):
+        with refusals_as_address_errors(parameter):
             info = self.store.info(wanted.number)
         data = raw if isinstance(raw, str) else data_of(raw, info.type)
         self.store.poke(wanted.number, wanted.dataset or 0, data)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
 from drivecomm.errors import NoReplyError, RefusedError, ReplyError, StateError
-from drivecomm.protocol import Ask, Tell, kept
+from drivecomm.protocol import Ask, Tell, cached
 from drivecomm_vlt3500 import words
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Update
 from drivecomm_vlt3500.parameters import cause_text
@@ -27,10 +27,10 @@ from drivecomm_vlt3500.words import profile
 if TYPE_CHECKING:
     from decimal import Decimal
 
-    from drivecomm.profiles import Step, Words
+    from drivecomm.profiles import ControlStep, Words
     from drivecomm.protocol import Exchange
     from drivecomm_vlt3500.options import VltOptions
-    from drivecomm_vlt3500.parameters import Target
+    from drivecomm_vlt3500.parameters import VltTarget
 
 _MOVING = words.START | words.JOG_1 | words.JOG_2
 
@@ -54,7 +54,7 @@ class VltMemory:
         """Do nothing, because nothing is repeated for a watchdog."""
 
 
-class Conversation:
+class VltConversation:
     """Exchanges with one drive, or commands to all drives at address 0.
 
     seen: the status word of the last reply; 0 after a broadcast, which no drive answers.
@@ -66,13 +66,13 @@ class Conversation:
         self._options = options
         self._memory = memory
         self._idle: dict[str, Any] = {"address": address, "control_word": options.idle_word}
-        self._question = kept(self._new_question)
+        self._question = cached(self._new_question)
 
-    def read(self, wanted: Target) -> Exchange[Decimal]:
+    def read(self, wanted: VltTarget) -> Exchange[Decimal]:
         """Read a parameter, or one element of an indexed parameter. Raises RefusedError."""
         return _value(wanted, (yield from self._ask_idle(self._question(wanted.number, wanted.index))))
 
-    def write(self, wanted: Target, value: Decimal, decimals: int, attempts: int) -> Exchange[Decimal | None]:
+    def write(self, wanted: VltTarget, value: Decimal, decimals: int, attempts: int) -> Exchange[Decimal | None]:
         """Write a parameter; return the value that the drive reports, None for a broadcast. Raises RefusedError."""
         request = Update(**self._idle, parameter=wanted.number, value=value, decimals=decimals)
         if self._address == BROADCAST:
@@ -113,12 +113,12 @@ class Conversation:
 
     def look(self) -> Exchange[Words]:
         """Read the status word."""
-        return {profiles.ONLY: (yield from self.status_word())}
+        return {profiles.SOLE_PLACE: (yield from self.status_word())}
 
-    def send(self, step: Step, *, urgent: bool) -> Exchange[Words]:
+    def send(self, step: ControlStep, *, urgent: bool) -> Exchange[Words]:
         """Send a word in the selected set-up; its reply contains the status."""
         word, attempts = step.word | self._memory.setup, None if step.repeats else 1
-        return {profiles.ONLY: (yield from self.command(word, attempts=attempts, urgent=urgent))}
+        return {profiles.SOLE_PLACE: (yield from self.command(word, attempts=attempts, urgent=urgent))}
 
     def step(self, bit: int, verb: str) -> Exchange[None]:
         """Set a bit of the last control word and clear it again."""
@@ -170,7 +170,7 @@ class Conversation:
             ) from None
 
 
-def _value(wanted: Target, reply: Reply) -> Decimal:
+def _value(wanted: VltTarget, reply: Reply) -> Decimal:
     if reply.value is None:
         code = reply.fault_code
         raise RefusedError(wanted.address, code, cause_text(code) if code is not None else "without a cause")

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm import profiles
 from drivecomm.errors import NotSupported, StateError, TelegramError, UsageError, ValueRefusedError
-from drivecomm.protocol import Capabilities, Stop, check_store, exact, kept, needs_answer, unless_refused
+from drivecomm.protocol import Capabilities, Stop, cached, check_store, exact, needs_answer, unless_refused
 from drivecomm_vlt3500 import words
-from drivecomm_vlt3500.commands import Conversation, VltMemory
-from drivecomm_vlt3500.parameters import Target, data_for, reading_of, target
+from drivecomm_vlt3500.commands import VltConversation, VltMemory
+from drivecomm_vlt3500.parameters import VltTarget, data_for, reading_of, target
 from drivecomm_vlt3500.telegrams import BROADCAST, telegrams
 from drivecomm_vlt3500.words import profile
 
@@ -39,8 +39,8 @@ class VltOperations:
         self._options = options
         self._model = model
         self._memory = memory or VltMemory()
-        self._talk = Conversation(address, options, self._memory)
-        self._known = kept(lambda parameter: target(parameter, model))
+        self._talk = VltConversation(address, options, self._memory)
+        self._known = cached(lambda parameter: target(parameter, model))
 
     @property
     def capabilities(self) -> Capabilities:
@@ -219,17 +219,17 @@ class VltOperations:
 
     # Exchanges
 
-    def _read(self, wanted: Target) -> Exchange[Reading]:
+    def _read(self, wanted: VltTarget) -> Exchange[Reading]:
         return reading_of(wanted, (yield from self._talk.read(wanted)))
 
-    def _write(self, wanted: Target, sent: Decimal, places: int, attempts: int) -> Exchange[Reading | None]:
+    def _write(self, wanted: VltTarget, sent: Decimal, places: int, attempts: int) -> Exchange[Reading | None]:
         reported = yield from self._talk.write(wanted, sent, places, attempts)
         if reported is None:
             return None
         note = "" if reported == sent else f"the drive reports {reported} instead of {sent}"
         return reading_of(wanted, reported, note)
 
-    def _set_reference(self, wanted: Target, sent: Decimal, places: int) -> Exchange[None]:
+    def _set_reference(self, wanted: VltTarget, sent: Decimal, places: int) -> Exchange[None]:
         taken = yield from self._write(wanted, sent, places, 1)
         if taken is not None and Decimal(taken.raw) != sent:
             raise StateError(f"the drive reports a bus reference of {taken.raw} % instead of {sent} %")
@@ -239,7 +239,7 @@ class VltOperations:
         return found.value if found is not None and isinstance(found.value, int) else None
 
     def _any_word(self, word: int, mask: int | None) -> Exchange[DriveStatus]:
-        return profile().status({profiles.ONLY: (yield from self._talk.command(word, mask=mask, attempts=1))})
+        return profile().status({profiles.SOLE_PLACE: (yield from self._talk.command(word, mask=mask, attempts=1))})
 
     # Control words
 
@@ -263,7 +263,7 @@ class VltOperations:
     def _stop(self, how: Stop) -> Exchange[None]:
         yield from self._commander(self._profile).stop(how)
         seen = self._talk.seen
-        status = self._profile.status({profiles.ONLY: seen})
+        status = self._profile.status({profiles.SOLE_PLACE: seen})
         if status.running and not status.remote:
             raise StateError(
                 f"the drive got the stop and does not report it: status word 0x{seen:04X}; in local operation it does "

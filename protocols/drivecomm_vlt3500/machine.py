@@ -11,7 +11,7 @@ from functools import cache, partial
 from typing import TYPE_CHECKING
 
 from drivecomm import profiles
-from drivecomm.protocol import Command, tables_beside
+from drivecomm.protocol import MotorCommand, tables_beside
 from drivecomm_vlt3500 import words
 from drivecomm_vlt3500.words import profile
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from drivecomm.protocol import Motor
-    from drivecomm_vlt3500.store import Store
+    from drivecomm_vlt3500.store import VltStore
 
 _INHIBIT = 11
 _STEP_PERCENT = 1.0
@@ -31,14 +31,14 @@ _RATED_HZ = {0.0: 50.0, 1.0: 60.0, 2.0: 87.0, 3.0: 100.0}
 """Rated frequency for the options of 105 on a VLT 2000 (public program); any other value is taken as hertz."""
 
 
-class Machine:
+class VltMachine:
     """Control word in, motor and status word out.
 
     word: the last valid control word; before any, every OFF is active. overloaded: stopped by overload until it is
     False again (status bit 12). inhibited: start not possible (status bit 6), only with option 11 in parameter 309.
     """
 
-    def __init__(self, motor: Motor, store: Store, *, dc_brake: bool) -> None:
+    def __init__(self, motor: Motor, store: VltStore, *, dc_brake: bool) -> None:
         self._motor = motor
         self._store = store
         self._dc_brake = dc_brake
@@ -47,7 +47,7 @@ class Machine:
 
     def power_up(self, now: float) -> None:
         """Reset the machine: no control word, no trip, set-up 1."""
-        self._motor.stop(Command.OFF, now)
+        self._motor.stop(MotorCommand.OFF, now)
         self._motor.reset(now)
         self.word, self.overloaded, self.setup = 0, False, 1
         self._offset, self._alarm = 0.0, 0
@@ -124,7 +124,7 @@ class Machine:
         return {
             **{(int(index),): partial(getattr, self._motor, name) for index, name in of_motor.items()},
             (0,): lambda: self._store.number(516),
-            (15,): lambda: 1 if profile().says("warning", {profiles.ONLY: self.status()}) else 0,
+            (15,): lambda: 1 if profile().says("warning", {profiles.SOLE_PLACE: self.status()}) else 0,
             (16,): lambda: self.word,
             (17,): self.status,
             (18,): lambda: self._alarm,
@@ -148,7 +148,7 @@ class Machine:
         if does == "ramp":
             self._offset = 0.0
         direction = -1 if self.word & words.REVERSE else 1
-        profiles.have_do(motor, does, lambda: direction * (jog or self._reference_hz()), now)
+        profiles.drive_motor(motor, does, lambda: direction * (jog or self._reference_hz()), now)
 
     def _jog_hz(self) -> float:
         """Return the frequency of an active jog bit, else 0; the parameter of jog 2 is probably 512."""

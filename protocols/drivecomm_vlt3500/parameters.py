@@ -32,7 +32,7 @@ _INDEX = re.compile(r"\s*(\d{1,5})\s*(?:,\s*(\d{1,2})\s*)?", re.ASCII)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Target:
+class VltTarget:
     """A parameter, or one element of an indexed one, with its model data."""
 
     number: int
@@ -57,7 +57,7 @@ def written(number: int, index: tuple[int, ...] | None) -> str:
     return f"{number:03d}" + (f"[{','.join(map(str, index))}]" if index is not None else "")
 
 
-def target(parameter: str, model: Model | None, index: Any = None) -> Target:
+def target(parameter: str, model: Model | None, index: Any = None) -> VltTarget:
     """Return the target of a parameter address or of a name in the model.
 
     Numbers run from 0 to 9999; leading zeros are ignored. An index is in brackets, [n] or [x,y], or a separate
@@ -81,7 +81,7 @@ def target(parameter: str, model: Model | None, index: Any = None) -> Target:
     if found is not None and given is not None and found != given:
         raise UsageError(f"{parameter} names an index, and index={index!r} another")
     chosen = found if found is not None else given
-    return Target(number=number, index=chosen, info=_info(model, number, chosen) or known)
+    return VltTarget(number=number, index=chosen, info=_info(model, number, chosen) or known)
 
 
 def element_addresses(info: ParameterInfo, _options: VltOptions) -> tuple[str, ...]:
@@ -130,7 +130,7 @@ def _pair(x: str | None, y: str | None) -> tuple[int, ...] | None:
     return (int(x), int(y))
 
 
-def reading_of(wanted: Target, value: Decimal, note: str = "") -> Reading:
+def reading_of(wanted: VltTarget, value: Decimal, note: str = "") -> Reading:
     """Return the reading for a reply's value: the number is certain, its unit is known only with a model."""
     info, raw = wanted.info, str(value)
     physical = value if info is None or info.factor == 1 else value * info.factor
@@ -152,7 +152,7 @@ def _shown(number: Decimal, text: str) -> Decimal | int:
     return int(text) if text.lstrip("-").isdigit() else number
 
 
-def data_for(wanted: Target, value: Value | float, decimals: int | None) -> tuple[Decimal, int]:
+def data_for(wanted: VltTarget, value: Value | float, decimals: int | None) -> tuple[Decimal, int]:
     """Return the value as it is sent, and byte 19.
 
     decimals: None for the model's `decimals`, or the fewest that are exact. Limits are checked if the model has them

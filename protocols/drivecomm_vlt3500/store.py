@@ -25,7 +25,7 @@ _ACTUAL_VALUES = 502
 LARGEST = 99_999
 
 
-class Store(ParameterStore[int, tuple[int, tuple[int, ...] | None], Decimal]):
+class VltStore(ParameterStore[int, tuple[int, tuple[int, ...] | None], Decimal]):
     """The parameters of one drive as exact decimals; the start values in the model define the number of decimals.
 
     factory_setup: while it is active, no parameter can be written (VLT 3500 manual, page 92, cause 04). measured:

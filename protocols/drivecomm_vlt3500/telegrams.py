@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError
 from drivecomm.protocol.schema import (
-    Check,
+    CheckCharacters,
     Form,
     Leaf,
     Telegrams,
@@ -132,7 +132,10 @@ def _form(
         "address" / decimal_number(2, addresses, "address"),
         "kind" / deciding(choice(kinds, "control character " + ", ".join(kind.decode() for kind in kinds))),
         *rest,
-        "check" / Check(2, 1, decimal_sum, off=UNCHECKED, meaning="sum of bytes 2-19, last two digits; `??` for none"),
+        "check"
+        / CheckCharacters(
+            2, 1, decimal_sum, off=UNCHECKED, meaning="sum of bytes 2-19, last two digits; `??` for none"
+        ),
         constant(STOP, "stop"),
         reads={"unchecked": lambda check: True if check == UNCHECKED else None, **reads},
         writes={"check": lambda message: UNCHECKED if message.unchecked else None, **writes},

@@ -12,11 +12,20 @@ from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError, ValueRefusedError
-from drivecomm.protocol import Damaged, DriveRepr, Framed, LineSettings, Motor, Refusal, VirtualReply, looked_into
-from drivecomm_vlt3500.machine import Machine
+from drivecomm.protocol import (
+    Damaged,
+    DriveRepr,
+    Framed,
+    LineSettings,
+    Motor,
+    Refusal,
+    VirtualReply,
+    refusals_as_address_errors,
+)
+from drivecomm_vlt3500.machine import VltMachine
 from drivecomm_vlt3500.messages import Control, ControlReply, Read, ReadIndex, Reply, Request, Update
 from drivecomm_vlt3500.parameters import ANYTHING_ELSE, BAD_DECIMALS, DECIMALS, target
-from drivecomm_vlt3500.store import Store
+from drivecomm_vlt3500.store import VltStore
 from drivecomm_vlt3500.telegrams import BROADCAST, LENGTH, STOP, UNCHECKED, telegrams
 
 if TYPE_CHECKING:
@@ -41,12 +50,12 @@ class VirtualVltDrive(DriveRepr):
         self.settings = LineSettings()
         self.gap_s = 0.050
         self.motor = Motor()
-        self.store = Store(model)
+        self.store = VltStore(model)
         self.store.decimals(_REFERENCE, options.reference_decimals)
         self.store.poke(_ADDRESS, None, Decimal(address))
         if options.start_inhibit:
             self.store.poke(_FUNCTION, None, Decimal(11))
-        self.machine = Machine(self.motor, self.store, dc_brake=options.dc_brake)
+        self.machine = VltMachine(self.motor, self.store, dc_brake=options.dc_brake)
         self.store.measured = self.machine.measured()
         self._model = model
         self._options = options
@@ -68,7 +77,7 @@ class VirtualVltDrive(DriveRepr):
         """Return the value as a reading would show it, with the decimals that the drive sends."""
         self.machine.live(now)
         wanted = target(parameter, self._model)
-        with looked_into(parameter):
+        with refusals_as_address_errors(parameter):
             return str(self.store.fetch(wanted.number, wanted.index))
 
     def poke(self, parameter: str, raw: int | str) -> None:
@@ -78,7 +87,7 @@ class VirtualVltDrive(DriveRepr):
             value = Decimal(raw)
             if not value.is_finite() or int(value.as_tuple().exponent) < -DECIMALS[-1]:
                 raise InvalidOperation  # noqa: TRY301
-            with looked_into(parameter):
+            with refusals_as_address_errors(parameter):
                 self.store.poke(wanted.number, wanted.index, value)
         except InvalidOperation as error:
             raise ValueRefusedError(

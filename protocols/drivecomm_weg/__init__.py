@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm.profiles import CONTROL_KEYS, OrderMemory, RegisterOperations, register_protocol
+from drivecomm.profiles import CONTROL_KEYS, RegisterCommandMemory, RegisterOperations, register_protocol
 from drivecomm.protocol import LineFacts, LineSettings, Timing
 from drivecomm_weg.dialect import WegConversation, WegDialect, WegOptions
 from drivecomm_weg.telegrams import ADDRESSES, TELEGRAMS
@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
 
 def _operations(
-    address: int, options: WegOptions, model: Model | None, memory: OrderMemory | None = None
+    address: int, options: WegOptions, model: Model | None, memory: RegisterCommandMemory | None = None
 ) -> RegisterOperations:
-    dialect, known = WegDialect(address, options, model), memory or OrderMemory()
+    dialect, known = WegDialect(address, options, model), memory or RegisterCommandMemory()
     return RegisterOperations(dialect, known, WegConversation(dialect, known))
 
 

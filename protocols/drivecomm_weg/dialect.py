@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import ParameterAddressError, RefusedError, ReplyError, UsageError
-from drivecomm.profiles import Access, Dialect, Place, RegisterConversation
+from drivecomm.profiles import Access, Dialect, RegisterConversation, RegisterPlace
 from drivecomm.protocol import Ask, Intent, Tell, code_texts
 from drivecomm_weg.telegrams import Reply, Request
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import Damaged, Exchange
 
-STATE = Place("v", 2)
+STATE = RegisterPlace("v", 2)
 _NAK, _ANY = 0x15, 9
 _ADDRESS = re.compile(r"(?:P([0-6][0-9]{2})|V([0-9]{2}))(?:\.(low|high|[0-9]|1[0-5]))?", re.ASCII)
 
@@ -41,40 +41,40 @@ class WegDialect(Dialect):
 
     title = "WEG"
     requests = Request
-    probe = Place("v", 0)
+    probe = RegisterPlace("v", 0)
     identity = {"drive_type": "V00"}  # noqa: RUF012 - constant; models explain its codes by equipment
     repeats = {"": ("address",), "data": ("code",)}  # noqa: RUF012 - never changed
     refusals = {_NAK: "there is no such variable, it cannot be read or written now, or the value is not allowed"}  # noqa: RUF012
     codes = {"unknown": _NAK, "read only": _NAK, "running": _NAK, "limits": _NAK}  # noqa: RUF012
     reply_delay_s = 0.012
 
-    def place_of(self, address: str) -> Place:
+    def place_of(self, address: str) -> RegisterPlace:
         """Return the place of an address in the manual. Raises ParameterAddressError."""
         if not (found := _ADDRESS.fullmatch(address)):
             raise ParameterAddressError(
                 f"{address!r} is not a variable of a WEG drive; write P000 to P699, V00 to V99, or V02.low for a byte"
             )
-        place = Place("p", int(found[1])) if found[1] else Place("v", int(found[2]))
-        return Place(place.kind, place.start, found[3]) if found[3] else place
+        place = RegisterPlace("p", int(found[1])) if found[1] else RegisterPlace("v", int(found[2]))
+        return RegisterPlace(place.kind, place.start, found[3]) if found[3] else place
 
-    def address_at(self, place: Place) -> str:
+    def address_at(self, place: RegisterPlace) -> str:
         """Return the address of a place as the manual prints it."""
         return f"P{place.start:03d}" if place.kind == "p" else f"V{place.start:02d}"
 
-    def _code(self, place: Place) -> str:
+    def _code(self, place: RegisterPlace) -> str:
         hundreds, rest = divmod(place.start, 100)
         return f"0{hundreds + 1 if place.kind == 'p' else 0}{self.options.equipment}{rest:02d}"
 
-    def reading(self, place: Place, _count: int, /) -> Ask:
+    def reading(self, place: RegisterPlace, _count: int, /) -> Ask:
         """Return the request for a variable; its reply names the variable, but a NAK names only the drive."""
         return Ask(message=Request(kind="read", address=self.address, code=self._code(place)), nameless=True)
 
-    def writing(self, place: Place, words: Sequence[int], /) -> Ask:
+    def writing(self, place: RegisterPlace, words: Sequence[int], /) -> Ask:
         """Return the request that writes a variable; ACK and NAK name only the drive."""
         request = Request(kind="write", address=self.address, code=self._code(place), value=words[0])
         return Ask(message=request, nameless=True)
 
-    def words(self, reply: Any, _place: Place, /) -> tuple[int, ...]:
+    def words(self, reply: Any, _place: RegisterPlace, /) -> tuple[int, ...]:
         """Return the value of a reply."""
         return (reply.value,)
 
@@ -86,7 +86,7 @@ class WegDialect(Dialect):
         """Return the kinds of reply to a request."""
         return {"read": ("data", "nak"), "write": ("ack", "nak")}.get(request.kind, ())
 
-    def meant(self, request: Any) -> Access | None:
+    def access_of(self, request: Any) -> Access | None:
         """Return the access that a request makes; None for EOT.
 
         A code for other equipment does not exist in this drive; 9 means any equipment (CFW-08 p. 180).
@@ -94,9 +94,9 @@ class WegDialect(Dialect):
         if request.kind == "end":
             return None
         hundreds, equipment, rest = int(request.code[1]), int(request.code[2]), int(request.code[3:])
-        place = Place("p", (hundreds - 1) * 100 + rest) if hundreds else Place("v", rest)
+        place = RegisterPlace("p", (hundreds - 1) * 100 + rest) if hundreds else RegisterPlace("v", rest)
         if equipment not in (self.options.equipment, _ANY):
-            place = Place("u", 0)
+            place = RegisterPlace("u", 0)
         return Access(place=place, words=(request.value,) if request.kind == "write" else None)
 
     def intent(self, request: Any) -> Intent:
@@ -124,7 +124,7 @@ class WegDialect(Dialect):
 class WegConversation(RegisterConversation):
     """Requests to one drive: each exchange ends with EOT (CFW-08 p. 138), and V02 gives the reason of a NAK."""
 
-    def asked(self, ask: Ask, called: str, place: Place | None = None) -> Exchange[Any]:
+    def asked(self, ask: Ask, called: str, place: RegisterPlace | None = None) -> Exchange[Any]:
         """Send a request, return the reply and close the exchange. Raises RefusedError with the error code from V02."""
         try:
             reply = yield from super().asked(ask, called, place)

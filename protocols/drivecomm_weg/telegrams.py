@@ -76,7 +76,7 @@ def _value(covered_from: int) -> tuple[Any, ...]:
         "separator" / schema.choice({b"=": "="}, "="),  # another character is a wrong field, not noise
         "value" / schema.hex_number(4, "value"),
         _ETX,
-        schema.Check(1, covered_from, schema.xor_byte, meaning="BCC: all behind STX"),
+        schema.CheckCharacters(1, covered_from, schema.xor_byte, meaning="BCC: all behind STX"),
     )
 
 

@@ -9,12 +9,12 @@ from itertools import count
 from orders import FOREVER, Start, Stop, note_answer
 from server_bench import PATIENCE_S, TOKENS
 
-from drivecomm.server import ended
-from drivecomm.server.broker import BROKER_KEYS, Message, broker_settings
-from drivecomm.server.broker.connection import connected
-from drivecomm.server.sparkplug.payload import DataType, Metric, Payload, encoded
+from drivecomm.server import cancel_and_wait
+from drivecomm.server.broker import BROKER_KEYS, BrokerMessage, broker_settings
+from drivecomm.server.broker.connection import connect_to_broker
+from drivecomm.server.sparkplug.payload import DataType, Metric, Payload, encode_payload
 from drivecomm.server.sparkplug.wire import payload_class
-from drivecomm.tomlfile import Table
+from drivecomm.tomlfile import TomlTable
 
 _WITHOUT_BROKER_S = 10.0
 _HEARD = ("drivecomm/plant/bridge/state", "drivecomm/plant/+/response", "drivecomm/plant/bridge/response/#")
@@ -30,14 +30,14 @@ class OnBroker:
         self._connection, self._task, self._last = None, None, None
 
     async def open(self):
-        table = Table({"broker": self._bench.broker.url}, "x.toml")
+        table = TomlTable({"broker": self._bench.broker.url}, "x.toml")
         settings = broker_settings(table, table.take(BROKER_KEYS))
         there = asyncio.Event()
 
         async def stay():
             while True:
                 with suppress(Exception):
-                    async with connected(settings, "panel", self._hear) as self._connection:
+                    async with connect_to_broker(settings, "panel", self._hear) as self._connection:
                         await self._connection.subscribe_with_kept(*_HEARD)
                         there.set()
                         await self._connection.lost()
@@ -47,7 +47,7 @@ class OnBroker:
         await there.wait()
 
     async def close(self):
-        await ended(self._task)
+        await cancel_and_wait(self._task)
 
     def _hear(self, received):
         parts = received.topic.split("/")
@@ -69,7 +69,7 @@ class OnBroker:
         payload = json.dumps(payload) if isinstance(payload, dict) else payload
         with suppress(Exception):
             async with asyncio.timeout(PATIENCE_S):
-                await self._connection.publish(Message(topic=topic, payload=payload, retain=retain))
+                await self._connection.publish(BrokerMessage(topic=topic, payload=payload, retain=retain))
                 return True
         return False
 
@@ -171,4 +171,4 @@ class OnBroker:
     async def _dcmd(self, drive, name, *more):
         metric = Metric(name=name, type=DataType.BOOLEAN, value=True)
         payload = Payload(metrics=(metric, *more), time_ms=round(time.time() * 1000), uuid=f"u{next(self._numbers)}")
-        return await self._publish(f"spBv1.0/plant/DCMD/gateway/{drive}", encoded(payload, say_types=True))
+        return await self._publish(f"spBv1.0/plant/DCMD/gateway/{drive}", encode_payload(payload, say_types=True))

@@ -40,13 +40,13 @@ def leases_given_back_are_ignored():
 
 
 def a_repeated_order_is_carried_out_again():
-    from drivecomm.server.repeats import Repeats
+    from drivecomm.server.repeats import AnswerCache
 
     async def once(_, caller, command, begin):
         del caller, command
         return await begin()
 
-    _put(Repeats, "once", once)
+    _put(AnswerCache, "once", once)
 
 
 def every_start_is_with_the_policy_hold():
@@ -64,7 +64,7 @@ def every_start_is_with_the_policy_hold():
 def what_the_broker_kept_is_obeyed():
     import drivecomm.server.broker.connection as module
 
-    before = module.Received
+    before = module.ReceivedMessage
 
     def received(**given):
         return before(**{**given, "retained": False})
@@ -116,14 +116,14 @@ def a_stop_goes_to_the_first_drive_of_the_line():
 
 
 def stop_all_stops_the_first_line():
-    from drivecomm.server.commands import Commands
+    from drivecomm.server.commands import CommandExecutor
 
-    before = Commands.stop_all
+    before = CommandExecutor.stop_all
 
     async def stop_all(self, caller, how, lines=()):
         return await before(self, caller, how, lines or tuple(self._core.lines)[:1])
 
-    _put(Commands, "stop_all", stop_all)
+    _put(CommandExecutor, "stop_all", stop_all)
 
 
 def a_stop_that_was_not_confirmed_is_forgotten():
@@ -169,9 +169,9 @@ def who_looks_may_not_stop():
 
 
 def a_plc_that_stops_is_not_heard():
-    from drivecomm.server.modbus_tcp.commanding import Commander
+    from drivecomm.server.modbus_tcp.commanding import RegisterCommander
 
-    _put(Commander, "_take_stop", lambda *_: None)
+    _put(RegisterCommander, "_take_stop", lambda *_: None)
 
 
 def what_failed_to_be_read_is_as_before():

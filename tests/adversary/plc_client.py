@@ -7,7 +7,7 @@ import time
 from orders import FOREVER, Start, Stop
 from server_bench import PATIENCE_S, UNITS
 
-from drivecomm.server import ended
+from drivecomm.server import cancel_and_wait
 
 _STOP, _AGAIN_S = 1000, 0.2
 
@@ -27,7 +27,7 @@ class Plc:
 
     async def disconnect(self):
         if self._task is not None:
-            await ended(self._task)
+            await cancel_and_wait(self._task)
         self._gone()
 
     def _gone(self):

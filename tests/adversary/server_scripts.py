@@ -14,7 +14,7 @@ from plc_client import Plc
 from server_bench import DRIVES
 from server_judge import AFTER_SILENCE_S, AFTER_STOP_S, LEVEL_S, QUIET, Judge
 
-from drivecomm.server import ended
+from drivecomm.server import cancel_and_wait
 
 _LAST_S, _ATTEMPTS = 30.0, 5
 
@@ -62,7 +62,7 @@ class Script:
                     break
                 await asyncio.sleep(2.0)
         for task in list(self._under_way):
-            await ended(task)
+            await cancel_and_wait(task)
         last = max([time.monotonic(), *(each.until for each in self.book.troubles)])
         await asyncio.sleep(last - time.monotonic())
         until, quiet = last + AFTER_SILENCE_S + 6.0, 0

@@ -20,7 +20,7 @@ from opcua_client import call, connected
 from server_bench import UNITS, ServerBench, in_this_loop
 from server_scripts import Script
 
-from drivecomm.server import ended
+from drivecomm.server import cancel_and_wait
 
 DOORS = ("local", "http", "mqtt", "sparkplug", "modbus-tcp", "opcua")
 _WARM_S = 1.0
@@ -205,12 +205,12 @@ async def _measured(folder, clocks, flood, door):
             assert time.monotonic() < end, "the stop does not go out"
             await asyncio.sleep(0.01)
         for each in [*flooding, *([asked] if asked else [])]:
-            await ended(each)
+            await cancel_and_wait(each)
         await user.disconnect()
         return *found, busy
     finally:
         for each in flooding:
-            await ended(each)
+            await cancel_and_wait(each)
         for plc in script.plcs.values():
             await plc.disconnect()
         await script.close()

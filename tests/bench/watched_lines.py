@@ -59,7 +59,7 @@ class EventLoop:
             else:
                 # Drop the timers that have expired; the runner sets a new one if it waits longer.
                 self._times[:] = [time for time in self._times if time > until]
-                self._runner.timed()
+                self._runner.time_passed()
         ((result, error),) = self._results
         if error is not None:
             raise error

@@ -23,7 +23,7 @@ from drivecomm.errors import (
     ValueRefusedError,
 )
 from drivecomm.line import Job
-from drivecomm.plant import Fault, FaultPlan
+from drivecomm.plant import FaultPlan, LineFault
 from drivecomm.protocol import LineSettings, Pause, Stop, installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 
@@ -432,7 +432,7 @@ def test_drive_that_sends_endless_garbage_does_not_block_the_line(face):
 def test_silent_drive_does_not_disturb_other_drives(face):
     line = VirtualLine(
         [virtual_drive("vabus", 1), virtual_drive("vabus", 2)],
-        faults=FaultPlan(rate=1.0, kinds=[Fault.DROP], requests=False),
+        faults=FaultPlan(rate=1.0, kinds=[LineFault.DROP], requests=False),
     )
     with open_on(face, line.port) as bus:
         with pytest.raises(NoReplyError):

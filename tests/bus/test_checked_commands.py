@@ -7,13 +7,13 @@ import pytest
 from benches import Mortal, Recorder
 
 import drivecomm
-from drivecomm.bus import DriveVerbs, Sent, open_bus_async
+from drivecomm.bus import DriveVerbs, RemoteCalls, open_bus_async
 from drivecomm.errors import LeaseError, UsageError
 from drivecomm.line import Rank
 from drivecomm.virtual import VirtualLine
 
 
-class Looker:
+class CountingCheck:
     """A check that counts its calls, and raises from call number `raises_from` on."""
 
     def __init__(self, raises_from=None):
@@ -36,7 +36,7 @@ def test_failing_check_prevents_the_command(traced):
     with drivecomm.open_bus(line.port, trace=Recorder() if traced else None) as bus:
         fan = bus.drive("danfoss-fc", 1, model="fc300")
         fan.set_reference(percent=50)
-        for verb in (fan.checked(Looker(1)).start, lambda: fan.checked(Looker(1)).write("3-41", 5)):
+        for verb in (fan.with_check(CountingCheck(1)).start, lambda: fan.with_check(CountingCheck(1)).write("3-41", 5)):
             with pytest.raises(LeaseError):
                 verb()
         assert not fan.status().running
@@ -50,10 +50,10 @@ def test_check_runs_before_each_telegram_until_one_that_acts_is_sent():
     line = VirtualLine([Mortal("danfoss-fc", 1)])
     with drivecomm.open_bus(line.port, trace=recorder) as bus:
         fan = bus.drive("danfoss-fc", 1, model="fc300")
-        looker = Looker(2)
+        looker = CountingCheck(2)
         # The drive is read first, and commanded then.
         with pytest.raises(LeaseError):
-            fan.checked(looker).set_reference(percent=50)
+            fan.with_check(looker).set_reference(percent=50)
         assert looker.asked == 2
         assert commanded(recorder) == []
 
@@ -64,9 +64,9 @@ def test_retries_of_a_sent_command_are_not_checked_again():
         fan = bus.drive("danfoss-fc", 1, model="fc300")
         fan.set_reference(percent=0)
         line.drives[0].hear, hear = (lambda *_: None), line.drives[0].hear
-        looker = Looker(2)
+        looker = CountingCheck(2)
         with pytest.raises(drivecomm.errors.NoReplyError):
-            fan.checked(looker).write("3-41", 5)
+            fan.with_check(looker).write("3-41", 5)
         assert looker.asked == 1, "it was repeated without being looked at"
         line.drives[0].hear = hear
 
@@ -74,7 +74,7 @@ def test_retries_of_a_sent_command_are_not_checked_again():
 def test_reads_and_stops_are_not_checked():
     line = VirtualLine([Mortal("danfoss-fc", 1)])
     with drivecomm.open_bus(line.port) as bus:
-        fan = bus.drive("danfoss-fc", 1, model="fc300").checked(Looker(1))
+        fan = bus.drive("danfoss-fc", 1, model="fc300").with_check(CountingCheck(1))
         fan.status()
         fan.stop()
 
@@ -84,15 +84,15 @@ def test_failing_check_prevents_a_broadcast():
     with drivecomm.open_bus(line.port) as bus:
         everybody = bus.broadcast("danfoss-fc", model="fc300", broadcast_parameters=True)
         with pytest.raises(LeaseError):
-            everybody.checked(Looker(1)).write("3-41", 5)
+            everybody.with_check(CountingCheck(1)).write("3-41", 5)
 
 
 def test_checked_refuses_a_drive_on_a_line_of_a_server():
-    class FromAfar(DriveVerbs, Sent):
+    class FromAfar(DriveVerbs, RemoteCalls):
         pass
 
     with pytest.raises(UsageError, match="on a line of a server"):
-        FromAfar(None, SimpleNamespace(name="vabus:1"), None, None).checked(Looker())
+        FromAfar(None, SimpleNamespace(name="vabus:1"), None, None).with_check(CountingCheck())
 
 
 def test_check_runs_when_the_turn_of_the_command_has_come():
@@ -107,7 +107,7 @@ def test_check_runs_when_the_turn_of_the_command_has_come():
                     raise LeaseError("it is over")
 
             turn = await asyncio.create_task(bus.line.taken(Rank.STOP))
-            starting = asyncio.create_task(fan.checked(check).start())
+            starting = asyncio.create_task(fan.with_check(check).start())
             await asyncio.sleep(0)
             over = True
             bus.line.turns.give_back(turn)

@@ -6,7 +6,7 @@ import pytest
 from two_faces import FACES, open_on
 
 import drivecomm
-from drivecomm.bus import Drive, Waiting, is_stored, reaching
+from drivecomm.bus import Drive, GoalWait, is_stored, reaching
 from drivecomm.errors import NotSupported, OvertakenError, StateError, UsageError, ValueRefusedError
 from drivecomm.models import load_model
 from drivecomm.protocol import DriveState, DriveStatus, installed
@@ -53,7 +53,7 @@ def test_drive_starts_reverses_and_stops(drive, virtual):
 
 @pytest.mark.parametrize("protocol", ["danfoss-fc", "fuji"])
 def test_zero_is_a_valid_reference(protocol):
-    virtual, bus = one(protocol, **DRIVES[protocol])
+    virtual, bus = drive_and_bus(protocol, **DRIVES[protocol])
     with bus:
         drive = bus.drive(protocol, 1, **DRIVES[protocol])
         drive.set_reference(percent=30)
@@ -85,21 +85,21 @@ def test_wait_for_raises_at_its_timeout_and_at_a_fault(drive, virtual):
     assert drive.wait_for(DriveState.FAULT).fault
 
 
-def told(**facts):
+def drive_status(**facts):
     return DriveStatus(**{"word": 0, "state": DriveState.READY, "running": False, "fault": False, **facts})
 
 
 def test_standing_motor_is_not_at_its_reference():
-    waiting = Waiting("fan", "at_reference", 10.0, now=0.0)
-    assert not waiting.over(told(at_reference=True), 1.0)
-    assert waiting.over(told(at_reference=True, running=True), 1.0)
+    waiting = GoalWait("fan", "at_reference", 10.0, now=0.0)
+    assert not waiting.over(drive_status(at_reference=True), 1.0)
+    assert waiting.over(drive_status(at_reference=True, running=True), 1.0)
 
 
 def test_wait_for_at_reference_needs_a_status_that_shows_it():
-    waiting = Waiting("fan", "at_reference", 10.0, now=0.0)
-    assert not waiting.over(told(at_reference=None), 1.0)
+    waiting = GoalWait("fan", "at_reference", 10.0, now=0.0)
+    assert not waiting.over(drive_status(at_reference=None), 1.0)
     with pytest.raises(NotSupported, match="does not say whether the reference is reached"):
-        waiting.over(told(at_reference=None, running=True), 1.0)
+        waiting.over(drive_status(at_reference=None, running=True), 1.0)
 
 
 def test_overtaking_stop_does_not_end_a_wait_before_its_timeout():
@@ -108,11 +108,11 @@ def test_overtaking_stop_does_not_end_a_wait_before_its_timeout():
     next(waiting)
     waiting.throw(overtaken)
     next(waiting)
-    waiting.send(told(state=DriveState.RUNNING, running=True))
+    waiting.send(drive_status(state=DriveState.RUNNING, running=True))
     next(waiting)
     with pytest.raises(StopIteration) as ended:
-        waiting.send(told())
-    assert ended.value.value == told()
+        waiting.send(drive_status())
+    assert ended.value.value == drive_status()
     waiting = reaching("fan", DriveState.READY, 10.0, lambda: now[0])
     next(waiting)
     now[0] = 10.0
@@ -138,13 +138,13 @@ def test_verbs_missing_from_the_capabilities_are_refused(drive):
                 getattr(drive, verb)(**arguments)
 
 
-def one(protocol, **options):
+def drive_and_bus(protocol, **options):
     virtual = virtual_drive(protocol, 1, **options)
     return virtual, drivecomm.open_bus(VirtualLine([virtual]).port)
 
 
 def test_danfoss_drive_jogs_holds_and_selects_setups_and_relays():
-    virtual, bus = one("danfoss-fc", model="fc300")
+    virtual, bus = drive_and_bus("danfoss-fc", model="fc300")
     with bus:
         drive = bus.drive("danfoss-fc", 1, model="fc300")
         drive.set_reference(percent=50)
@@ -161,7 +161,7 @@ def test_danfoss_drive_jogs_holds_and_selects_setups_and_relays():
 
 
 def test_value_is_written_by_its_text_and_read_back():
-    _, bus = one("vabus", model="agile")
+    _, bus = drive_and_bus("vabus", model="agile")
     with bus:
         drive = bus.drive("vabus", 1, model="agile")
         held = drive.write_and_read("10", "9600 baud")
@@ -178,7 +178,7 @@ def test_option_text_ignores_case_and_must_be_unambiguous(tmp_path):
         '[[parameter]]\naddress = "11"\nname = "twofold"\ntype = "uint"\nvalues = { 1 = "on", 2 = "on" }\n',
         encoding="utf-8",
     )
-    _, bus = one("vabus", model="agile")
+    _, bus = drive_and_bus("vabus", model="agile")
     with bus:
         drive = bus.drive("vabus", 1, model=str(own))
         assert drive.write_and_read("baud_rate", "9600 BAUD").value == 3
@@ -186,7 +186,7 @@ def test_option_text_ignores_case_and_must_be_unambiguous(tmp_path):
             drive.check_write("twofold", "on")
 
 
-class Deaf:
+class IgnoredWrites:
     """Operations of a drive whose writes are confirmed and not carried out."""
 
     def __init__(self, inner):
@@ -201,17 +201,17 @@ class Deaf:
 
 def test_write_and_read_detects_a_drive_that_holds_another_value():
     model = load_model("drivecomm_vabus", "vabus", "agile")
-    virtual, bus = one("vabus", model="agile")
+    virtual, bus = drive_and_bus("vabus", model="agile")
     with bus:
         drive = bus.drive("vabus", 1, model=model)
-        deaf = Drive(bus, drive.peer, Deaf(installed["vabus"].operations(1, VabusOptions(), model)), model)
+        deaf = Drive(bus, drive.peer, IgnoredWrites(installed["vabus"].operations(1, VabusOptions(), model)), model)
         with pytest.raises(StateError, match=r"481 was written as 17\.5 and holds .* Hz; see the limits"):
             deaf.write_and_read("481", 17.5)
         assert virtual.peek("481", 0)
 
 
 def test_eleventh_stored_write_within_an_hour_is_refused_unsent():
-    _, bus = one("vabus", model="agile")
+    _, bus = drive_and_bus("vabus", model="agile")
     with bus:
         drive = bus.drive("vabus", 1, model="agile")
         began = bus.now()
@@ -238,7 +238,7 @@ def test_parameters_that_a_drive_always_stores_are_counted(tmp_path):
         '[[parameter]]\naddress = "216"\nname = "ramp_down_time"\n',
         encoding="utf-8",
     )
-    _, bus = one("vlt3500", model="vlt3500")
+    _, bus = drive_and_bus("vlt3500", model="vlt3500")
     with bus:
         drive = bus.drive("vlt3500", 1, model=str(own))
         for _ in range(10):
@@ -258,7 +258,7 @@ def test_reference_in_rpm_is_converted_by_the_name_plate(tmp_path):
         'motor_rated_frequency = "375"\nmotor_rated_speed = "372"\n',
         encoding="utf-8",
     )
-    virtual, bus = one("vabus", model="agile")
+    virtual, bus = drive_and_bus("vabus", model="agile")
     with bus:
         drive = bus.drive("vabus", 1, model=str(own))
         drive.write("375", 50)

@@ -104,7 +104,7 @@ class Site:
 
 
 @dataclass
-class Story:
+class SiteResults:
     """Results of a site: rates in answers per second, probes of each dead drive in 30 s, times to return in seconds."""
 
     dead: int
@@ -116,14 +116,14 @@ class Story:
     trouble: int
 
 
-def tell(protocol, dead):
+def site_results(protocol, dead):
     alone = Site(protocol, dead=0)
     alone.rate(2.0)
     site = Site(protocol, dead=dead, returning=RETURNING)
     first_minute = site.rate(FIRST_MINUTE_S)
     before = site.probes()
     trouble = [site.bus.counters[site.drives[address].name] for address in site.live]
-    story = Story(
+    story = SiteResults(
         dead=len(site.dead),
         alone=alone.rate(5.0),
         first_minute=first_minute,
@@ -151,7 +151,7 @@ def protocol(request):
 
 @pytest.fixture(scope="module")
 def story(protocol):
-    return tell(protocol, MANY)
+    return site_results(protocol, MANY)
 
 
 def test_live_drives_get_95_percent_of_the_line(story, protocol):
@@ -184,7 +184,7 @@ def test_returning_drive_is_used_again_within_its_limit(story, protocol):
 @pytest.mark.soak
 @pytest.mark.parametrize("slow", some(3, [name for name, limit in RETURN_S.items() if limit > 10]))
 def test_returning_drive_is_used_within_12_s_among_14_dead_ones(slow):
-    story = tell(slow, FEW)
+    story = site_results(slow, FEW)
     assert story.afterwards >= LEAST_SHARE * story.alone
     assert max(story.returns) <= 12.0, [f"{each:.1f} s" for each in story.returns]
 

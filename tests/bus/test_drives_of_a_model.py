@@ -4,7 +4,7 @@ import tracemalloc
 
 import pytest
 
-from drivecomm.bus.roster import Roster
+from drivecomm.bus.line_drives import LineDrives
 from drivecomm.protocol import installed
 
 KIB_A_DRIVE = 10
@@ -13,11 +13,11 @@ PLUGINS = list(installed.working())
 
 @pytest.mark.parametrize("plugin", PLUGINS, ids=lambda plugin: plugin.name)
 def test_drives_of_one_model_share_it_on_every_line(plugin):
-    line = Roster()
+    line = LineDrives()
     models = [
         line.member(plugin.name, address, plugin.default_model, None, {}).model for address in plugin.addresses[:2]
     ]
-    models.append(Roster().member(plugin.name, plugin.addresses[0], plugin.default_model, None, {}).model)
+    models.append(LineDrives().member(plugin.name, plugin.addresses[0], plugin.default_model, None, {}).model)
     if plugin.broadcast_address is not None:
         models.append(line.all_drives(plugin.name, plugin.default_model, {}).model)
     assert models[0] is not None
@@ -26,7 +26,7 @@ def test_drives_of_one_model_share_it_on_every_line(plugin):
 
 @pytest.mark.parametrize("plugin", PLUGINS, ids=lambda plugin: plugin.name)
 def test_additional_drive_of_a_known_model_takes_little_memory(plugin):
-    line = Roster()
+    line = LineDrives()
     line.member(plugin.name, plugin.addresses[0], plugin.default_model, None, {})
     tracemalloc.start()
     try:

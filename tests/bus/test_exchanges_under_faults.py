@@ -24,7 +24,7 @@ import drivecomm
 from drivecomm.errors import DriveCommError, DriveError, NotSupported, ReplyError
 from drivecomm.link import PortProxy, TraceEvent
 from drivecomm.models import load_model
-from drivecomm.plant import TRANSMISSION_FAULTS, Fault, FaultPlan
+from drivecomm.plant import TRANSMISSION_FAULTS, FaultPlan, LineFault
 from drivecomm.protocol import Framed, Framer, installed
 from drivecomm.testing import packaged_vectors
 from drivecomm.virtual import Transmission, VirtualLine, virtual_drive
@@ -44,9 +44,9 @@ DEADLINE_S = 30.0
 # Two lines per protocol: with and without echo.
 LINES = 2
 
-SILENT = [*TRANSMISSION_FAULTS, Fault.FOREIGN]
-PLAIN_KINDS = [*SILENT * 4, *[Fault.POWER] * 2]
-ECHO_KINDS = [*PLAIN_KINDS, *[Fault.ECHO_PARTIAL, Fault.ECHO_NOISY] * 4]
+SILENT = [*TRANSMISSION_FAULTS, LineFault.FOREIGN]
+PLAIN_KINDS = [*SILENT * 4, *[LineFault.POWER] * 2]
+ECHO_KINDS = [*PLAIN_KINDS, *[LineFault.ECHO_PARTIAL, LineFault.ECHO_NOISY] * 4]
 
 PLUGINS = list(installed.working())
 EXTENTS = protocol_extents(PLUGINS, 800, EXCHANGES, all_of_them=LONG or "DRIVECOMM_EXCHANGES" in os.environ)

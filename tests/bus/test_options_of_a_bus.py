@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import drivecomm
-from drivecomm.bus import Roster, port_opener
+from drivecomm.bus import LineDrives, port_opener
 from drivecomm.plant import read_plant
 from drivecomm.protocol import LINE_FACT_NAMES
 from drivecomm.virtual import VirtualLine, virtual_drive
@@ -36,7 +36,7 @@ def options_of(opens):
 
 
 def test_line_options_annotations_match_all_accepted_options():
-    taken = {*signature(Roster).parameters, *signature(port_opener).parameters} - {"facts", "port"}
+    taken = {*signature(LineDrives).parameters, *signature(port_opener).parameters} - {"facts", "port"}
     assert set(drivecomm.LineOptions.__annotations__) == LINE_FACT_NAMES | taken | {"record"}
 
 

@@ -11,7 +11,7 @@ from drivecomm.virtual import VirtualLine
 EACH_PROTOCOL = pytest.mark.parametrize("protocol", PROTOCOLS)
 
 
-class Refusing(Mortal):
+class RefusingDrive(Mortal):
     """A VABus drive that refuses writes while `refuses` is set."""
 
     refuses = False
@@ -26,7 +26,7 @@ class Refusing(Mortal):
 
 @pytest.fixture
 def virtual():
-    return Refusing("vabus")
+    return RefusingDrive("vabus")
 
 
 @pytest.fixture

@@ -17,14 +17,14 @@ SPELLINGS = {
 MODELS = {"danfoss-fc": "fc300", "vabus": "agile", "fuji": "frenic"}
 
 
-def one(protocol, model):
+def drive_and_bus(protocol, model):
     virtual = virtual_drive(protocol, 1, model=model)
     return virtual, drivecomm.open_bus(VirtualLine([virtual]).port)
 
 
 @pytest.mark.parametrize("protocol", SPELLINGS)
 def test_all_spellings_count_as_one_parameter(protocol):
-    _, bus = one(protocol, model=MODELS[protocol])
+    _, bus = drive_and_bus(protocol, model=MODELS[protocol])
     with bus:
         drive = bus.drive(protocol, 1, model=MODELS[protocol])
         for number in range(ALLOWED):
@@ -39,7 +39,7 @@ def test_all_spellings_count_as_one_parameter(protocol):
 
 
 def test_writes_with_and_without_a_model_count_as_one_parameter():
-    _, bus = one("danfoss-fc", model="fc300")
+    _, bus = drive_and_bus("danfoss-fc", model="fc300")
     with bus:
         known, plain = bus.drive("danfoss-fc", 1, model="fc300"), bus.drive("danfoss-fc", 1)
         for number in range(ALLOWED // 2):
@@ -51,7 +51,7 @@ def test_writes_with_and_without_a_model_count_as_one_parameter():
 
 
 def test_each_element_of_a_parameter_is_counted_separately():
-    _, bus = one("danfoss-fc", model="fc300")
+    _, bus = drive_and_bus("danfoss-fc", model="fc300")
     with bus:
         drive = bus.drive("danfoss-fc", 1, model="fc300")
         for number in range(ALLOWED):

@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 import drivecomm
-from drivecomm.bus import Asking, Found, LineChoices, Search, likely_settings
+from drivecomm.bus import Found, LineChoices, ScanProbe, Search, likely_settings
 from drivecomm.errors import UsageError
 from drivecomm.models import load_model
 from drivecomm.protocol import LineSettings, installed
@@ -150,7 +150,7 @@ def test_damaged_reply_moves_its_address_forward_and_is_reported_at_the_end():
     assert next(iter(search)).address == first.address
     assert search.damaged() == [spoilt]
     met = Found(protocol="vabus", address=first.address, sound=True)
-    assert search.heard(Asking(protocol="vabus", address=first.address), met) is met
+    assert search.heard(ScanProbe(protocol="vabus", address=first.address), met) is met
     assert search.damaged() == []
 
 

@@ -266,7 +266,7 @@ def test_every_pcapng_file_is_valid(tmp_path_factory, pieces, provenance):
     assert [data[12:] for _, _, data, _ in packets] == [piece.data for piece in pieces]
 
 
-class Foreign:
+class ForeignPcapng:
     """Pcapng file as another program may write it."""
 
     def __init__(self, order="<", section=b""):
@@ -303,7 +303,7 @@ class Foreign:
 @pytest.mark.parametrize("order", ["<", ">"])
 def test_pcapng_files_of_other_programs_are_read(tmp_path, order):
     noon = 1_777_888_000
-    file = Foreign(order)
+    file = ForeignPcapng(order)
     # Unknown blocks and options are skipped; times are in microseconds by default.
     file.add(0x80000001, b"whatever").interface(options=file.option(77, b"new") + file.option(2, b"COM3"))
     file.packet(noon * 10**6 + 500_000, b"ask").packet(noon * 10**6 + 600_000, b"tell", event=2)
@@ -319,7 +319,7 @@ def test_pcapng_files_of_other_programs_are_read(tmp_path, order):
 
 @pytest.mark.parametrize("order", ["<", ">"])
 def test_time_resolution_and_offset_of_other_programs_are_applied(tmp_path, order):
-    file = Foreign(order)
+    file = ForeignPcapng(order)
     file.interface(options=file.option(9, b"\x8a") + file.option(14, struct.pack(order + "q", 1000)))
     file.interface(options=file.option(9, b"\x03"))
     file.packet(1024 * 5, b"a").packet(1_005_250, b"b", number=1)
@@ -329,14 +329,14 @@ def test_time_resolution_and_offset_of_other_programs_are_applied(tmp_path, orde
 
 
 def test_packet_flags_outrank_event_types(tmp_path):
-    file = Foreign().interface()
+    file = ForeignPcapng().interface()
     for number, flags in enumerate([0, 1, 2, 0xFFFF0001]):
         file.packet(number, b"x", event=2, options=file.option(2, struct.pack("<I", flags)))
     assert [piece.source for piece in file.read(tmp_path).pieces] == ["unknown", "drive", "master", "drive"]
 
 
 def test_omitted_packets_are_listed_in_the_remarks(tmp_path):
-    file = Foreign(section=b"\x01\x00\x05\x00hello\x00\x00\x00").interface().interface(link_type=1)
+    file = ForeignPcapng(section=b"\x01\x00\x05\x00hello\x00\x00\x00").interface().interface(link_type=1)
     file.packet(0, b"a").packet(1, b"b", number=1).add(3, struct.pack("<I", 4) + b"abcd")
     found = file.read(tmp_path)
     assert found.provenance.note == "hello"
@@ -346,7 +346,7 @@ def test_omitted_packets_are_listed_in_the_remarks(tmp_path):
 
 
 def test_all_sections_of_a_file_are_read(tmp_path):
-    first, second = Foreign("<").interface(), Foreign(">").interface().packet(2, b"b", event=2)
+    first, second = ForeignPcapng("<").interface(), ForeignPcapng(">").interface().packet(2, b"b", event=2)
     first.packet(1, b"a")
     first.content += second.content
     assert [piece.data for piece in first.read(tmp_path).pieces] == [b"a", b"b"]
@@ -358,34 +358,39 @@ def test_malformed_blocks_are_reported_with_the_reason(tmp_path):
             file.read(tmp_path)
         assert "foreign.pcapng" in str(raised.value)
 
-    fails(Foreign().interface(link_type=1).packet(0, b"a"), "link type 1")
-    fails(Foreign().packet(0, b"a"), "interface 0 is used before its description")
-    fails(Foreign().add(6, b"short"), "block at byte 28")
-    fails(Foreign().interface().add(6, struct.pack("<IIIII", 0, 0, 0, 99, 99)), "99 bytes does not fit")
-    fails(Foreign().interface().add(6, struct.pack("<IIIII", 0, 0, 0, 4, 4) + b"abcd"), "too short for its link type")
-    fails(Foreign().add(1, struct.pack("<HHI", 250, 0, 0) + struct.pack("<HH", 9, 8)), "option 9 is longer")
-    fails(Foreign().add(1, struct.pack("<HHI", 250, 0, 0) + struct.pack("<HH", 9, 2) + b"abcd"), "block at byte 28")
-    wrong = Foreign()
+    fails(ForeignPcapng().interface(link_type=1).packet(0, b"a"), "link type 1")
+    fails(ForeignPcapng().packet(0, b"a"), "interface 0 is used before its description")
+    fails(ForeignPcapng().add(6, b"short"), "block at byte 28")
+    fails(ForeignPcapng().interface().add(6, struct.pack("<IIIII", 0, 0, 0, 99, 99)), "99 bytes does not fit")
+    fails(
+        ForeignPcapng().interface().add(6, struct.pack("<IIIII", 0, 0, 0, 4, 4) + b"abcd"),
+        "too short for its link type",
+    )
+    fails(ForeignPcapng().add(1, struct.pack("<HHI", 250, 0, 0) + struct.pack("<HH", 9, 8)), "option 9 is longer")
+    fails(
+        ForeignPcapng().add(1, struct.pack("<HHI", 250, 0, 0) + struct.pack("<HH", 9, 2) + b"abcd"), "block at byte 28"
+    )
+    wrong = ForeignPcapng()
     wrong.content += struct.pack("<III", 1, 13, 13)
     fails(wrong, "invalid length 13")
-    wrong = Foreign()
+    wrong = ForeignPcapng()
     wrong.content += struct.pack("<II", 1, 2**30) + bytes(8)
     fails(wrong, "invalid length 1073741824")
-    wrong = Foreign()
+    wrong = ForeignPcapng()
     wrong.content += struct.pack("<III", 1, 12, 16)
     fails(wrong, "12 at the beginning and 16 at the end")
-    wrong = Foreign()
+    wrong = ForeignPcapng()
     wrong.content = wrong.content.replace(struct.pack("<I", 0x1A2B3C4D), b"abcd")
     fails(wrong, "byte-order mark")
-    wrong = Foreign()
+    wrong = ForeignPcapng()
     wrong.content = wrong.content.replace(struct.pack("<HH", 1, 2), struct.pack("<HH", 2, 0))
     fails(wrong, r"version 2.0")
     speed = wrong.option(8, struct.pack("<Q", 1)) + wrong.option(3, b"1 8N1")
-    fails(Foreign().interface(options=speed), "baud rate of 1 ")
+    fails(ForeignPcapng().interface(options=speed), "baud rate of 1 ")
     about = json.dumps({"format": "drivecomm-capture", "version": 1, "began": "2026-05-04T09:00:00+00:00"})
     comment = wrong.option(1, about.encode())
-    fails(Foreign(section=comment).interface().packet(1, b"a"), "older than the capture")
-    wrong = Foreign(section=b"\x04\x00\x01\x00\xff\x00\x00\x00")
+    fails(ForeignPcapng(section=comment).interface().packet(1, b"a"), "older than the capture")
+    wrong = ForeignPcapng(section=b"\x04\x00\x01\x00\xff\x00\x00\x00")
     fails(wrong, "block at byte 0")
 
 
@@ -402,7 +407,7 @@ def test_years_that_pcapng_cannot_store_are_refused(tmp_path):
         with pytest.raises(UsageError, match="cannot store a capture of the year"):
             CaptureWriter(tmp_path / "a.pcapng", about)
         assert read_capture(written(tmp_path / "a.jsonl", about, PIECES)).provenance == about
-    foreign = Foreign()
+    foreign = ForeignPcapng()
     foreign.interface(options=foreign.option(9, b"\x00")).packet(2**40, b"a")
     with pytest.raises(FileFormatError, match="between 1970 and"):
         foreign.read(tmp_path)
@@ -411,7 +416,7 @@ def test_years_that_pcapng_cannot_store_are_refused(tmp_path):
 def _sample(kind):
     """Return the file of another program to be damaged, or None for the formats of drivecomm."""
     if kind == "foreign":
-        file = Foreign(">")
+        file = ForeignPcapng(">")
         options = file.option(9, b"\x06") + file.option(8, bytes(8)) + file.option(3, b"9600 8N1")
         return file.interface(options=options).packet(10**15, b"abc").packet(10**15 + 1, b"d", event=2).content
     return None
@@ -450,7 +455,7 @@ def _long(number, order=lambda number: number):
 
 
 # In an interpreter of its own, because threads of other tests allocate memory, too.
-_GONE_THROUGH = """
+_READ_PROGRAM = """
 import sys, tracemalloc
 from drivecomm.capture import files
 
@@ -469,7 +474,7 @@ for path in sys.argv[1:]:
 def test_larger_capture_takes_no_more_memory(tmp_path, suffix):
     few, many = (written(tmp_path / f"{number}{suffix}", ABOUT, _long(number)) for number in (2_000, 20_000))
     # The first pass includes the memory for imports and compilation, so it does not count.
-    course = [sys.executable, "-c", _GONE_THROUGH, few, few, many]
+    course = [sys.executable, "-c", _READ_PROGRAM, few, few, many]
     told = subprocess.run(course, capture_output=True, text=True, check=True)
     _, (number, little), (larger, most) = ([int(word) for word in line.split()] for line in told.stdout.splitlines())
     assert (number, larger) == (2_000, 20_000)

@@ -11,26 +11,32 @@ from drivecomm.capture.printed_line import printed_lines
 from drivecomm.errors import FileFormatError
 
 LOGS = Path(__file__).parent / "logs"
-ASKED = bytes.fromhex("05 03 21 03 00 02 3F B3")
-TOLD = bytes.fromhex("05 03 04 13 88 00 7B 7B 7E")
+SHORT_REQUEST = bytes.fromhex("05 03 21 03 00 02 3F B3")
+SHORT_REPLY = bytes.fromhex("05 03 04 13 88 00 7B 7B 7E")
 WRITTEN = bytes.fromhex("05 06 20 01 0B B8 D5 0C")
-ASKED_MUCH = bytes.fromhex("05 03 21 00 00 28 4E 6C")
-TOLD_MUCH = bytes.fromhex(f"05 03 50 {'00 01 ' * 40} 44 0F")
+LONG_REQUEST = bytes.fromhex("05 03 21 00 00 28 4E 6C")
+LONG_REPLY = bytes.fromhex(f"05 03 50 {'00 01 ' * 40} 44 0F")
 OTHER = bytes.fromhex("06 03 21 03 00 01 7F 81")
 
 PROGRAMS = {
-    "mbpoll.log": ([("m", ASKED), ("d", TOLD), ("m", OTHER), ("m", ASKED_MUCH), ("d", TOLD_MUCH)], []),
+    "mbpoll.log": (
+        [("m", SHORT_REQUEST), ("d", SHORT_REPLY), ("m", OTHER), ("m", LONG_REQUEST), ("d", LONG_REPLY)],
+        [],
+    ),
     "pymodbus.log": (
-        [("m", ASKED), ("d", TOLD[:5]), ("d", TOLD[5:]), ("m", WRITTEN), ("d", WRITTEN)],
+        [("m", SHORT_REQUEST), ("d", SHORT_REPLY[:5]), ("d", SHORT_REPLY[5:]), ("m", WRITTEN), ("d", WRITTEN)],
         ["line 3 is not read: the same line once more", "line 6 is not read: nothing says who sent"],
     ),
-    "minimalmodbus.log": ([("m", ASKED), ("d", b"\0" + TOLD)], []),
-    "qmodmaster.log": ([("m", ASKED), ("d", TOLD)], []),
-    "modbus-poll.txt": ([("m", ASKED), ("d", TOLD), ("m", WRITTEN), ("d", WRITTEN)], []),
-    "strace.txt": ([("m", ASKED), ("d", TOLD[:3]), ("d", TOLD[3:])], ["line 6 is not read: strace cut the bytes off"]),
-    "interceptty.log": ([("m", ASKED), ("d", TOLD)], []),
-    "serial-monitor.txt": ([("m", ASKED_MUCH), ("d", TOLD_MUCH)], []),
-    "modbus-tk.log": ([("m", ASKED), ("d", TOLD)], []),
+    "minimalmodbus.log": ([("m", SHORT_REQUEST), ("d", b"\0" + SHORT_REPLY)], []),
+    "qmodmaster.log": ([("m", SHORT_REQUEST), ("d", SHORT_REPLY)], []),
+    "modbus-poll.txt": ([("m", SHORT_REQUEST), ("d", SHORT_REPLY), ("m", WRITTEN), ("d", WRITTEN)], []),
+    "strace.txt": (
+        [("m", SHORT_REQUEST), ("d", SHORT_REPLY[:3]), ("d", SHORT_REPLY[3:])],
+        ["line 6 is not read: strace cut the bytes off"],
+    ),
+    "interceptty.log": ([("m", SHORT_REQUEST), ("d", SHORT_REPLY)], []),
+    "serial-monitor.txt": ([("m", LONG_REQUEST), ("d", LONG_REPLY)], []),
+    "modbus-tk.log": ([("m", SHORT_REQUEST), ("d", SHORT_REPLY)], []),
 }
 """Contents of each log (m: sent by the master, d: sent by a drive), and remarks on the lines that are not read."""
 
@@ -71,18 +77,18 @@ def test_lines_of_bytes_alone_are_of_unknown_source_and_not_joined(tmp_path):
     path = tmp_path / "tap.txt"
     path.write_text("05 03 21 03 00 02 3f b3\n05 03 04 13 88 00 7b 7b 7e\n", encoding="utf-16")
     assert [(piece.source, piece.data) for piece in read_capture(path).pieces] == [
-        ("unknown", ASKED),
-        ("unknown", TOLD),
+        ("unknown", SHORT_REQUEST),
+        ("unknown", SHORT_REPLY),
     ]
 
 
 def test_dump_begins_a_new_piece_at_offset_zero(tmp_path):
     path = tmp_path / "dump.txt"
     shown = "".join(
-        f"{start:04x}  {TOLD_MUCH[start : start + 16].hex(' ')}  {'.' * 16}\n" for start in range(0, 85, 16)
+        f"{start:04x}  {LONG_REPLY[start : start + 16].hex(' ')}  {'.' * 16}\n" for start in range(0, 85, 16)
     )
-    path.write_text(f"{shown}0000  {ASKED.hex(' ')}   ........\n", encoding="utf-8")
-    assert [piece.data for piece in read_capture(path).pieces] == [TOLD_MUCH, ASKED]
+    path.write_text(f"{shown}0000  {SHORT_REQUEST.hex(' ')}   ........\n", encoding="utf-8")
+    assert [piece.data for piece in read_capture(path).pieces] == [LONG_REPLY, SHORT_REQUEST]
 
 
 @pytest.mark.parametrize(
@@ -106,12 +112,12 @@ def test_dump_begins_a_new_piece_at_offset_zero(tmp_path):
 )
 def test_bytes_of_a_line_are_found_in_any_notation(line, mark):
     (found,) = printed_lines(line)
-    assert (found.data, found.mark, found.reason) == (ASKED, mark, "")
+    assert (found.data, found.mark, found.reason) == (SHORT_REQUEST, mark, "")
 
 
 def test_line_with_request_and_response_gives_both():
-    found = printed_lines(f"request: {ASKED.hex(' ')}, response: {TOLD.hex(' ')}")
-    assert [(each.mark, each.data) for each in found] == [("sent", ASKED), ("received", TOLD)]
+    found = printed_lines(f"request: {SHORT_REQUEST.hex(' ')}, response: {SHORT_REPLY.hex(' ')}")
+    assert [(each.mark, each.data) for each in found] == [("sent", SHORT_REQUEST), ("received", SHORT_REPLY)]
 
 
 @pytest.mark.parametrize(

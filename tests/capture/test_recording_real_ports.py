@@ -17,7 +17,7 @@ from drivecomm.virtual import Server, parse_listen, virtual_drive
 KINDS = ["tcp", *(["pty"] if os.name == "posix" else [])]
 
 
-class LineSample:
+class RecordingListener:
     """Listener that keeps all bytes passing through it."""
 
     def __init__(self, listener):
@@ -49,7 +49,7 @@ class LineSample:
 
 @contextmanager
 def serving(kind, tmp_path, drives, **options):
-    listener = LineSample(parse_listen(f"pty:{tmp_path / 'line'}" if kind == "pty" else "tcp:127.0.0.1:0"))
+    listener = RecordingListener(parse_listen(f"pty:{tmp_path / 'line'}" if kind == "pty" else "tcp:127.0.0.1:0"))
     with served_in_thread(Server(drives, listener, **options)):
         yield listener
 

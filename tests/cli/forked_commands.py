@@ -29,7 +29,7 @@ from drivecomm_command import main
 PATIENCE_S = 30
 
 
-class Commands:
+class ForkedCommands:
     """Runner of command lines, each in a fork of one loaded process."""
 
     def __init__(self, folder):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from extents import LONG, every
-from forked_commands import Commands
+from forked_commands import ForkedCommands
 
 from drivecomm.cli.app import READING, app
 
@@ -143,7 +143,7 @@ def place(tmp_path_factory):
 def run(place):
     """Yield a function that runs a command of `CALLS` with its standard streams as given."""
     folder, places = place
-    commands = Commands(folder)
+    commands = ForkedCommands(folder)
 
     def call(command, **conditions):
         words = f"{command} {CALLS[command]}".split()

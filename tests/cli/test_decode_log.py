@@ -7,8 +7,8 @@ import pytest
 from drivecomm.virtual import virtual_drive
 
 LOGS = Path(__file__).parents[1] / "capture" / "logs"
-ASKED = "modbus request: read_registers address=5 function=3 start=8451 count=2"
-TOLD = "modbus reply: read_registers address=5 function=3 values=[5000, 123]"
+REQUEST_LINE = "modbus request: read_registers address=5 function=3 start=8451 count=2"
+REPLY_LINE = "modbus reply: read_registers address=5 function=3 values=[5000, 123]"
 SHORT = ("minimalmodbus.log", "qmodmaster.log", "modbus-poll.txt", "strace.txt", "interceptty.log", "modbus-tk.log")
 
 
@@ -21,7 +21,7 @@ def decoded(shell):
 def test_log_of_a_program_is_decoded_line_by_line(decoded, shell, name):
     assert decoded("--log", LOGS / name) == 0
     said = [line.partition(" s  ")[2] for line in shell.out.splitlines()]
-    assert said.index(ASKED) < said.index(TOLD)
+    assert said.index(REQUEST_LINE) < said.index(REPLY_LINE)
     assert "refused" not in shell.out
 
 
@@ -51,16 +51,16 @@ def test_log_of_a_slave_program_has_requests_received_and_replies_sent(decoded, 
     path = tmp_path / "slave.log"
     path.write_text("RX: 05 03 21 03 00 02 3F B3\nTX: 05 03 04 13 88 00 7B 7B 7E\n", encoding="utf-8")
     assert decoded("--log", path) == 0
-    assert ASKED in shell.out
-    assert TOLD in shell.out
+    assert REQUEST_LINE in shell.out
+    assert REPLY_LINE in shell.out
 
 
 def test_log_without_directions_is_decoded_as_requests_and_replies(decoded, shell, tmp_path):
     path = tmp_path / "tap.txt"
     path.write_text("05 03 21 03 00 02 3F B3\n05 03 04 13 88 00 7B 7B 7E\n", encoding="utf-8")
     assert decoded("--log", path, "--protocol", "modbus") == 0
-    assert ASKED in shell.out
-    assert TOLD in shell.out
+    assert REQUEST_LINE in shell.out
+    assert REPLY_LINE in shell.out
 
 
 def test_log_without_telegrams_exits_with_4(decoded, shell, tmp_path):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drivecomm.plant import Fault, FaultPlan
+from drivecomm.plant import FaultPlan, LineFault
 from drivecomm.virtual import virtual_drive
 
 
@@ -209,7 +209,7 @@ def test_no_answer_names_port_drive_cause_and_remedy(shell):
 
 
 def test_damaged_answers_exit_with_4(shell):
-    shell.line(faults=FaultPlan(rate=1, kinds=(Fault.CORRUPT,), requests=False))
+    shell.line(faults=FaultPlan(rate=1, kinds=(LineFault.CORRUPT,), requests=False))
     assert shell("status", "vabus:1") == 4
     assert "vabus:1" in shell.err
 

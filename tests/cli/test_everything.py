@@ -25,7 +25,7 @@ def line(shell):
     return shell.line(virtual_drive("vabus", 1, model="guesses"))
 
 
-def there():
+def files_here():
     """Return the names of the files in the current folder."""
     return sorted(path.name for path in Path().iterdir())
 
@@ -61,7 +61,7 @@ class TestBackup:
         assert shell.err.startswith("drivecomm: 109 questions to the drive, about ")
         assert shell.err.endswith(" s; Ctrl-C ends it, and the same command goes on\n")
         assert sorted(entry.address for entry in read_set(Path("pump.toml")).of(["unknown"])) == ["29", "524"]
-        assert there() == ["pump.toml"]
+        assert files_here() == ["pump.toml"]
 
     def test_backup_prints_forecast_answers_and_progress_as_json(self, shell, monkeypatch):
         monkeypatch.setattr(exploring, "_EVERY_S", 0.0)
@@ -94,22 +94,22 @@ class TestBackup:
     def test_backup_refuses_invalid_options(self, shell, flags, said):
         assert shell("backup", *PUMP, "pump.toml", *flags) == 2
         assert said in shell.err
-        assert there() == []
+        assert files_here() == []
 
 
-class TestGoingOn:
+class TestResumption:
     def test_backup_resumes_after_ctrl_c(self, shell, line):
         at_telegram(line, 130, interrupt)
         assert shell("backup", *PUMP, "pump.toml", *NARROW) == 130
         assert "answers kept in pump.toml.answers, and the same command goes on from there" in shell.err
-        assert there() == [str(ANSWERS)]
+        assert files_here() == [str(ANSWERS)]
         kept = ANSWERS.read_text(encoding="utf-8").count("\n") - 1
         assert kept > 50
         assert shell("backup", *PUMP, "pump.toml", *NARROW) == 0
         assert f"{109 - kept} questions to the drive" in shell.err
         assert f"{kept} were answered before" in shell.err
         assert "the drive answers 107 of 109 addresses" in shell.out
-        assert there() == ["pump.toml"]
+        assert files_here() == ["pump.toml"]
 
     def test_backup_resumes_after_a_silent_drive(self, shell, line):
         hear = line.drives[0].hear
@@ -153,7 +153,7 @@ class TestGrow:
     def test_grow_covers_every_answered_address(self, shell):
         assert shell("models", "grow", "vabus:1", "--everything", "--model", "agile", "--write", "own.toml") == 0
         assert "questions to the drive" in shell.err
-        assert there() == ["own.toml"]
+        assert files_here() == ["own.toml"]
         assert check_model(Path("own.toml")) == []
         text = Path("own.toml").read_text(encoding="utf-8")
         assert text.count('sure = "unconfirmed"\n') >= 42
@@ -164,10 +164,10 @@ class TestGrow:
         grow = ("models", "grow", "vabus:1", "--everything", "--model", "agile", "--write", "own.toml")
         at_telegram(line, 130, interrupt)
         assert shell(*grow) == 130
-        assert there() == ["own.toml.answers"]
+        assert files_here() == ["own.toml.answers"]
         assert shell(*grow) == 0
         assert "were answered before" in shell.err
-        assert there() == ["own.toml"]
+        assert files_here() == ["own.toml"]
 
     @pytest.mark.soak
     def test_grow_reads_descriptions_from_a_drive_that_has_them(self, shell):
@@ -187,4 +187,4 @@ class TestGrow:
         assert shell(*grow, "29", "-o", "option_texts=3") == 2
         assert "do not describe their parameters" in shell.err
         assert shell(*grow, "31") == 5
-        assert there() == []
+        assert files_here() == []

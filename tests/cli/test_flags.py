@@ -9,7 +9,7 @@ import drivecomm.bus.bus
 import drivecomm.bus.opening
 import drivecomm.cli.replay
 from drivecomm.cli.app import app
-from drivecomm.cli.line_options import WITHOUT_EFFECT, LineOptions
+from drivecomm.cli.line_options import WITHOUT_EFFECT, LineArguments
 from drivecomm.plant import read_plant
 from drivecomm.traffic.replay import ReplayMaster
 from drivecomm.virtual import VirtualPlant
@@ -76,7 +76,7 @@ COMMANDS = [
     ("drift",),
 ]
 # Commands whose output also shows the effect of a flag; on virtual lines it is the same in each run.
-TELL_IT = ("doctor", "forecast")
+WITH_VISIBLE_EFFECT = ("doctor", "forecast")
 
 
 @pytest.fixture
@@ -141,13 +141,13 @@ def heard(shell, tmp_path, monkeypatch):
             (each[0].facts, each[0].read_only_reason, each[1]) if isinstance(each[0], drivecomm.bus.Drive) else each
             for each in (each if isinstance(each, tuple) else (each,) for each in seen)
         ]
-        return code, [*told, shell.out, shell.err] if call[0] in TELL_IT else told
+        return code, [*told, shell.out, shell.err] if call[0] in WITH_VISIBLE_EFFECT else told
 
     return run
 
 
 def test_table_of_values_has_every_line_flag():
-    assert {field.name for field in fields(LineOptions)} - {"json", "given", "stops"} == set(VALUES)
+    assert {field.name for field in fields(LineArguments)} - {"json", "given", "stops"} == set(VALUES)
 
 
 def test_table_of_commands_has_every_command_with_line_options():

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.line_options import LineArguments
 from drivecomm.cli.watch.command import watched_lines
 from drivecomm.errors import UsageError
 from drivecomm.plant import read_plant
@@ -176,7 +176,7 @@ def test_drift_and_baseline_show_accept_a_group(shell):
 
 
 def test_watched_lines_of_a_group_hold_only_its_drives(plant):
-    options = LineOptions(plant=Path("plant.toml"), given=frozenset({"plant"}))
+    options = LineArguments(plant=Path("plant.toml"), given=frozenset({"plant"}))
     hall, yard = watched_lines(["wet", "fan"], options)
     assert (hall.name, hall.port, [each.name for each in hall.drives]) == ("hall", "HALL", ["pump", "fan"])
     assert (yard.name, yard.port, [each.name for each in yard.drives]) == ("yard", "YARD", ["mixer"])

@@ -13,8 +13,8 @@ from drivecomm.cli.history import history_file
 from drivecomm.errors import UsageError
 from drivecomm.plant.value_log import read_rows
 from drivecomm.protocol import Reading
-from drivecomm.server import Answer, Caller, Command, CurrentValue, Event, Role
-from drivecomm.server.history import Journal
+from drivecomm.server import Caller, CommandAnswer, CommandRequest, CurrentValue, Event, Role
+from drivecomm.server.history import HistoryWriter
 
 NOON = 1_795_000_000.0
 
@@ -33,7 +33,7 @@ def file(tmp_path, monkeypatch):
     monkeypatch.setenv("TZ", "America/New_York")
     time.tzset()
     path = tmp_path / "plant.sqlite"
-    journal = Journal(path)
+    journal = HistoryWriter(path)
     for n in range(10):
         journal.add_values([value("pump", "output_frequency", f"{n}.50", NOON + n)])
         journal.add_values([value("fan", "output_current", f"{n}.1", NOON + n, unit="A")])
@@ -49,8 +49,8 @@ def file(tmp_path, monkeypatch):
         ]
     )
     mary = Caller(name="mary", role=Role.OPERATE, door="http")
-    asked = Command(drive="pump", verb="set_reference", arguments={"percent": Decimal("40.0")})
-    journal.add_command(mary, asked, Answer(id="a", outcome="done"), asked_s=NOON, done_s=NOON + 1)
+    asked = CommandRequest(drive="pump", verb="set_reference", arguments={"percent": Decimal("40.0")})
+    journal.add_command(mary, asked, CommandAnswer(id="a", outcome="done"), asked_s=NOON, done_s=NOON + 1)
     journal.add_fault_log("pump", [Reading(parameter="15-30[0]", value=14, raw=14, text="earth fault")], time_s=NOON)
     journal.close()
     yield path
@@ -183,7 +183,7 @@ def test_times_of_a_plot_are_local(tmp_path):
         time_s=NOON,
     )
     path, output = tmp_path / "tripped.sqlite", tmp_path / "tripped.html"
-    with closing(Journal(path)) as journal:
+    with closing(HistoryWriter(path)) as journal:
         journal.add_values([tripped, value("pump", "output_frequency", "1.0", NOON)])
     assert main(["plot", str(path), "-o", str(output)]) == 0
     assert "2026-11-18 06:06:40-05:00" in output.read_text()

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from drivecomm.plant import Fault, FaultPlan
+from drivecomm.plant import FaultPlan, LineFault
 from drivecomm.virtual import virtual_drive
 
 MAXIMUM = '"419[1]" = { name = "maximum_frequency", value = 50.00'
@@ -339,7 +339,7 @@ class TestCutOff:
         return saved
 
     def test_restore_resumes_after_a_lost_line(self, shell, cut):
-        cut.call_at(cut.time + 2.6, lambda: setattr(cut, "faults", FaultPlan(rate=1.0, kinds=[Fault.DROP])))
+        cut.call_at(cut.time + 2.6, lambda: setattr(cut, "faults", FaultPlan(rate=1.0, kinds=[LineFault.DROP])))
         assert shell("restore", "vabus:1", "pump.toml") == 4
         assert "parameters were written, the same command with --resume goes on" in shell.err
         journal = Path("pump.toml.vabus-1.journal")

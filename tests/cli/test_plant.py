@@ -36,7 +36,7 @@ line = "yard"
 """
 
 
-class Commands:
+class CommandRunner:
     """Command runner with real ports; keeps the output of the latest command."""
 
     def __init__(self, capsys):
@@ -56,7 +56,7 @@ class Commands:
 
 @pytest.fixture
 def run(capsys):
-    return Commands(capsys)
+    return CommandRunner(capsys)
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from drivecomm.cli import main, signals
-from drivecomm.protocol import Command
+from drivecomm.protocol import MotorCommand
 from drivecomm.proving import read_proof
 from drivecomm.virtual import virtual_drive
 
@@ -212,7 +212,7 @@ def test_ctrl_c_while_the_motor_runs_stops_it_and_leaves_a_whole_proof(shell, mo
     assert shell("prove", "vabus:3", "--model", "agile", "--move") == 130
     proof = read_proof(folder / "proof-vabus-agile.toml")
     assert proof.interrupted == "at start, reference and stop: it was interrupted"
-    assert drive.motor.command is not Command.RUN
+    assert drive.motor.command is not MotorCommand.RUN
     drive.follow(line.time + 60)
     assert not drive.motor.running
 

@@ -11,7 +11,7 @@ import pytest
 
 from drivecomm.capture import CaptureWriter, Piece, Provenance, read_capture
 from drivecomm.cli import main
-from drivecomm.protocol import Command
+from drivecomm.protocol import MotorCommand
 from drivecomm.virtual import virtual_drive
 
 posix = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and signals are POSIX")
@@ -42,14 +42,14 @@ def test_replay_to_the_same_line_finds_no_difference_and_starts_nothing(shell, s
     assert shell("replay", str(session)) == 0
     assert "0 answered differently" in shell.out
     assert "--commands sends them, too" in shell.out
-    assert line.drives[0].motor.command is Command.OFF
+    assert line.drives[0].motor.command is MotorCommand.OFF
 
 
 def test_commands_flag_also_sends_the_recorded_commands(shell, session):
     line = shell.line(virtual_drive("danfoss-fc", 3))
     assert shell("replay", str(session), "--commands", "--faster", "2") == 0
     assert "--commands" not in shell.out
-    assert line.drives[0].motor.command is Command.RUN
+    assert line.drives[0].motor.command is MotorCommand.RUN
 
 
 def test_differences_are_printed_as_a_table(shell, session):
@@ -116,7 +116,7 @@ def test_capture_without_senders_replays_like_any_other(shell, session, tmp_path
     assert shell("replay", str(session)) == 0
     # The count of unsent telegrams may differ: a Danfoss process block is also a valid MOVILINK telegram.
     assert re.sub(r"\d+ not sent", "not sent", shell.out) == re.sub(r"\d+ not sent", "not sent", said)
-    assert line.drives[0].motor.command is Command.OFF
+    assert line.drives[0].motor.command is MotorCommand.OFF
 
 
 @pytest.mark.soak

@@ -55,7 +55,7 @@ trip = {{ code = 14, at_s = 0 }}
 """
 
 PORT = "{folder}/hall"
-"""Port of the plant's line; `Place` fills in the folder."""
+"""Port of the plant's line; `PlantFolder` fills in the folder."""
 
 COMMANDS = {
     "read": ["read", "pump", "output_frequency", "480"],
@@ -145,7 +145,7 @@ def masked(text):
     return text
 
 
-class Place:
+class PlantFolder:
     """Folder with a running virtual plant, in which commands are run. file: the plant file."""
 
     def __init__(self, folder, capsys):
@@ -163,7 +163,7 @@ class Place:
 
 @pytest.fixture
 def place(request, tmp_path, capsys, monkeypatch):
-    """Serve the drives of a plant file in a thread; yield the folder as a `Place`."""
+    """Serve the drives of a plant file in a thread; yield the folder as a `PlantFolder`."""
     # The path of a Unix socket has at most about a hundred characters.
     runtime = Path(tempfile.mkdtemp(prefix="dc"))
     request.addfinalizer(lambda: shutil.rmtree(runtime, ignore_errors=True))  # noqa: PT021 - runs even if a later step fails
@@ -172,7 +172,7 @@ def place(request, tmp_path, capsys, monkeypatch):
     for name in ("DRIVECOMM_PORT", "DRIVECOMM_PLANT", "RUNTIME_DIRECTORY"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.chdir(tmp_path)
-    one = Place(tmp_path, capsys)
+    one = PlantFolder(tmp_path, capsys)
     with served_in_thread(PlantServer(VirtualPlant(read_plant(one.file)))):
         yield one
 
@@ -190,7 +190,7 @@ def test_command_prints_the_same_through_a_server_as_at_bare_ports(place, comman
     assert served == bare
 
 
-def started(*arguments, end=lambda process: process.send_signal(signal.SIGINT)):
+def run_start(*arguments, end=lambda process: process.send_signal(signal.SIGINT)):
     """Run a start that stays, call `end` when the motor has started, and return the exit code and the output."""
     command = [sys.executable, "-m", "drivecomm", "start", *arguments]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
@@ -210,9 +210,9 @@ def started(*arguments, end=lambda process: process.send_signal(signal.SIGINT)):
 @pytest.mark.soak
 @pytest.mark.parametrize("further", [[], ["--json"], ["--watchdog", "3", "--percent", "40", "--reverse"]], ids=str)
 def test_start_until_ctrl_c_prints_the_same_through_a_server(place, further):
-    bare = started("pump", *further)
+    bare = run_start("pump", *further)
     with running_server(place.file):
-        served = started("pump", *further)
+        served = run_start("pump", *further)
     assert served == bare
     assert bare[0] == 0
     assert place("wait", "pump", "ready")[0] == 0
@@ -223,9 +223,9 @@ def test_start_ended_by_another_stop_prints_the_same_through_a_server(place):
     def stop(_):
         subprocess.run([sys.executable, "-m", "drivecomm", "stop", "pump"], check=True, capture_output=True)
 
-    bare = started("pump", end=stop)
+    bare = run_start("pump", end=stop)
     with running_server(place.file):
-        served = started("pump", end=stop)
+        served = run_start("pump", end=stop)
     assert served == bare
     assert bare[0] == 0
 
@@ -264,7 +264,7 @@ def test_stop_all_through_a_server_reports_each_confirmed_drive(place, as_json):
     assert ":*" in served
 
 
-def until(condition):
+def wait_until(condition):
     """Wait until the condition holds, which the server brings about in the background; fail after 10 s."""
     end = time.monotonic() + 10
     while not condition():
@@ -277,14 +277,14 @@ def test_status_shows_a_standing_stop_of_the_server(place):
     said = "stop (ramp) demanded by 10.0.0.4 (modbus-tcp 127.0.0.1:502)"
     with running_server(place.file) as plant:
         release = plant.hold_stop(plc, "pump", "ramp")
-        until(lambda: str(plant.standing_stops().get("pump")) == said)
+        wait_until(lambda: str(plant.standing_stops().get("pump")) == said)
         code, text, _ = place("status", "pump")
         assert (code, text.splitlines()[0]) == (0, f"pump  {said}")
         assert f'"standing_stop": "{said}"' in place("status", "pump", "--json")[1]
         assert f'"standing_stop": "{said}"' in place("status", "--json")[1]
         assert said in " ".join(place("status")[1].split())
         release()
-        until(lambda: not plant.standing_stops())
+        wait_until(lambda: not plant.standing_stops())
         assert "demanded" not in place("status")[1]
 
 
@@ -408,9 +408,9 @@ code = main()
 print("loaded", *sorted(sys.modules))
 sys.exit(code)
 """
-NOBODYS = {
+UNNEEDED_MODULES = {
     *("construct", "serial", "ssl", "email", "http.client", "asyncio", "hashlib", "platformdirs", "logging", "rich"),
-    *("drivecomm_vabus", "drivecomm_danfoss_fc", "drivecomm.bus.bus", "drivecomm.bus.roster", "drivecomm.server"),
+    *("drivecomm_vabus", "drivecomm_danfoss_fc", "drivecomm.bus.bus", "drivecomm.bus.line_drives", "drivecomm.server"),
     *(
         "drivecomm.models.files",
         "drivecomm.link.link",
@@ -430,4 +430,4 @@ def test_command_through_a_server_loads_few_modules(place, command):
         done = subprocess.run(
             [sys.executable, "-c", LOADING, *command], capture_output=True, text=True, check=True, timeout=60
         )
-    assert not NOBODYS & set(done.stdout.split())
+    assert not UNNEEDED_MODULES & set(done.stdout.split())

@@ -60,7 +60,7 @@ def test_two_signals_in_a_row_count_as_the_first(shell):
     assert shell.err == "drivecomm: interrupted\n"
 
 
-class Finalized:
+class SignalInFinaliser:
     """Object whose finaliser raises a signal; the interpreter reports an exception there and does not propagate it."""
 
     def __del__(self):
@@ -70,7 +70,7 @@ class Finalized:
 @pytest.mark.usefixtures("interruptible")
 def test_signal_in_a_finaliser_is_not_lost(shell, tmp_path):
     line = shell.line(virtual_drive("vabus", 1))
-    line.call_at(0.5, Finalized)
+    line.call_at(0.5, SignalInFinaliser)
     # A thread repeats the signal, and on a busy machine the thread may run late.
     line.call_at(0.6, lambda: [time.sleep(0.01) for _ in range(1000)])
     given = ("--wide", "--protocol", "vabus", "-a", "1-63", "--write", str(tmp_path / "plant.toml"))
@@ -80,7 +80,7 @@ def test_signal_in_a_finaliser_is_not_lost(shell, tmp_path):
     assert shell.err.endswith("drivecomm: interrupted\n")
 
 
-class Broken:
+class ErrorInFinaliser:
     def __del__(self):
         raise OSError("this is told")
 
@@ -88,7 +88,7 @@ class Broken:
 @pytest.mark.usefixtures("interruptible")
 def test_other_error_in_a_finaliser_is_reported(shell):
     line = shell.line(virtual_drive("vabus", 1))
-    line.call_at(0.001, Broken)
+    line.call_at(0.001, ErrorInFinaliser)
     assert shell("read", "vabus:1", "481") == 0
     assert "this is told" in shell.err
 

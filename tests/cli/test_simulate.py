@@ -9,18 +9,18 @@ import threading
 import time
 
 import pytest
-from forked_commands import Commands
+from forked_commands import ForkedCommands
 
 posix = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and signals are POSIX")
 
-EVERYBODY = ["vabus:1", "danfoss-fc:3", "vlt3500:5", "fuji:7"]
+EVERY_DRIVE = ["vabus:1", "danfoss-fc:3", "vlt3500:5", "fuji:7"]
 READS = {"vabus:1": "481", "danfoss-fc:3": "16-30", "vlt3500:5": "215", "fuji:7": "M21"}
 
 
 @pytest.fixture(scope="module")
 def drivecomm(tmp_path_factory):
     """Yield a function that runs a command at a port, as a process of its own."""
-    commands = Commands(tmp_path_factory.mktemp("commands"))
+    commands = ForkedCommands(tmp_path_factory.mktemp("commands"))
     yield lambda *arguments, port: commands(*arguments, "--port", port)
     commands.close()
 
@@ -31,7 +31,7 @@ def simulated():
     running = []
 
     def start(listen, *more):
-        drives = [part for name in EVERYBODY for part in ("--drive", name)]
+        drives = [part for name in EVERY_DRIVE for part in ("--drive", name)]
         process = subprocess.Popen(
             [sys.executable, "-m", "drivecomm", "simulate", *drives, "--listen", listen, "--json", *more],
             stdout=subprocess.PIPE,
@@ -39,7 +39,7 @@ def simulated():
         )
         running.append(process)
         told = json.loads(process.stdout.readline())
-        assert told["drives"] == EVERYBODY
+        assert told["drives"] == EVERY_DRIVE
         return process, told["listening"]
 
     yield start
@@ -79,7 +79,7 @@ def test_simulate_prints_how_to_stop_and_its_end(shell, tmp_path):
 def test_every_command_works_over_a_pseudo_terminal(drivecomm, simulated, tmp_path):
     path = tmp_path / "line"
     simulated(f"pty:{path}")
-    for drive in EVERYBODY:
+    for drive in EVERY_DRIVE:
         assert drivecomm("read", drive, READS[drive], port=str(path)).code == 0
         for verb in (["status"], ["start", "--link-loss", "hold"], ["stop"], ["reset"]):
             done = drivecomm(verb[0], drive, *verb[1:], port=str(path))
@@ -91,7 +91,7 @@ def test_every_command_works_over_a_pseudo_terminal(drivecomm, simulated, tmp_pa
 def test_every_drive_is_read_over_the_network(drivecomm, simulated, kind):
     _, address = simulated(f"{kind}:127.0.0.1:0")
     url = f"{'socket' if kind == 'tcp' else 'rfc2217'}://{address.rpartition('//')[2].removeprefix(f'{kind}:')}"
-    for drive in EVERYBODY:
+    for drive in EVERY_DRIVE:
         done = drivecomm("read", drive, READS[drive], "--json", port=url)
         assert (done.code, done.err) == (0, "")
         assert json.loads(done.out)["drive"] == drive
@@ -102,7 +102,7 @@ def test_every_drive_is_read_over_the_network(drivecomm, simulated, kind):
 def test_reference_and_start_may_come_from_different_programs(drivecomm, simulated, tmp_path):
     path = tmp_path / "line"
     simulated(f"pty:{path}")
-    for drive, value in zip(EVERYBODY, ("20Hz", "50%", "50%", "20Hz"), strict=True):
+    for drive, value in zip(EVERY_DRIVE, ("20Hz", "50%", "50%", "20Hz"), strict=True):
         assert drivecomm("reference", drive, value, port=str(path)).code == 0
         assert drivecomm("start", drive, "--link-loss", "hold", port=str(path)).code == 0
         again = drivecomm("reference", drive, value, port=str(path))
@@ -122,7 +122,7 @@ def test_reference_and_start_may_come_from_different_programs(drivecomm, simulat
 def test_every_drive_is_read_on_an_echoing_line(drivecomm, simulated, tmp_path):
     path = tmp_path / "line"
     simulated(f"pty:{path}", "--echo")
-    for drive in EVERYBODY:
+    for drive in EVERY_DRIVE:
         assert drivecomm("read", drive, READS[drive], "--echo", port=str(path)).code == 0
     silent = drivecomm("read", "danfoss-fc:3", "16-30", "--attempts", "1", port=str(path))
     assert silent.code in (0, 4), "an echo is skipped, or called what it is"

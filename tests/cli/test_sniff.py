@@ -29,7 +29,7 @@ BROKEN = VALUE[:-1] + b"\x00"
 TALK = ((0.01, ENQUIRY), (0.04, VALUE), (0.10, READ), (0.70, ENQUIRY), (0.73, BROKEN), (1.3, ENQUIRY), (1.33, VALUE))
 
 
-class Played:
+class PlayedPort:
     """Port that plays the traffic of others in virtual time and then raises Ctrl-C or another exception."""
 
     def __init__(self, talk, settings=SETTINGS, ends_with=KeyboardInterrupt):
@@ -231,7 +231,7 @@ def test_broken_plant_file_does_not_prevent_reading_a_recording(run, tmp_path, m
 
 
 def test_ctrl_c_at_a_port_ends_with_a_summary_and_exit_code_0(run, at_port):
-    port = at_port(Played(TALK))
+    port = at_port(PlayedPort(TALK))
     code, output = run("/dev/ttyUSB9", "--json", "--baudrate", "19200", "--bytesize", "7", "--parity", "e")
     assert code == 0
     assert "listening at /dev/ttyUSB9 with 19200 7E1" in output.err
@@ -242,7 +242,7 @@ def test_ctrl_c_at_a_port_ends_with_a_summary_and_exit_code_0(run, at_port):
 
 def test_written_capture_can_be_read_again(run, at_port, tmp_path):
     kept = tmp_path / "kept.jsonl"
-    at_port(Played(TALK))
+    at_port(PlayedPort(TALK))
     _, live = run("/dev/ttyUSB9", "--json", "--write", str(kept), "--drive", "vabus:1,model=agile")
     capture = read_capture(kept)
     assert (capture.provenance.port, capture.provenance.settings) == ("/dev/ttyUSB9", SETTINGS)
@@ -255,7 +255,7 @@ def test_written_capture_can_be_read_again(run, at_port, tmp_path):
 
 
 def test_lost_port_is_reported_after_the_summary(run, at_port):
-    at_port(Played(TALK, ends_with=LinkDownError("port /dev/ttyUSB9 is gone")))
+    at_port(PlayedPort(TALK, ends_with=LinkDownError("port /dev/ttyUSB9 is gone")))
     code, output = run("/dev/ttyUSB9", "--json")
     assert code == 3
     assert "is gone" in output.err
@@ -264,11 +264,11 @@ def test_lost_port_is_reported_after_the_summary(run, at_port):
 
 @pytest.mark.parametrize("seconds", [(), ("--for", "2")])
 def test_line_without_traffic_is_reported_as_silent(run, at_port, seconds):
-    at_port(Played([] if not seconds else [(100.0, b"too late")]))
+    at_port(PlayedPort([] if not seconds else [(100.0, b"too late")]))
     code, output = run("/dev/ttyUSB9", *seconds)
     assert code == 1
     assert "/dev/ttyUSB9: nothing was heard; check that there is traffic on this line" in output.err
-    at_port(Played([]))
+    at_port(PlayedPort([]))
     code, output = run("/dev/ttyUSB9", "--json")
     assert (code, objects(output)[-1]["exit_code"]) == (1, 1)
 
@@ -294,7 +294,7 @@ def test_port_in_use_is_refused_unless_it_is_shared(run):
 
 def test_detect_finds_the_line_settings(run, at_port):
     talk = [(number * 0.1 + part, data) for number in range(60) for part, data in ((0.0, ENQUIRY), (0.03, VALUE))]
-    at_port(Played([(time_s + 0.5, data) for time_s, data in talk]))
+    at_port(PlayedPort([(time_s + 0.5, data) for time_s, data in talk]))
     code, output = run("/dev/ttyUSB9", "--json", "--detect")
     found = objects(output)
     assert code == 0
@@ -305,7 +305,7 @@ def test_detect_finds_the_line_settings(run, at_port):
 
 
 def test_detect_exits_with_3_if_nothing_can_be_decoded(run, at_port):
-    at_port(Played([(1000.0, b"never")]))
+    at_port(PlayedPort([(1000.0, b"never")]))
     code, output = run("/dev/ttyUSB9", "--detect")
     assert code == 3
     assert output.err.startswith("drivecomm: /dev/ttyUSB9: nothing could be decoded with the usual line settings")

@@ -3,7 +3,7 @@
 import pytest
 
 from drivecomm.link import COUNTERS, REPLY_TIME_BOUNDS_MS
-from drivecomm.plant import Fault, FaultPlan
+from drivecomm.plant import FaultPlan, LineFault
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 
@@ -95,7 +95,7 @@ def test_stats_exits_with_1_if_no_drive_is_found(shell):
 
 @pytest.mark.soak
 def test_errors_get_columns_of_their_own(shell):
-    faults = FaultPlan(rate=0.3, seed=1, kinds=[Fault.CORRUPT, Fault.DUPLICATE], requests=False)
+    faults = FaultPlan(rate=0.3, seed=1, kinds=[LineFault.CORRUPT, LineFault.DUPLICATE], requests=False)
     shell.line(virtual_drive("vabus", 1), echo=True, faults=faults)
     assert shell("stats", "vabus:1", "--for", "60", "--echo") == 0
     heads = rows_of(shell.out)["drive"]

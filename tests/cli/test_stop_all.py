@@ -14,7 +14,7 @@ from running_plant import motors
 
 from drivecomm.bus import Bus
 from drivecomm.cli import entry
-from drivecomm.cli.stop import lines_at_once
+from drivecomm.cli.stop import concurrent_lines
 from drivecomm.cli.stop.quick import quick_arguments
 from drivecomm.errors import NotSupported, UsageError
 from drivecomm.protocol import Framed, Stop
@@ -232,7 +232,7 @@ def test_signal_prevents_the_second_round(shell, plant, monkeypatch):
     hall.power_off(hall.drives[0])
     signalled = Event()
     signalled.set()
-    monkeypatch.setattr(lines_at_once, "until_stopped", lambda: nullcontext(signalled))
+    monkeypatch.setattr(concurrent_lines, "until_stopped", lambda: nullcontext(signalled))
     assert shell("stop", "--all", "--plant", str(path), port=None) == 5
     assert shell.out.count("confirmed") == 3
     to_pump = [data for name, source, data in heard if (name, source, data[:2]) == ("hall", "master", b"\x04A")]
@@ -244,14 +244,14 @@ def test_signal_prevents_the_second_round(shell, plant, monkeypatch):
 def test_programming_error_in_a_thread_is_not_hidden(shell, plant, monkeypatch, capsys):
     path, lines, _ = plant
 
-    stopping_line = lines_at_once.stopping_line
+    stopping_line = concurrent_lines.stopping_line
 
     def fall(bus, line, *others):
         if line.name == "hall":
             raise ZeroDivisionError
         return stopping_line(bus, line, *others)
 
-    monkeypatch.setattr(lines_at_once, "stopping_line", fall)
+    monkeypatch.setattr(concurrent_lines, "stopping_line", fall)
     with pytest.raises(ZeroDivisionError):
         shell("stop", "--all", "--plant", str(path), port=None)
     # The other lines are stopped all the same.

@@ -47,7 +47,7 @@ reply_delay_s = 0.0
 """
 
 
-class Place:
+class RunningPlant:
     """Plant with running motors. file: its plant file. another: a plant file with a link to the same port."""
 
     def __init__(self, folder, plant):
@@ -82,7 +82,7 @@ def place(request, tmp_path, monkeypatch):
             for name in ("pump", "fan"):
                 opened.drive(name).set_reference(percent=30)
                 opened.drive(name).start()
-        one = Place(tmp_path, plant)
+        one = RunningPlant(tmp_path, plant)
         assert one.motors() == {"pump": True, "fan": True}
         yield one
 

@@ -19,9 +19,9 @@ NOBODY = 65534
 
 HELPERS = (
     # Holders of the port, and the folders in which they are looked up
-    "drivecomm.cli.stop.ways.why_unusable",
-    "drivecomm.cli.stop.ways.servers_of_port",
-    "drivecomm.cli.stop.ways.holders_of_port",
+    "drivecomm.cli.stop.stop_ways.why_unusable",
+    "drivecomm.cli.stop.stop_ways.servers_of_port",
+    "drivecomm.cli.stop.stop_ways.holders_of_port",
     "drivecomm.client.runtime_folders.users_folder",
     "drivecomm.client.runtime_folders.folder_of_servers",
     "drivecomm.client.runtime_folders.is_private",
@@ -37,8 +37,8 @@ HELPERS = (
     "drivecomm.cli.drive_names.plant_file",
     "drivecomm.cli.stop.quick.plant_file",
     "drivecomm.cli.stop.one_drive.plant_file",
-    "drivecomm.cli.stop.known_to_servers.server_of_plant",
-    "drivecomm.cli.stop.known_to_servers.servers",
+    "drivecomm.cli.stop.server_drives.server_of_plant",
+    "drivecomm.cli.stop.server_drives.servers",
     "drivecomm.cli.stop.everything.server_of_plant",
     "drivecomm.cli.line_options.known_plant",
     "drivecomm.plant.read_plant",
@@ -46,7 +46,7 @@ HELPERS = (
     "pathlib.Path.is_file",
     # Output
     "drivecomm.cli.stop.one_drive.tell",
-    "drivecomm.cli.stop.in_spite.complain",
+    "drivecomm.cli.stop.safe_lookups.complain",
     "drivecomm.cli.stop.results.say",
     "drivecomm.cli.stop.results.complain",
     "drivecomm.cli.stop.whole_port.say",

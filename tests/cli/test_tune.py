@@ -5,7 +5,7 @@ from itertools import count
 import pytest
 
 from drivecomm.cli import main
-from drivecomm.plant import Fault, FaultPlan, read_plant
+from drivecomm.plant import FaultPlan, LineFault, read_plant
 from drivecomm.virtual import virtual_drive
 
 PLANT = """format = 1
@@ -119,7 +119,7 @@ def test_write_needs_a_plant(shell, line):
 
 
 def test_line_with_errors_at_any_pause_changes_nothing(shell, plant, line):
-    line.faults = FaultPlan(rate=0.2, kinds=[Fault.CORRUPT], requests=False)
+    line.faults = FaultPlan(rate=0.2, kinds=[LineFault.CORRUPT], requests=False)
     assert shell("tune", "pump", "--plant", str(plant), "--write", port=None) == 1
     assert "pump  fails with its usual pause of 10 ms and with longer ones: " in shell.out
     assert shell.out.endswith("; see drivecomm doctor\n")

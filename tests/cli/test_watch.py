@@ -13,7 +13,7 @@ import pytest
 
 import drivecomm.cli.poll
 import drivecomm.cli.watch.command as watching
-from drivecomm.cli.line_options import LineOptions
+from drivecomm.cli.line_options import LineArguments
 from drivecomm.errors import UsageError
 from drivecomm.plant.value_log import read_rows
 from drivecomm.virtual import virtual_drive
@@ -43,7 +43,7 @@ def plant_file(tmp_path):
 
 
 def test_watched_lines_come_from_the_plant_file(plant_file):
-    (line,) = watching.watched_lines([plant_file], LineOptions(attempts=2))
+    (line,) = watching.watched_lines([plant_file], LineArguments(attempts=2))
     assert (line.name, line.port, line.options) == ("hall", "/dev/ttyUSB0", {"attempts": 2, "baudrate": 9600})
     assert [drive.name for drive in line.drives] == ["pump"]
 
@@ -52,20 +52,20 @@ def test_watched_lines_come_from_the_plant_file(plant_file):
 def test_watched_lines_come_from_the_default_plant(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("DRIVECOMM_PLANT", raising=False)
-    (line,) = watching.watched_lines([], LineOptions())
+    (line,) = watching.watched_lines([], LineArguments())
     assert line.name == "hall"
     (tmp_path / "plant.toml").rename(tmp_path / "works.toml")
     with pytest.raises(UsageError, match="nothing to watch"):
-        watching.watched_lines([], LineOptions())
+        watching.watched_lines([], LineArguments())
     monkeypatch.setenv("DRIVECOMM_PLANT", "works.toml")
-    assert [line.name for line in watching.watched_lines([], LineOptions())] == ["hall"]
+    assert [line.name for line in watching.watched_lines([], LineArguments())] == ["hall"]
     with pytest.raises(UsageError, match="nothing to watch"):
-        watching.watched_lines([], LineOptions(port="/dev/ttyUSB0", given=frozenset({"port"})))
-    assert [line.name for line in watching.watched_lines([], LineOptions(port="/dev/ttyUSB0"))] == ["hall"]
+        watching.watched_lines([], LineArguments(port="/dev/ttyUSB0", given=frozenset({"port"})))
+    assert [line.name for line in watching.watched_lines([], LineArguments(port="/dev/ttyUSB0"))] == ["hall"]
 
 
 def test_watched_line_of_a_port_holds_the_named_drives():
-    options = LineOptions(port="/dev/ttyUSB0", parity="e", echo="expect", rs485=True)
+    options = LineArguments(port="/dev/ttyUSB0", parity="e", echo="expect", rs485=True)
     (line,) = watching.watched_lines(["vabus:1,model=agile", "danfoss-fc:3"], options)
     assert (line.name, line.options) == ("/dev/ttyUSB0", {"parity": "E", "echo": "expect", "rs485": True})
     assert [(drive.name, drive.options) for drive in line.drives] == [

@@ -12,7 +12,7 @@ import pytest
 
 from drivecomm.client import Registration, identity, local_socket, register, server_of_plant, server_of_port, servers
 from drivecomm.client.locked_records import HeldRecord
-from drivecomm.client.registration import written_again
+from drivecomm.client.registration import rewrite_record
 from drivecomm.errors import UsageError
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="flock is POSIX")
@@ -130,7 +130,7 @@ def test_unknown_keys_of_a_record_are_ignored(file):
 
 def test_rewritten_record_replaces_the_lines(file):
     with register(Registration(plant=str(file), lines={"hall": "/dev/ttyUSB0", "yard": "/dev/ttyUSB1"})) as record:
-        written_again(record, Registration(plant=str(file), lines={"hall": "/dev/ttyUSB7"}))
+        rewrite_record(record, Registration(plant=str(file), lines={"hall": "/dev/ttyUSB7"}))
         assert server_of_plant(file).lines == {"hall": "/dev/ttyUSB7"}
 
 

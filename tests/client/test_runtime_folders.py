@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from drivecomm.client import runtime_folders
-from drivecomm.client.runtime_folders import folders_to_search, is_private, make_private, users_folder, why_unusable
+from drivecomm.client.runtime_folders import folders_to_search, is_private, make_private, unusable_reason, users_folder
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="owners and modes are POSIX")
 
@@ -79,11 +79,11 @@ def test_unusable_folder_is_left_out_and_named(monkeypatch, folder):
     monkeypatch.setattr(runtime_folders, "users_folder", fall)
     monkeypatch.delenv("RUNTIME_DIRECTORY", raising=False)
     assert set(folders_to_search()) <= {runtime_folders.SYSTEM_FOLDER}
-    assert why_unusable() == "taken"
+    assert unusable_reason() == "taken"
     monkeypatch.setattr(runtime_folders, "users_folder", lambda: folder)
-    assert why_unusable() == ""
+    assert unusable_reason() == ""
     folder.chmod(0o777)
-    assert "not a folder of this user alone" in why_unusable()
+    assert "not a folder of this user alone" in unusable_reason()
 
 
 @as_root

@@ -11,7 +11,7 @@ from set_drives import Case, cases
 import drivecomm
 from drivecomm.bus import read_watchdog
 from drivecomm.commissioning.parameter_sets import (
-    Entry,
+    ParameterEntry,
     ParameterSet,
     RestoreOptions,
     back_up,
@@ -110,7 +110,7 @@ def test_watchdog_time_that_is_not_a_number_is_listed_as_missed():
 
 
 def test_set_of_a_model_without_a_watchdog_switches_no_watchdog_on():
-    entry = Entry(address="206", value=5, unit="s", name="ramp_up_time", common="link_timeout")
+    entry = ParameterEntry(address="206", value=5, unit="s", name="ramp_up_time", common="link_timeout")
     saved = ParameterSet(protocol="danfoss-fc", drive="danfoss-fc:3", model="vlt6000", entries={"206": entry})
     saw = Site(SAW, {"y08": 0, "y02": 0})
     plan = plan_restore(saw.drive, saved, TIMEOUT)
@@ -172,7 +172,7 @@ def watchdog_values(case):
 # Parameters that count only with some values of another parameter, in models of a user
 
 
-def own(model, **parameters):
+def with_parameters(model, **parameters):
     """Return the model with parameters added or with keys of its parameters changed."""
     changed = {
         address: replace(model.parameters.get(address) or ParameterInfo(address=address, name="own", title=""), **keys)
@@ -182,10 +182,10 @@ def own(model, **parameters):
 
 
 def test_value_without_effect_is_not_carried():
-    limited = own(FAN.model, **{"4-14": {"only_with": {"3-00": (1,)}}})
+    limited = with_parameters(FAN.model, **{"4-14": {"only_with": {"3-00": (1,)}}})
     entries = {
-        "4-14": Entry(address="4-14", value=Decimal(60), unit="Hz", name="high", common="maximum_frequency"),
-        "3-00": Entry(address="3-00", value=0, name="reference_range"),
+        "4-14": ParameterEntry(address="4-14", value=Decimal(60), unit="Hz", name="high", common="maximum_frequency"),
+        "3-00": ParameterEntry(address="3-00", value=0, name="reference_range"),
     }
     saved = ParameterSet(protocol="danfoss-fc", drive="danfoss-fc:3", model="fc300", entries=entries)
     saw = Site(SAW)
@@ -207,7 +207,7 @@ def test_value_without_effect_is_not_carried():
 def test_value_without_effect_on_the_target_drive_is_not_written():
     saved = back_up(Site(SAW).drive)
     virtual = virtual_drive("danfoss-fc", 3, model="fc300")
-    limited = own(FAN.model, **{"4-14": {"only_with": {"3-00": (1,)}}})
+    limited = with_parameters(FAN.model, **{"4-14": {"only_with": {"3-00": (1,)}}})
     with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
         fan = bus.drive("danfoss-fc", 3, model=limited)
         virtual.poke("3-00", 0)
@@ -219,7 +219,7 @@ def test_value_without_effect_on_the_target_drive_is_not_written():
 
 
 def test_value_is_not_written_if_its_condition_cannot_be_read():
-    limited = own(
+    limited = with_parameters(
         FAN.model, **{"4-14": {"only_with": {"0-02": (1,)}}, "0-02": {"type": "uint8", "name": "unit_of_speed"}}
     )
     with drivecomm.open_bus(VirtualLine([virtual_drive("danfoss-fc", 3, model="fc300")]).port) as bus:

@@ -6,7 +6,7 @@ from decimal import Decimal
 import pytest
 
 import drivecomm
-from drivecomm.commissioning.parameter_sets import Entry, ParameterSet, back_up, compare, same
+from drivecomm.commissioning.parameter_sets import ParameterEntry, ParameterSet, back_up, compare, same
 from drivecomm.errors import UsageError
 from drivecomm.models import load_model
 from drivecomm.virtual import VirtualLine, virtual_drive
@@ -17,7 +17,7 @@ def a_set(*entries, **facts):
     return ParameterSet(entries={entry.address: entry for entry in entries}, **known)
 
 
-def the_one(left, right):
+def only_difference(left, right):
     found = compare(left, right)
     (difference,) = (*found.differences, *found.missing)
     return difference.kind, difference.address, difference.reason
@@ -39,12 +39,12 @@ def test_same_compares_numbers_by_value_and_texts_literally(left, right, equal):
 
 
 def test_units_are_converted_if_the_result_is_exact():
-    ours = a_set(Entry(address="480", value=Decimal("0.5"), unit="kHz"))
-    assert compare(ours, a_set(Entry(address="480", value=500, unit="Hz"))).same
-    theirs = a_set(Entry(address="480", value=500, unit="%"))
-    assert the_one(ours, theirs) == ("not comparable", "480", "kHz cannot be given in %")
-    theirs = a_set(Entry(address="480", value="slow", unit="Hz"))
-    assert the_one(theirs, ours) == (
+    ours = a_set(ParameterEntry(address="480", value=Decimal("0.5"), unit="kHz"))
+    assert compare(ours, a_set(ParameterEntry(address="480", value=500, unit="Hz"))).same
+    theirs = a_set(ParameterEntry(address="480", value=500, unit="%"))
+    assert only_difference(ours, theirs) == ("not comparable", "480", "kHz cannot be given in %")
+    theirs = a_set(ParameterEntry(address="480", value="slow", unit="Hz"))
+    assert only_difference(theirs, ours) == (
         "not comparable",
         "480",
         "'slow' is not a number, so it cannot be converted to kHz",
@@ -52,11 +52,11 @@ def test_units_are_converted_if_the_result_is_exact():
 
 
 def test_value_missing_on_one_side_is_not_a_difference():
-    ours, nothing = a_set(Entry(address="480", value=1)), a_set()
-    assert the_one(ours, nothing) == ("missing", "480", "")
-    assert the_one(nothing, ours) == ("missing", "480", "")
+    ours, nothing = a_set(ParameterEntry(address="480", value=1)), a_set()
+    assert only_difference(ours, nothing) == ("missing", "480", "")
+    assert only_difference(nothing, ours) == ("missing", "480", "")
     unread = a_set(not_read={"480": "the drive refused it", "481": "it can only be written"})
-    assert the_one(ours, unread) == ("not comparable", "480", "the drive refused it")
+    assert only_difference(ours, unread) == ("not comparable", "480", "the drive refused it")
     assert (compare(ours, nothing).same, compare(nothing, ours).same) == (True, True), "it is lacking, not different"
     assert not compare(ours, unread).same
 
@@ -75,20 +75,26 @@ def test_remarks_name_models_identity_firmware_and_unread_values():
 
 
 def test_communication_and_measured_values_are_compared_only_on_request():
-    ours = a_set(Entry(address="10", value=1, part="communication"), Entry(address="210", value=1, part="measured"))
-    theirs = a_set(Entry(address="10", value=2, part="communication"), Entry(address="210", value=2, part="measured"))
+    ours = a_set(
+        ParameterEntry(address="10", value=1, part="communication"),
+        ParameterEntry(address="210", value=1, part="measured"),
+    )
+    theirs = a_set(
+        ParameterEntry(address="10", value=2, part="communication"),
+        ParameterEntry(address="210", value=2, part="measured"),
+    )
     assert compare(ours, theirs).same
     assert [each.address for each in compare(ours, theirs, ["measured"]).differences] == ["210"]
 
 
 def test_sets_of_two_makers_are_compared_only_by_common_names():
-    ours = a_set(Entry(address="419", value=50, unit="Hz", common="maximum_frequency"))
-    theirs = a_set(Entry(address="F07", value=6, unit="s"), protocol="fuji", drive="fuji:3", model="frenic")
+    ours = a_set(ParameterEntry(address="419", value=50, unit="Hz", common="maximum_frequency"))
+    theirs = a_set(ParameterEntry(address="F07", value=6, unit="s"), protocol="fuji", drive="fuji:3", model="frenic")
     with pytest.raises(UsageError, match="share only parameters with common names"):
         compare(ours, theirs)
     theirs = a_set(
-        Entry(address="F03", value=60, unit="Hz", common="maximum_frequency"),
-        Entry(address="F15", value="x", unit="kHz", common="minimum_frequency"),
+        ParameterEntry(address="F03", value=60, unit="Hz", common="maximum_frequency"),
+        ParameterEntry(address="F15", value="x", unit="kHz", common="minimum_frequency"),
         protocol="fuji",
         drive="fuji:3",
         model="frenic",

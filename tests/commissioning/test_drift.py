@@ -18,11 +18,11 @@ from drivecomm.commissioning.drift import (
     read_drift,
     write_baseline,
 )
-from drivecomm.commissioning.exploring import lasting
+from drivecomm.commissioning.exploring import lasting_identity
 from drivecomm.commissioning.parameter_sets import (
     IN_RAM,
     Approval,
-    Entry,
+    ParameterEntry,
     ParameterSet,
     back_up,
     carry_out_plan,
@@ -44,7 +44,7 @@ each_protocol = pytest.mark.parametrize("case", CASES.values(), ids=CASES)
 
 
 def a_set(values, **more):
-    entries = {address: Entry(address=address, value=value) for address, value in values.items()}
+    entries = {address: ParameterEntry(address=address, value=value) for address, value in values.items()}
     return ParameterSet(**{"protocol": "vabus", "drive": "vabus:1", "model": "agile", "entries": entries, **more})
 
 
@@ -110,7 +110,9 @@ def test_drift_is_empty_when_a_measured_value_moves(case, tmp_path):
         found = read_drift(drive, approved)
         assert (found.changed, found.not_comparable, found.equal) == ((), (), len(approved.entries))
         # The identity is measured, too: a changed identity means another drive.
-        assert bool(found.replaced or found.untold) == (lasting(found.now.identity) != lasting(approved.identity))
+        assert bool(found.replaced or found.untold) == (
+            lasting_identity(found.now.identity) != lasting_identity(approved.identity)
+        )
 
 
 @pytest.mark.parametrize("case", RESTORED.values(), ids=RESTORED)
@@ -135,7 +137,7 @@ def test_drive_with_another_identity_is_reported_as_replaced(case, tmp_path):
     with drivecomm.open_bus(VirtualLine([case.new()]).port) as bus:
         drive = case.drive(bus)
         approved = accepted(case, drive, tmp_path)
-        identity = lasting(approved.identity)
+        identity = lasting_identity(approved.identity)
         if not identity:
             pytest.skip("drives of this protocol tell no identity")
         key = next(iter(identity))
@@ -186,7 +188,7 @@ def test_other_address_model_or_protocol_in_the_plant_means_replaced(now):
 
 
 def test_approved_set_holds_only_settings():
-    shown = {part: Entry(address=part, value=1, part=part) for part in ("settings", "measured", "unknown")}
+    shown = {part: ParameterEntry(address=part, value=1, part=part) for part in ("settings", "measured", "unknown")}
     assert list(approved_set(a_set({}, entries=shown), BY_ANNA).entries) == ["settings"]
 
 

@@ -10,10 +10,10 @@ import pytest
 
 import drivecomm
 from drivecomm.bus import carry_out, read_parameter
-from drivecomm.commissioning import asking, way_to_grow
+from drivecomm.commissioning import growth_plan, growth_request
 from drivecomm.commissioning.exploring import (
-    Forgetful,
     Logbook,
+    NoAnswerRecord,
     course,
     explore,
     explore_async,
@@ -27,13 +27,13 @@ from drivecomm.commissioning.parameter_sets import (
     back_up,
     back_up_everything,
     back_up_everything_async,
+    backup_plan,
     compare,
     plan_restore,
     read_set,
     share_of,
     subject,
     text_of,
-    way_through,
     write_set,
 )
 from drivecomm.errors import FileFormatError, NoReplyError, NotSupported, RefusedError
@@ -114,7 +114,7 @@ class Scripted:
     def on(self, *rest):
         plugin = installed["danfoss-fc"]
         way = course(plugin, load_model(plugin.package, "danfoss-fc", "vlt6000"), known=[], within=rest)
-        answers = carry_out(self, exploring(way, read_parameter, Forgetful(), lambda _step: None))
+        answers = carry_out(self, exploring(way, read_parameter, NoAnswerRecord(), lambda _step: None))
         return [answer.address for answer in answers if answer.told is not None]
 
 
@@ -152,11 +152,11 @@ def test_silent_address_between_answering_ones_counts_as_missing():
     assert found.not_read == {}
 
 
-class TestADriveThatFallsSilent:
+class TestSilentDrive:
     def test_silent_drive_is_retried_after_pauses(self, vabus):
         with drivecomm.open_bus(vabus.port) as bus:
             drive = taken_for(bus, "vabus", "agile")
-            away = _Away(vabus, after=120, for_s=sum(PAUSES_S[:2]))
+            away = _DriveSilencer(vabus, after=120, for_s=sum(PAUSES_S[:2]))
             found = back_up_everything(drive, within=["29"], progress=away)
         assert "29" in found.entries
 
@@ -165,7 +165,7 @@ class TestADriveThatFallsSilent:
         with drivecomm.open_bus(vabus.port) as bus:
             drive = taken_for(bus, "vabus", "agile")
             logbook = Logbook(path, drive="vabus:1", model=drive.model, asked="values")
-            away = _Away(vabus, after=50, for_s=1e9)
+            away = _DriveSilencer(vabus, after=50, for_s=1e9)
             with pytest.raises(NoReplyError, match=r"fell silent before .*, and stayed so for 48 s"):
                 back_up_everything(drive, logbook, within=["29"], progress=away)
             logbook.close()
@@ -183,7 +183,7 @@ class TestADriveThatFallsSilent:
         assert list(tmp_path.iterdir()) == []
 
 
-class _Away:
+class _DriveSilencer:
     """Progress callback that silences the drive for `for_s` seconds after `after` answers."""
 
     def __init__(self, line, after, for_s):
@@ -200,7 +200,7 @@ class _Away:
         return None if now < self.since + self.for_s else self.heard(find, now)
 
 
-class TestALogbook:
+class TestLogbook:
     MODEL = load_model(installed["vabus"].package, "vabus", "agile")
 
     @pytest.fixture
@@ -308,7 +308,7 @@ def test_exploration_needs_the_address_space_of_the_package():
 def test_forecast_is_near_the_actual_duration(vabus):
     with drivecomm.open_bus(vabus.port) as bus:
         drive = taken_for(bus, "vabus", "agile")
-        way = way_through(subject(drive))
+        way = backup_plan(subject(drive))
         foreseen = carry_out(drive, forecasting(way, remembered=40))
         begun = vabus.time
         back_up_everything(drive)
@@ -320,10 +320,10 @@ def test_forecast_is_near_the_actual_duration(vabus):
 def test_logbook_remembers_descriptions(tmp_path):
     path = tmp_path / "own.toml.answers"
     plugin = installed["danfoss-fc"]
-    steps, asks = [], asking(plugin, None, {"option_texts": 3})
+    steps, asks = [], growth_request(plugin, None, {"option_texts": 3})
     with drivecomm.open_bus(line_with("danfoss-fc", "fc302").port) as bus:
         drive = bus.drive("danfoss-fc", 1)
-        way = way_to_grow(plugin, None, ["3-41", "8-04", "15-40", "15-99"])
+        way = growth_plan(plugin, None, ["3-41", "8-04", "15-40", "15-99"])
         logbook = Logbook(path, drive=drive.name, model=None, asked="parameters")
         told = explore(drive, way, asks, logbook)
         logbook.close()
@@ -338,7 +338,7 @@ def test_awaited_exploration_finds_the_same(vabus):
     async def found():
         async with drivecomm.open_bus_async(vabus.port) as bus:
             drive = taken_for(bus, "vabus", "agile")
-            way = way_to_grow(installed["vabus"], drive.model, ["29", "31"])
+            way = growth_plan(installed["vabus"], drive.model, ["29", "31"])
             answers = await explore_async(drive, way, read_parameter)
             return await back_up_everything_async(drive, within=["29"]), answers
 

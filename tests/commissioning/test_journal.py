@@ -4,12 +4,18 @@ import os
 
 import pytest
 
-from drivecomm.commissioning.parameter_sets import Entry, ParameterSet, found_journal, journal_path, new_journal
+from drivecomm.commissioning.parameter_sets import (
+    ParameterEntry,
+    ParameterSet,
+    found_journal,
+    journal_path,
+    new_journal,
+)
 from drivecomm.errors import FileFormatError, UsageError
 
 
 def a_set(value=1):
-    entries = {"481": Entry(address="481", value=value)}
+    entries = {"481": ParameterEntry(address="481", value=value)}
     return ParameterSet(protocol="vabus", drive="vabus:1", model="agile", entries=entries)
 
 

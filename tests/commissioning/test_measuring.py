@@ -9,7 +9,7 @@ from addresses import address_of
 from drivecomm.commissioning.doctor import harmless_bytes, judge, latency_timer_s, measure
 from drivecomm.errors import LinkDownError, UnknownProtocolError
 from drivecomm.link import PortProxy
-from drivecomm.plant import Fault, FaultPlan
+from drivecomm.plant import FaultPlan, LineFault
 from drivecomm.protocol import DriveConfig, Framed, Framer, installed
 from drivecomm.protocol.schema import crc16
 from drivecomm.transport import PortReport, UsbIdentity
@@ -42,7 +42,7 @@ def only(findings, about):
     return found
 
 
-class OnTicks:
+class LatencyTimerPort:
     """Port of a virtual line behind an adapter that delivers bytes only at the ticks of its latency timer."""
 
     paced, real_time, descriptor = True, False, None
@@ -165,7 +165,7 @@ def test_drive_at_another_baud_rate_is_found(rate):
 
 
 def test_unreliable_drive_is_reported_with_its_answer_count():
-    faults = FaultPlan(rate=0.3, seed=2, kinds=[Fault.DROP], requests=False)
+    faults = FaultPlan(rate=0.3, seed=2, kinds=[LineFault.DROP], requests=False)
     measurements, findings = diagnose(VirtualLine([virtual_drive("vabus", 1)], faults=faults))
     answered = len(measurements.replies[0].times_s)
     assert 5 < answered < 24
@@ -199,7 +199,7 @@ def test_slow_drive_is_not_taken_for_one_at_another_baud_rate():
     assert "vabus:1 answers at 19200 7E1, but late" in [text for about, text in problems(findings)]
 
 
-class Changed(PortProxy):
+class AlteringPort(PortProxy):
     """Port of a virtual line on which `change` alters each reply."""
 
     def __init__(self, line, change):
@@ -222,7 +222,7 @@ class Changed(PortProxy):
 @pytest.mark.parametrize("noise", [b"\x00", b"\xff"])
 def test_noise_byte_before_each_reply_is_a_problem(noise):
     line = VirtualLine([virtual_drive("modbus", 1, model="delta")])
-    port = Changed(line, lambda reply: noise + reply)
+    port = AlteringPort(line, lambda reply: noise + reply)
     _, findings = diagnose(line, port=port, only=["modbus"], addresses=[1])
     found = only(findings, "time")
     assert f"1 byte of noise ({noise.hex().upper()}) with nearly every reply of modbus:1" in found.text
@@ -240,7 +240,7 @@ def test_noise_byte_before_each_reply_is_a_problem(noise):
 def test_typical_reply_damage_is_named_with_an_example(change, cause):
     line = VirtualLine([virtual_drive("modbus", 1, model="delta")])
     often = iter([True, True, True, True] + [False, True] * 100)
-    port = Changed(line, lambda reply: reply if next(often) else change(reply))
+    port = AlteringPort(line, lambda reply: reply if next(often) else change(reply))
     _, findings = diagnose(line, port=port, only=["modbus"], addresses=[1], search=False)
     texts = [text for about, text in problems(findings) if about == "time"]
     assert any("were damaged, such as" in text and cause in text for text in texts)
@@ -249,7 +249,7 @@ def test_typical_reply_damage_is_named_with_an_example(change, cause):
 def test_reply_from_another_address_is_named():
     line = VirtualLine([virtual_drive("modbus", 2, model="delta")])
 
-    class Readdressed(Changed):
+    class Readdressed(AlteringPort):
         def write(self, data):
             changed = bytes([2]) + data[1:-2] if data[0] == 1 else data[:-2]
             super().write(changed + crc16(changed))
@@ -281,7 +281,7 @@ def test_other_baud_rates_are_not_tried_if_the_port_cannot_set_them():
 
 
 def test_drive_with_only_damaged_replies_is_reported():
-    faults = FaultPlan(rate=1, seed=1, kinds=[Fault.CORRUPT], requests=False, bits=1)
+    faults = FaultPlan(rate=1, seed=1, kinds=[LineFault.CORRUPT], requests=False, bits=1)
     line = VirtualLine([virtual_drive("danfoss-fc", 1)], faults=faults)
     measurements, findings = diagnose(line, only=["danfoss-fc"], addresses=[1])
     assert [(one.name, one.sound) for one in measurements.found] == [("danfoss-fc:1", False)]
@@ -291,11 +291,11 @@ def test_drive_with_only_damaged_replies_is_reported():
 
 def test_latency_timer_is_found_by_the_reply_times():
     line = VirtualLine([virtual_drive("vabus", 1)])
-    measurements, findings = diagnose(line, port=OnTicks(line, 0.016))
+    measurements, findings = diagnose(line, port=LatencyTimerPort(line, 0.016))
     assert latency_timer_s(measurements.replies[0].arrivals_s) == 0.016
     assert "steps of 16 ms" in only(findings, "time").text
     quick = VirtualLine([virtual_drive("vabus", 1)])
-    assert problems(diagnose(quick, port=OnTicks(quick, 0.001))[1]) == []
+    assert problems(diagnose(quick, port=LatencyTimerPort(quick, 0.001))[1]) == []
 
 
 @pytest.mark.parametrize(("off", "timer_s"), [(1, 0.008), (4, None)])

@@ -8,8 +8,16 @@ from hypothesis import given, strategies as st
 
 import drivecomm
 from drivecomm.bus import carry_out
-from drivecomm.commissioning import addresses_in, asking, descriptions, grown, parameters_of, unasked, way_to_grow
-from drivecomm.commissioning.exploring import Answer, Forgetful, exploring
+from drivecomm.commissioning import (
+    addresses_in,
+    descriptions,
+    grown_model,
+    growth_plan,
+    growth_request,
+    parameters_of,
+    unread_parameters,
+)
+from drivecomm.commissioning.exploring import AddressAnswer, NoAnswerRecord, exploring
 from drivecomm.commissioning.parameter_sets import back_up_everything
 from drivecomm.errors import NotSupported, UsageError
 from drivecomm.models import check_model, load_model, model_text
@@ -44,7 +52,7 @@ def test_range_holds_each_number_between_its_ends_once(first, length):
     assert [int(each) for each in addresses_in([f"{first}..{last}"])] == list(range(first, last + 1))
 
 
-def told(address, title, **more):
+def described_parameter(address, title, **more):
     return ParameterInfo(address=address, name=title.lower(), title=title, source="told", sure="field", **more)
 
 
@@ -76,16 +84,16 @@ BASE = Model(
 
 
 def make(*infos, base=None):
-    return grown(infos, protocol="toy", name="own", title="own", source="told", base=base)
+    return grown_model(infos, protocol="toy", name="own", title="own", source="told", base=base)
 
 
 def test_two_parameters_with_one_title_have_two_names():
-    model = make(told("1", "Speed"), told("16-02", "Speed"))
+    model = make(described_parameter("1", "Speed"), described_parameter("16-02", "Speed"))
     assert [info.name for info in model.parameters.values()] == ["speed", "speed_16_02"]
 
 
 def test_description_of_the_drive_overrides_the_known_model():
-    model = make(told("1", "RAMP", factor=Decimal("0.01"), extra={"elements": 8}), base=BASE)
+    model = make(described_parameter("1", "RAMP", factor=Decimal("0.01"), extra={"elements": 8}), base=BASE)
     info = model.parameters["1"]
     assert (info.name, info.title, info.factor, info.source, info.sure) == (
         "ramp",
@@ -96,18 +104,18 @@ def test_description_of_the_drive_overrides_the_known_model():
     )
     assert (info.access, info.storage, info.values, info.start) == ("rw*", "stored", {0: "none"}, 5)
     assert info.extra == {"role": "ramp", "elements": 8}
-    assert make(told("1", "RAMP", access="r"), base=BASE).parameters["1"].access == "r"
+    assert make(described_parameter("1", "RAMP", access="r"), base=BASE).parameters["1"].access == "r"
     assert (model.options, model.faults) == ({"bits": 12}, {5: "overload"})
 
 
 def test_common_names_and_watchdog_stay_only_with_their_parameters():
-    model = make(told("1", "RAMP"), base=BASE)
+    model = make(described_parameter("1", "RAMP"), base=BASE)
     assert model.quantities == {"acceleration_time": "1", "fault_code": "1[1]"}
     assert model.watchdog is None
     assert model.identified_by == {}
-    assert make(told("2", "SILENCE"), base=BASE).watchdog == BASE.watchdog
+    assert make(described_parameter("2", "SILENCE"), base=BASE).watchdog == BASE.watchdog
     acting = replace(BASE, watchdog=Watchdog(time="2", action="3"))
-    assert make(told("2", "SILENCE"), base=acting).watchdog is None
+    assert make(described_parameter("2", "SILENCE"), base=acting).watchdog is None
 
 
 @pytest.mark.parametrize("protocol", [plugin.name for plugin in installed.working() if plugin.name != "danfoss-fc"])
@@ -139,11 +147,11 @@ def test_model_grown_from_all_answers_is_valid(tmp_path, protocol, real, base, u
     line = VirtualLine([virtual_drive(protocol, 1, model=real)])
     with drivecomm.open_bus(line.port) as bus:
         drive = bus.drive(protocol, 1, model=base)
-        way = way_to_grow(plugin, drive.model, None)
-        asks = asking(plugin, drive.model, {})
-        answers = carry_out(drive, exploring(way, asks, Forgetful(), lambda _step: None))
+        way = growth_plan(plugin, drive.model, None)
+        asks = growth_request(plugin, drive.model, {})
+        answers = carry_out(drive, exploring(way, asks, NoAnswerRecord(), lambda _step: None))
     told = parameters_of(answers, plugin, drive.model, "vabus:1")
-    model = grown(told, protocol=protocol, name="own", title="own", source="answers", base=drive.model)
+    model = grown_model(told, protocol=protocol, name="own", title="own", source="answers", base=drive.model)
     path.write_text(model_text(model), encoding="utf-8")
     assert check_model(path) == []
     info = model.parameters[unknown]
@@ -162,17 +170,17 @@ def test_model_grown_from_all_answers_is_valid(tmp_path, protocol, real, base, u
 
 def test_unreadable_parameters_and_commands_stay_in_the_model():
     base = load_model(installed["vabus"].package, "vabus", "agile")
-    assert [info.address for info in unasked(installed["vabus"], base)] == [
+    assert [info.address for info in unread_parameters(installed["vabus"], base)] == [
         info.address for info in base.parameters.values() if "r" not in info.access or info.kind == "command"
     ]
-    assert unasked(installed["vabus"], None) == []
+    assert unread_parameters(installed["vabus"], None) == []
     fan = installed["danfoss-fc"]
-    assert unasked(fan, load_model(fan.package, "danfoss-fc", "fc300")) == []
+    assert unread_parameters(fan, load_model(fan.package, "danfoss-fc", "fc300")) == []
 
 
 def test_data_sets_become_one_parameter():
     answers = [
-        Answer(address=f"900[{dataset}]", told=Reading(parameter="900", value="0001", raw="0001"))
+        AddressAnswer(address=f"900[{dataset}]", told=Reading(parameter="900", value="0001", raw="0001"))
         for dataset in (1, 2, 3, 4)
     ]
     (info,) = parameters_of(answers, installed["vabus"], None, "x")
@@ -181,4 +189,4 @@ def test_data_sets_become_one_parameter():
 
 def test_description_options_are_refused_without_descriptions():
     with pytest.raises(UsageError, match="vabus drives do not describe their parameters"):
-        asking(installed["vabus"], None, {"option_texts": 3})
+        growth_request(installed["vabus"], None, {"option_texts": 3})

@@ -10,7 +10,7 @@ from pages import ROOT, blocks_of
 
 from drivecomm.commissioning.parameter_sets import (
     PARTS,
-    Entry,
+    ParameterEntry,
     ParameterSet,
     entries_text,
     in_order,
@@ -36,7 +36,7 @@ ADDRESSES = st.from_regex(r"[A-Fa-z]?[0-9]{1,4}(-[0-9]{2})?(\[[0-9]{1,2}(,[0-9])
 def sets(draw):
     addresses = draw(st.lists(ADDRESSES, unique=True, max_size=8))
     entries = {
-        address: Entry(
+        address: ParameterEntry(
             address=address,
             value=draw(st.one_of(NUMBERS, TEXTS)),
             name=draw(TEXTS),
@@ -102,7 +102,7 @@ def test_smallest_and_largest_float_of_a_drive_are_read_back(tmp_path):
     ends = {"1": Decimal("1E-45"), "2": Decimal("3.40282347E+38")}
     known = ParameterSet(
         protocol="uss", drive="uss:1", model="micromaster4",
-        entries={address: Entry(address=address, value=value) for address, value in ends.items()},
+        entries={address: ParameterEntry(address=address, value=value) for address, value in ends.items()},
     )  # fmt: skip
     write_set(tmp_path / "set.toml", known)
     assert read_set(tmp_path / "set.toml").entries == known.entries

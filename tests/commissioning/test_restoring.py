@@ -10,7 +10,7 @@ from set_drives import cases_with_settings, cases_without_status
 
 import drivecomm
 from drivecomm.commissioning.parameter_sets import (
-    Entry,
+    ParameterEntry,
     ParameterSet,
     RestoreOptions,
     back_up,
@@ -58,7 +58,7 @@ MODEL = Model(
 )
 
 
-class Drive:
+class FakeDrive:
     """Fake drive whose maximum is never below its minimum and whose fixed frequency stays between them."""
 
     name = "vabus:1"
@@ -117,11 +117,13 @@ class Drive:
 
 
 def a_set(**values):
-    saved = back_up(Drive())
+    saved = back_up(FakeDrive())
     entries = dict(saved.entries)
     for key, value in values.items():
         address = key.strip("_")
-        entries[address] = Entry(address=address, value=value, name=entries[address].name, unit=entries[address].unit)
+        entries[address] = ParameterEntry(
+            address=address, value=value, name=entries[address].name, unit=entries[address].unit
+        )
     return ParameterSet(
         protocol="vabus", drive="vabus:1", model="own", entries=entries, identity={"serial number": "1"}
     )
@@ -132,23 +134,23 @@ def restore(drive, known, **options):
 
 
 def test_backup_holds_all_restorable_values():
-    saved = back_up(Drive())
+    saved = back_up(FakeDrive())
     assert list(saved.entries) == ["100", "101", "102", "103", "104", "105", "106"]
     assert saved.not_read == {"110": "it can only be written"}
     assert {entry.common for entry in saved.entries.values()} == {
         "", "minimum_frequency", "maximum_frequency", "motor_rated_power",
     }  # fmt: skip
-    assert list(back_up(Drive(), ["measured"]).entries) == ["108", "109"]
+    assert list(back_up(FakeDrive(), ["measured"]).entries) == ["108", "109"]
 
 
 def test_values_that_others_depend_on_are_written_first():
-    drive = Drive()
+    drive = FakeDrive()
     restore(drive, a_set(_101=1, _102=5, _103=60, _104=55, _105=7))
     assert drive.writes == ["101", "105", "102", "103", "104"]
 
 
 def test_data_lock_is_closed_last_and_opened_before_other_writes():
-    drive = Drive()
+    drive = FakeDrive()
     assert restore(drive, a_set(_100=1, _101=1, _104=20)).complete
     assert drive.writes == ["101", "104", "100"]
     assert restore(drive, a_set(_100=0, _101=2, _104=30)).complete
@@ -156,7 +158,7 @@ def test_data_lock_is_closed_last_and_opened_before_other_writes():
 
 
 def test_limits_that_block_each_other_are_restored():
-    drive = Drive()
+    drive = FakeDrive()
     done = restore(drive, a_set(_102=60, _103=100, _104=80))
     assert done.complete
     assert (drive.held["102"], drive.held["103"], drive.held["104"]) == (60, 100, 80)
@@ -166,7 +168,7 @@ def test_limits_that_block_each_other_are_restored():
 
 
 def test_value_changed_by_a_later_write_is_written_again():
-    drive = Drive()
+    drive = FakeDrive()
     drive.effects["104"] = lambda _: drive.held.update({"101": 0})
     done = restore(drive, a_set(_101=1, _104=20))
     assert done.complete
@@ -175,7 +177,7 @@ def test_value_changed_by_a_later_write_is_written_again():
 
 
 def test_value_that_never_holds_is_reported_after_two_writes():
-    drive = Drive()
+    drive = FakeDrive()
     drive.effects["101"] = lambda _: drive.held.update({"101": 0})
     done = restore(drive, a_set(_101=1, _104=20))
     assert not done.complete
@@ -184,7 +186,7 @@ def test_value_that_never_holds_is_reported_after_two_writes():
 
 
 def test_values_that_change_each_other_end_the_restore():
-    drive = Drive()
+    drive = FakeDrive()
     drive.effects["101"] = lambda _: drive.held.update({"105": 0})
     drive.effects["105"] = lambda _: drive.held.update({"101": 0})
     done = restore(drive, a_set(_101=1, _105=7))
@@ -193,7 +195,7 @@ def test_values_that_change_each_other_end_the_restore():
 
 
 def test_refused_value_is_reported_with_the_reason_of_the_drive():
-    drive = Drive()
+    drive = FakeDrive()
     done = restore(drive, a_set(_104=99))
     assert list(done.refused) == ["104"]
     assert "value not permitted" in done.refused["104"]
@@ -201,18 +203,21 @@ def test_refused_value_is_reported_with_the_reason_of_the_drive():
 
 
 def test_equal_values_are_not_written():
-    drive = Drive()
+    drive = FakeDrive()
     assert restore(drive, a_set()).complete
     assert drive.writes == []
 
 
 def test_values_left_alone_are_listed_with_the_reason():
     known = a_set(_106=1)
-    extra = {"999": Entry(address="999", value=1), "104": Entry(address="104", value=1, name="another", unit="Hz")}
-    extra |= {"107": Entry(address="107", value=1), "108": Entry(address="108", value=1, unit="A")}
-    extra |= {"109": Entry(address="109", value=1, unit="%"), "103": Entry(address="103", value=20)}
+    extra = {
+        "999": ParameterEntry(address="999", value=1),
+        "104": ParameterEntry(address="104", value=1, name="another", unit="Hz"),
+    }
+    extra |= {"107": ParameterEntry(address="107", value=1), "108": ParameterEntry(address="108", value=1, unit="A")}
+    extra |= {"109": ParameterEntry(address="109", value=1, unit="%"), "103": ParameterEntry(address="103", value=20)}
     known = ParameterSet(protocol="vabus", drive="vabus:1", model="own", entries={**known.entries, **extra})
-    drive = Drive()
+    drive = FakeDrive()
     plan = plan_restore(drive, known)
     assert {item.address: item.reason.partition(" (")[0] for item in plan.to("skip")} == {
         "103": "unit: a number without unit cannot be given in Hz",
@@ -228,13 +233,13 @@ def test_values_left_alone_are_listed_with_the_reason():
 
 
 def test_communication_settings_are_written_last_and_only_on_request():
-    drive = Drive()
+    drive = FakeDrive()
     assert restore(drive, a_set(_106=1, _104=20)).written == ("104",)
     assert restore(drive, a_set(_106=2, _104=21), communication=True).written == ("104", "106")
 
 
 def test_communication_setting_that_silences_the_drive_is_unconfirmed():
-    drive = Drive()
+    drive = FakeDrive()
 
     def gone(*_):
         drive.read = gone
@@ -246,7 +251,7 @@ def test_communication_setting_that_silences_the_drive_is_unconfirmed():
 
 
 def test_unconfirmed_write_is_verified_by_reading():
-    drive = Drive()
+    drive = FakeDrive()
 
     def silent(_):
         drive.effects.clear()
@@ -258,7 +263,7 @@ def test_unconfirmed_write_is_verified_by_reading():
 
 
 def test_lost_write_is_repeated():
-    drive = Drive()
+    drive = FakeDrive()
 
     def lost(_):
         drive.effects.clear()
@@ -271,13 +276,13 @@ def test_lost_write_is_repeated():
 
 
 def test_value_that_cannot_be_read_back_does_not_count_as_restored():
-    drive = Drive()
+    drive = FakeDrive()
 
     def hide(_):
         def read(parameter):
             if parameter == "104":
                 raise RefusedError("104", 5, "not readable")
-            return Drive.read(drive, parameter)
+            return FakeDrive.read(drive, parameter)
 
         drive.read = read
 
@@ -288,14 +293,14 @@ def test_value_that_cannot_be_read_back_does_not_count_as_restored():
 
 
 def test_refused_value_that_holds_in_the_end_counts_as_restored():
-    drive = Drive()
+    drive = FakeDrive()
     drive.effects["100"] = lambda _: drive.held.update({"104": 99})
     done = restore(drive, a_set(_104=99, _100=1))
     assert (done.written, done.refused, done.complete) == (("100",), {}, True)
 
 
 def test_invalid_value_prevents_all_writes():
-    drive = Drive()
+    drive = FakeDrive()
     with pytest.raises(
         ValueRefusedError, match="103 maximum_frequency: 5000 is outside 0 to 1000; nothing was written"
     ):
@@ -304,12 +309,12 @@ def test_invalid_value_prevents_all_writes():
 
 
 def test_invalid_value_that_the_drive_holds_already_is_accepted():
-    drive = Drive(_103=5000)
+    drive = FakeDrive(_103=5000)
     assert restore(drive, a_set(_103=5000, _101=1)).written == ("101",)
 
 
 def test_restore_is_refused_while_the_motor_runs():
-    drive = Drive()
+    drive = FakeDrive()
     drive.running = True
     with pytest.raises(StateError, match="the motor runs"):
         restore(drive, a_set(_101=1))
@@ -317,7 +322,7 @@ def test_restore_is_refused_while_the_motor_runs():
 
 
 def test_set_of_another_drive_is_refused_unless_allowed():
-    drive = Drive()
+    drive = FakeDrive()
     drive.identity = {"serial number": "2", "software version": "9"}
     with pytest.raises(UsageError, match="its serial number is '1', and '2' on this drive; nothing was written"):
         restore(drive, a_set(_101=1))
@@ -326,7 +331,7 @@ def test_set_of_another_drive_is_refused_unless_allowed():
 
 
 def test_other_software_version_counts_as_the_same_drive():
-    drive = Drive()
+    drive = FakeDrive()
     drive.identity = {"serial number": "1", "software version": "9"}
     known = a_set(_101=1)
     assert restore(drive, known).complete
@@ -334,16 +339,16 @@ def test_other_software_version_counts_as_the_same_drive():
 
 def test_set_of_another_maker_is_carried_by_common_names():
     entries = [
-        Entry(address="F03", value=60_000, unit="mHz", name="maximum", common="maximum_frequency"),
-        Entry(address="F15", value=30, unit="Hz", name="minimum", common="minimum_frequency"),
-        Entry(address="P02", value=5500, unit="W", name="power", common="motor_rated_power"),
-        Entry(address="y01", value=7, name="station", common="bus_address", part="communication"),
-        Entry(address="E01", value=7, name="terminal"),
+        ParameterEntry(address="F03", value=60_000, unit="mHz", name="maximum", common="maximum_frequency"),
+        ParameterEntry(address="F15", value=30, unit="Hz", name="minimum", common="minimum_frequency"),
+        ParameterEntry(address="P02", value=5500, unit="W", name="power", common="motor_rated_power"),
+        ParameterEntry(address="y01", value=7, name="station", common="bus_address", part="communication"),
+        ParameterEntry(address="E01", value=7, name="terminal"),
     ]
     known = ParameterSet(
         protocol="fuji", drive="fuji:3", model="frenic", entries={entry.address: entry for entry in entries}
     )
-    drive = Drive(_104=40)
+    drive = FakeDrive(_104=40)
     with pytest.raises(UsageError, match="it is of a fuji drive, and vabus:1 is none"):
         restore(drive, known)
     done = restore(drive, known, another_drive=True)
@@ -359,11 +364,11 @@ def test_set_of_another_maker_is_carried_by_common_names():
 
 def test_volatile_restore_is_refused_if_every_write_is_stored():
     with pytest.raises(UsageError, match="keeps every write over power-off"):
-        plan_restore(Drive(), a_set(), RestoreOptions(volatile=True))
+        plan_restore(FakeDrive(), a_set(), RestoreOptions(volatile=True))
 
 
 def test_backup_without_a_model_is_refused():
-    drive = Drive()
+    drive = FakeDrive()
     drive.model = None
     with pytest.raises(UsageError, match="which parameters it has is said by its model"):
         back_up(drive)
@@ -404,7 +409,7 @@ def inverter(bus, address=1, **options):
     return bus.drive("fuji", address, model="frenic", **options)
 
 
-class TestAValueWhoseScaleNobodyKnows:
+class TestValueOfUnknownScale:
     @pytest.fixture
     def virtual(self):
         return virtual_drive("fuji", 1, model="frenic")
@@ -474,11 +479,11 @@ def test_unwritable_value_that_holds_already_is_not_missed():
 
 def test_values_missing_from_the_backup_are_listed_in_the_remarks():
     lacking = replace(a_set(_104=1), not_read={"103": "no bus access"})
-    assert "not in the set, because it could not be read: 103" in plan_restore(Drive(), lacking).remarks
+    assert "not in the set, because it could not be read: 103" in plan_restore(FakeDrive(), lacking).remarks
 
 
 def test_unrequested_communication_setting_does_not_count_as_missed():
-    drive = Drive()
+    drive = FakeDrive()
     plan = plan_restore(drive, a_set(_106=1))
     assert [item.address for item in plan.to("skip")] == ["106"]
     assert plan.missed == []

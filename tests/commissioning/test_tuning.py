@@ -5,10 +5,10 @@ import asyncio
 import pytest
 
 import drivecomm
-from drivecomm.commissioning import Trial, tune, tune_async
+from drivecomm.commissioning import TuningTrial, tune, tune_async
 from drivecomm.errors import NoReplyError, NotSupported, UsageError
 from drivecomm.link import CAREFUL_S
-from drivecomm.plant import Fault, FaultPlan, Plant, PlantLine
+from drivecomm.plant import FaultPlan, LineFault, Plant, PlantLine
 from drivecomm.protocol import DriveConfig, installed
 from drivecomm.virtual import VirtualPlant
 
@@ -169,7 +169,7 @@ def test_trial_ends_at_its_first_error_and_the_usual_pause_follows():
     assert bus.counters["vlt3500:1"]["timeouts"] == len(failed)
 
 
-@pytest.mark.parametrize("kind", [Fault.DROP, Fault.CORRUPT, Fault.DUPLICATE])
+@pytest.mark.parametrize("kind", [LineFault.DROP, LineFault.CORRUPT, LineFault.DUPLICATE])
 @pytest.mark.parametrize("seed", range(3))
 def test_line_with_errors_at_any_pause_is_not_tuned(kind, seed):
     bench = Bench("vlt3500", {}, needs_s=0.001, faults=FaultPlan(rate=0.1, seed=seed, kinds=[kind], requests=False))
@@ -180,7 +180,7 @@ def test_line_with_errors_at_any_pause_is_not_tuned(kind, seed):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_rare_errors_allow_only_a_pause_that_held_for_all_exchanges(seed):
-    bench = Bench("vlt3500", {}, needs_s=0.001, faults=FaultPlan(rate=0.005, seed=seed, kinds=[Fault.DROP]))
+    bench = Bench("vlt3500", {}, needs_s=0.001, faults=FaultPlan(rate=0.005, seed=seed, kinds=[LineFault.DROP]))
     found = bench.tuned()
     if found.options:
         assert (found.after.exchanges, found.after.error) == (300, "")
@@ -290,7 +290,7 @@ def test_slow_master_does_not_prove_a_pause_shorter_than_its_own():
     assert found.turnaround_s == pytest.approx(0.0035 * 4 / 3, abs=0.00002)
 
 
-class NowAndThen:
+class OccasionalLoss:
     """Disturbance that drops each fiftieth request unless a longer pause precedes it."""
 
     def __init__(self, bench, needs_s):
@@ -307,7 +307,7 @@ class NowAndThen:
 
 def test_pause_that_fails_in_confirmation_is_doubled():
     bench = Bench("vlt3500", {}, needs_s=0.0005)
-    bench.line.disturbances.append(NowAndThen(bench, 0.003))
+    bench.line.disturbances.append(OccasionalLoss(bench, 0.003))
     found = bench.tuned()
     assert (found.error, found.after.exchanges) == ("", 300)
     assert 0.003 <= found.turnaround_s < 0.010
@@ -316,4 +316,4 @@ def test_pause_that_fails_in_confirmation_is_doubled():
 
 
 def test_rate_of_a_trial_without_exchanges_is_zero():
-    assert Trial(turnaround_s=0.01, pause_s=0.01, exchanges=0, seconds=0.0).per_second == 0
+    assert TuningTrial(turnaround_s=0.01, pause_s=0.01, exchanges=0, seconds=0.0).per_second == 0

@@ -8,7 +8,7 @@ import outcome
 import pytest
 import target as target_module
 from mutation import mutate_bytes
-from target import PropertyBrokenError, Target, expect
+from target import FuzzTarget, PropertyBrokenError, expect
 
 CRASHED = """
  === Uncaught Python exception: ===
@@ -30,7 +30,7 @@ def found_elsewhere(monkeypatch, tmp_path):
 
 
 def target_with(check):
-    return Target(name="planted", check=check, seeds=(b"sound",), mutate=mutate_bytes)
+    return FuzzTarget(name="planted", check=check, seeds=(b"sound",), mutate=mutate_bytes)
 
 
 def libfuzzer(monkeypatch, said, code, broken=b""):
@@ -83,7 +83,7 @@ def test_known_flaw_is_reported_again(monkeypatch):
 
     libfuzzer(monkeypatch, ENDED, 0)
     target = target_with(check)
-    outcome.keep(target, b"kept")
+    outcome.store_input(target, b"kept")
     (flaw,) = atheris_engine.run(target, runs=1, seconds=None, seed=1).flaws
     assert flaw.error == "PropertyBrokenError: planted"
 

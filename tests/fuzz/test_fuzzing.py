@@ -10,7 +10,7 @@ import pytest
 import target as target_module
 from mutation import mutate_bytes
 from run import main
-from target import Target
+from target import FuzzTarget
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -24,7 +24,7 @@ def found_elsewhere(monkeypatch, tmp_path):
 
 
 def target_with(check, seeds=(b"a sound telegram",)):
-    return Target(name="planted", check=check, seeds=seeds, mutate=mutate_bytes)
+    return FuzzTarget(name="planted", check=check, seeds=seeds, mutate=mutate_bytes)
 
 
 def test_planted_flaw_is_found_shrunk_and_stored(found_elsewhere):
@@ -43,7 +43,7 @@ def test_planted_flaw_is_found_shrunk_and_stored(found_elsewhere):
 def test_stored_inputs_are_tried_again():
     seen = []
     target = target_with(seen.append)
-    outcome.keep(target, b"kept")
+    outcome.store_input(target, b"kept")
     plain_engine.run(target, runs=3, seconds=None, seed=1)
     assert seen == [b"", b"a sound telegram", b"kept"]
 

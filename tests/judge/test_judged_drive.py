@@ -3,7 +3,7 @@
 import pytest
 from addressed_requests import ADDRESSED, framed
 
-from drivecomm.judge.drive import JudgedDrive
+from drivecomm.judge.judged_drive import JudgedDrive
 from drivecomm.protocol import installed
 from drivecomm.virtual import virtual_drive
 

@@ -1,7 +1,7 @@
 import pytest
 
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.judge import Order, Task, parse_task, read_order
+from drivecomm.judge import JudgeOrder, JudgeTask, parse_task, read_order
 from drivecomm.protocol import parse_drive
 
 DRIVE = parse_drive("vabus:1,model=agile")
@@ -46,18 +46,20 @@ def test_error_names_the_mistake_in_an_order_file(tmp_path, text, said):
 
 
 def test_placeholders_in_the_command_are_replaced():
-    order = Order(drive=DRIVE, command=("x", "{task}", "{host}", "{tcp_port}"), tasks=(parse_task("read=-r '4 5'"),))
+    order = JudgeOrder(
+        drive=DRIVE, command=("x", "{task}", "{host}", "{tcp_port}"), tasks=(parse_task("read=-r '4 5'"),)
+    )
     assert order.words(order.tasks[0], "socket://127.0.0.1:4001") == ["x", "-r", "4 5", "127.0.0.1", "4001"]
 
 
 def test_value_placeholder_has_a_default():
-    order = Order(drive=DRIVE, command=("x", "{port}"), tasks=(Task(name="write", arguments=("{value}",)),))
+    order = JudgeOrder(drive=DRIVE, command=("x", "{port}"), tasks=(JudgeTask(name="write", arguments=("{value}",)),))
     assert order.words(order.tasks[0], "p")[-1] == "10"
     assert order.words(order.tasks[0], "p", "12.5")[-1] == "12.5"
 
 
 def test_order_without_tasks_has_the_task_run():
-    assert [task.name for task in Order(drive=DRIVE, command=("{port}",)).tasks] == ["run"]
+    assert [task.name for task in JudgeOrder(drive=DRIVE, command=("{port}",)).tasks] == ["run"]
 
 
 def test_unclosed_quote_in_task_arguments_raises_usage_error():

@@ -2,12 +2,12 @@ from decimal import Decimal
 
 import pytest
 
-from drivecomm.judge.process import Line, Run
-from drivecomm.judge.shown import Display, Shown, displays_of, learned_display, number_in
+from drivecomm.judge.process import OutputLine, Run
+from drivecomm.judge.shown_values import Display, Shown, displays_of, learned_display, number_in
 
 
 def run(*texts, code=0, is_error=False):
-    return Run(code=code, lines=[Line(0.0, text, is_error) for text in texts])
+    return Run(code=code, lines=[OutputLine(0.0, text, is_error) for text in texts])
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,8 @@ from two_faces import each_face, open_on
 import drivecomm
 from drivecomm.errors import NoReplyError, RefusedError, UsageError
 from drivecomm.line import STATUS, PollBlock, PollItem, Schedule, in_blocks, poll, poll_async
-from drivecomm.plant import Fault, FaultPlan
-from drivecomm.plant.watching import DriveView, SeenDrive
+from drivecomm.plant import FaultPlan, LineFault
+from drivecomm.plant.watching import DriveView, TrackedDrive
 from drivecomm.protocol import DriveConfig, Reading
 from drivecomm.virtual import VirtualLine, virtual_drive
 
@@ -54,7 +54,7 @@ def bus_with(model, *, trace=None, **line):
     return line, drivecomm.open_bus(line.port, trace=trace)
 
 
-def asked(sent):
+def collect_sent(sent):
     return lambda event: sent.append(event) if event.what == "sent" else None
 
 
@@ -81,7 +81,7 @@ def test_forty_registers_are_read_five_times_as_fast_in_blocks(mill):
 @each_face
 def test_each_reading_of_a_block_has_the_time_of_its_telegram(face, mill):
     sent, line = [], VirtualLine([virtual_drive("modbus", 1, model=mill, **FACTS)])
-    with open_on(face, line.port, trace=asked(sent)) as bus:
+    with open_on(face, line.port, trace=collect_sent(sent)) as bus:
         readings = bus.drive("modbus", 1, model=mill, **FACTS).read_many(REGISTERS)
     assert [reading.parameter for reading in readings] == REGISTERS
     assert len(sent) == 2
@@ -111,7 +111,7 @@ def test_refused_block_is_read_in_parts_afterwards(tmp_path):
     real = model_of(tmp_path, [each for each in REGISTERS if each != "113"], name="old")
     sent = []
     line = VirtualLine([virtual_drive("modbus", 1, model=real, **FACTS)])
-    with drivecomm.open_bus(line.port, trace=asked(sent)) as bus:
+    with drivecomm.open_bus(line.port, trace=collect_sent(sent)) as bus:
         drive = bus.drive("modbus", 1, model=known, **FACTS)
         results = poll(plan(drive, period_s=1), cycles=3)
         rounds = [[next(results) for _ in REGISTERS] for _ in range(3)]
@@ -122,7 +122,7 @@ def test_refused_block_is_read_in_parts_afterwards(tmp_path):
 
 
 def test_silent_drive_fails_each_item_of_a_block(mill):
-    line, bus = bus_with(mill, faults=FaultPlan(rate=1.0, kinds=[Fault.DROP]))
+    line, bus = bus_with(mill, faults=FaultPlan(rate=1.0, kinds=[LineFault.DROP]))
     with bus:
         drive = bus.drive("modbus", 1, model=mill, attempts=1, **FACTS)
         results = list(poll(plan(drive), cycles=1))
@@ -166,7 +166,7 @@ def test_drives_of_protocols_without_blocks_are_read_one_by_one():
 )
 def test_read_many_refuses_invalid_lists_before_sending(wanted, why, mill):
     sent = []
-    _, bus = bus_with(mill, trace=asked(sent))
+    _, bus = bus_with(mill, trace=collect_sent(sent))
     with bus, pytest.raises(UsageError, match=why):
         bus.drive("modbus", 1, model=mill).read_many(wanted)
     assert not sent
@@ -174,7 +174,7 @@ def test_read_many_refuses_invalid_lists_before_sending(wanted, why, mill):
 
 def test_read_only_drive_is_read_in_blocks(mill):
     sent = []
-    _, bus = bus_with(mill, trace=asked(sent))
+    _, bus = bus_with(mill, trace=collect_sent(sent))
     with bus:
         bus.drive("modbus", 1, model=mill, read_only=True, **FACTS).read_many(REGISTERS)
     assert len(sent) == 2
@@ -186,7 +186,7 @@ def test_stop_waits_for_at_most_one_telegram_of_a_block_plan(mill):
     line = VirtualLine([virtual_drive("modbus", 1, model=mill, **FACTS)])
 
     async def main():
-        async with drivecomm.open_bus_async(line.port, trace=asked(sent)) as bus:
+        async with drivecomm.open_bus_async(line.port, trace=collect_sent(sent)) as bus:
             drive = bus.drive("modbus", 1, model=mill, **FACTS)
             reading = asyncio.create_task(drive.read_many(REGISTERS * 5))
             await asyncio.sleep(0)
@@ -259,9 +259,9 @@ def test_seen_drive_reads_registers_in_blocks_and_its_status_alone(mill):
     line = VirtualLine([virtual_drive("modbus", 1, model=mill, **FACTS)])
 
     async def main():
-        async with drivecomm.open_bus_async(line.port, trace=asked(sent)) as bus:
+        async with drivecomm.open_bus_async(line.port, trace=collect_sent(sent)) as bus:
             config = DriveConfig(protocol="modbus", address=1)
-            seen = SeenDrive(None, bus.drive("modbus", 1, model=mill, **FACTS), DriveView(drive=config, line="hall"))
+            seen = TrackedDrive(None, bus.drive("modbus", 1, model=mill, **FACTS), DriveView(drive=config, line="hall"))
             items = plan(seen, [*REGISTERS[:10], STATUS, *REGISTERS[10:20]])
             return [result async for result in poll_async(items, cycles=1)]
 
@@ -281,7 +281,7 @@ def test_drive_whose_package_fails_to_build_blocks_is_read_one_by_one(mill, monk
         async with drivecomm.open_bus_async(line.port) as bus:
             drive = bus.drive("modbus", 1, model=mill, **FACTS)
             monkeypatch.setattr(type(drive), "blocks", broken)
-            seen = SeenDrive(None, drive, DriveView(drive=DriveConfig(protocol="modbus", address=1), line="hall"))
+            seen = TrackedDrive(None, drive, DriveView(drive=DriveConfig(protocol="modbus", address=1), line="hall"))
             return [result async for result in poll_async(plan(seen, REGISTERS[:3]), cycles=1)]
 
     assert [str(result.reading.value) for result in asyncio.run(main())] == REGISTERS[:3]

@@ -6,7 +6,7 @@ import pytest
 
 import drivecomm
 from drivecomm.line import delivery as delivery_module
-from drivecomm.line.delivery import MOST_WAITING, NAP_S, Delivery
+from drivecomm.line.delivery import MOST_WAITING, NAP_S, ResultDelivery
 from drivecomm.line.poll_items import PollItem, PollResult
 from drivecomm.virtual import VirtualLine, virtual_drive
 
@@ -15,7 +15,7 @@ RESULT = PollResult(None, "pump", "481", None, "", None, 0.0, 0.0, 0.0, 0.0, 0)
 
 def full():
     rung = []
-    delivery = Delivery(lambda: rung.append(1))
+    delivery = ResultDelivery(lambda: rung.append(1))
     for _ in range(MOST_WAITING):
         assert delivery.nap_s() == 0
         delivery.give(RESULT)
@@ -37,7 +37,7 @@ def test_lines_of_an_abandoned_plan_do_not_nap():
 
 
 def test_error_of_a_line_follows_its_results():
-    delivery = Delivery(lambda: None)
+    delivery = ResultDelivery(lambda: None)
     delivery.left = 2
     delivery.give(RESULT)
     delivery.end()

@@ -28,7 +28,7 @@ def pairs():
             each.close()
 
 
-def heard(engine, pairs, until):
+def read_numbers(engine, pairs, until):
     """Watch the first sockets of all pairs and run until `until` reads; return the pairs' numbers and the data."""
     numbers = []
     for number, (ours, _) in enumerate(pairs):
@@ -41,7 +41,7 @@ def heard(engine, pairs, until):
 def test_callback_of_a_readable_socket_is_called(engine, pairs):
     pairs[2][1].send(b"two")
     pairs[0][1].send(b"none")
-    assert sorted(heard(engine, pairs, 2)) == [(0, b"none"), (2, b"two")]
+    assert sorted(read_numbers(engine, pairs, 2)) == [(0, b"none"), (2, b"two")]
 
 
 def test_callback_of_an_unwatched_socket_is_not_called(engine, pairs):

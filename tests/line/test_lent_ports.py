@@ -2,7 +2,7 @@
 
 import pytest
 
-from drivecomm.line.lending import LentPort
+from drivecomm.line.lent_port import LentPort
 
 
 class Trickle:

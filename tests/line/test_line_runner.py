@@ -1,7 +1,7 @@
 """The runner of link steps on a readable port, alone."""
 
 from drivecomm.line.runner import LineRunner
-from drivecomm.link import Receive, Talk
+from drivecomm.link import Receive, Transaction
 
 
 class Talkative:
@@ -35,7 +35,7 @@ def test_endless_data_between_two_exchanges_is_discarded():
 
 def test_nothing_is_sent_while_unrequested_data_arrives():
     ended = []
-    talk = Talk()
+    talk = Transaction()
     talk.data = b"request"
     runner = LineRunner(Talkative(), ended.append, ended.append, lambda *came: ended.append(came), ended.append)
 
@@ -47,7 +47,7 @@ def test_nothing_is_sent_while_unrequested_data_arrives():
     assert talk.begun is None
 
 
-class Looked:
+class CountingPort:
     """A port with its own clock that counts its reads."""
 
     def __init__(self):
@@ -72,7 +72,7 @@ class Looked:
 
 def two_requests(pause_s):
     """Send two requests, the second `pause_s` after the first reply; return the number of reads before the second."""
-    port, talk = Looked(), Talk()
+    port, talk = CountingPort(), Transaction()
     talk.data, talk.at_least, talk.reply_s = b"request", 5, 1.0
     runner = LineRunner(port, lambda _: None, lambda _: None, lambda *_: None, lambda _: None)
 

@@ -10,7 +10,7 @@ from benches import Port
 import drivecomm
 from drivecomm.errors import DriveCommError, LinkDownError, NoReplyError, UsageError
 from drivecomm.line import PollItem, poll, poll_async
-from drivecomm.plant import Fault, FaultPlan
+from drivecomm.plant import FaultPlan, LineFault
 from drivecomm.protocol import Reading
 from drivecomm.virtual import VirtualLine, virtual_drive
 
@@ -105,7 +105,7 @@ def test_dead_drive_is_bad_while_the_others_are_good():
 
 
 def test_lost_replies_make_values_stale_and_later_good_again():
-    faults = FaultPlan(rate=0.3, seed=5, kinds=[Fault.DROP])
+    faults = FaultPlan(rate=0.3, seed=5, kinds=[LineFault.DROP])
     line = VirtualLine([virtual_drive("vabus", 1)], faults=faults)
     with drivecomm.open_bus(line.port, attempts=1, reply_timeout_s=0.1) as bus:
         drive = bus.drive("vabus", 1, model="agile")

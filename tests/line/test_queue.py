@@ -5,10 +5,10 @@ from itertools import pairwise, permutations
 import pytest
 
 from drivecomm.errors import UsageError
-from drivecomm.line import TURNS_PER_POLL, TURNS_PER_SURVEY, LineQueue, Place, Rank
+from drivecomm.line import TURNS_PER_POLL, TURNS_PER_SURVEY, LineQueue, QueueEntry, Rank
 
 
-class Caller(Place):
+class Caller(QueueEntry):
     """A caller under control of the test."""
 
     def __init__(self, rank, name="", *, caller=None, behind=False):
@@ -47,7 +47,7 @@ def owner(queue):
     return has
 
 
-def asked(queue, *callers):
+def add_to_queue(queue, *callers):
     for each in callers:
         assert not queue.ask(each)
     return callers
@@ -79,20 +79,20 @@ def test_free_line_is_taken_immediately(queue):
 @pytest.mark.usefixtures("owner")
 def test_callers_are_served_by_rank_and_then_in_order(queue):
     ranks = (Rank.POLL, Rank.READ, Rank.COMMAND, Rank.READ, Rank.STOP, Rank.POLL, Rank.STOP)
-    asked(queue, *(Caller(rank, f"{rank.name} {number}") for number, rank in enumerate(ranks)))
+    add_to_queue(queue, *(Caller(rank, f"{rank.name} {number}") for number, rank in enumerate(ranks)))
     assert served(queue) == ["STOP 4", "STOP 6", "COMMAND 2", "READ 1", "POLL 0", "READ 3", "POLL 5"]
 
 
 @pytest.mark.usefixtures("owner")
 def test_place_with_behind_comes_after_all_others_of_its_rank(queue):
-    asked(queue, Caller(Rank.STOP, "dead", behind=True), Caller(Rank.STOP, "runs"), Caller(Rank.READ, "read"))
+    add_to_queue(queue, Caller(Rank.STOP, "dead", behind=True), Caller(Rank.STOP, "runs"), Caller(Rank.READ, "read"))
     assert served(queue) == ["runs", "dead", "read"]
 
 
 def test_newcomer_does_not_overtake_a_waiting_caller_between_two_turns(queue, owner):
     """The turn is over, and the line was not handed on yet."""
     waiting, newcomer = Caller(Rank.READ, "waiting"), Caller(Rank.READ, "newcomer")
-    asked(queue, waiting)
+    add_to_queue(queue, waiting)
     owner.alive = False
     assert not queue.ask(newcomer)
     assert queue.has_come(waiting)
@@ -101,14 +101,14 @@ def test_newcomer_does_not_overtake_a_waiting_caller_between_two_turns(queue, ow
 @pytest.mark.usefixtures("owner")
 @pytest.mark.parametrize("gone", range(3))
 def test_caller_that_leaves_does_not_change_the_order_of_the_others(queue, gone):
-    callers = asked(queue, *(Caller(Rank.READ, str(number)) for number in range(3)))
+    callers = add_to_queue(queue, *(Caller(Rank.READ, str(number)) for number in range(3)))
     assert queue.leave(callers[gone])
     assert queue.leave(callers[gone])
     assert served(queue) == [str(number) for number in range(3) if number != gone]
 
 
 def test_leave_reports_a_turn_that_has_come(queue, owner):
-    (waiting,) = asked(queue, Caller(Rank.READ))
+    (waiting,) = add_to_queue(queue, Caller(Rank.READ))
     end(queue, owner)
     assert not queue.leave(waiting)
 
@@ -117,7 +117,7 @@ def test_leave_reports_a_turn_that_has_come(queue, owner):
 @pytest.mark.parametrize("order", list(permutations(range(3))))
 def test_dead_caller_is_passed_over(queue, order):
     callers = [Caller(rank) for rank in (Rank.STOP, Rank.COMMAND, Rank.READ)]
-    asked(queue, *(callers[number] for number in order))
+    add_to_queue(queue, *(callers[number] for number in order))
     callers[0].alive = False
     assert not queue.stop_waits()
     assert served(queue) == ["COMMAND", "READ"]
@@ -130,15 +130,15 @@ def test_owner_that_died_silently_is_replaced(queue, owner):
 
 
 def test_only_a_stop_makes_the_owner_give_way(queue, owner):
-    asked(queue, Caller(Rank.COMMAND), Caller(Rank.READ), Caller(Rank.POLL))
+    add_to_queue(queue, Caller(Rank.COMMAND), Caller(Rank.READ), Caller(Rank.POLL))
     assert (owner.asked_to_give_way, queue.stop_waits()) == (0, False)
-    asked(queue, Caller(Rank.STOP))
+    add_to_queue(queue, Caller(Rank.STOP))
     assert (owner.asked_to_give_way, queue.stop_waits()) == (1, True)
 
 
 @pytest.mark.usefixtures("owner")
 def test_waits_is_true_for_the_rank_of_a_waiting_caller_and_lower_ones(queue):
-    asked(queue, Caller(Rank.COMMAND))
+    add_to_queue(queue, Caller(Rank.COMMAND))
     assert [queue.waits(rank) for rank in Rank] == [False, True, True, True, True]
 
 
@@ -150,7 +150,7 @@ def test_owner_that_calls_again_is_refused(queue, owner):
 
 def test_caller_whose_last_turn_is_over_may_call_again(queue, owner):
     again = Caller(Rank.READ, caller=owner.caller)
-    asked(queue, Caller(Rank.COMMAND))
+    add_to_queue(queue, Caller(Rank.COMMAND))
     owner.alive = False
     assert not queue.ask(again)
     assert served(queue)[-1] == "READ"

@@ -3,7 +3,7 @@
 import time
 
 import pytest
-from line_faces import DEAD, LIVE, LOCAL, MODELS, SERVED, SOON_S, opened, until
+from line_call_styles import DEAD, LIVE, LOCAL, MODELS, SERVED, SOON_S, opened, until
 
 from drivecomm.bus import StopResult, open_bus
 from drivecomm.errors import ReplyError, UsageError
@@ -13,7 +13,7 @@ from drivecomm.virtual import VirtualLine, virtual_drive
 KINDS = [kind for kind in (*LOCAL, *SERVED) if kind != "engine"]
 
 
-class All:
+class StopAllCall:
     """A bus as a "drive" whose `stop_all` a face calls like any verb."""
 
     def __init__(self, bus, on_result):
@@ -24,7 +24,7 @@ class All:
 
 
 def stopped(face, on_result=None):
-    return face._begin(All(face.bus, on_result), "stop_all").result(6 * SOON_S)
+    return face._begin(StopAllCall(face.bus, on_result), "stop_all").result(6 * SOON_S)
 
 
 def name_of(kind, address):

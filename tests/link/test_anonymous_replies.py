@@ -4,14 +4,14 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import DriveCommError, NoReplyError
-from drivecomm.plant import Fault, FaultPlan
+from drivecomm.plant import FaultPlan, LineFault
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 LATE_S, SLOW_S = 0.15, 0.09
 """Delays in seconds: of a reply that misses its own request, and of the next reply, which arrives after it."""
 
 
-class Late:
+class LateReplies:
     """A disturbance that delays the next replies."""
 
     def __init__(self):
@@ -31,7 +31,7 @@ def line():
     for drive in drives:
         drive.poke("C0011", 100 * drive.address)
     line = VirtualLine(drives)
-    line.late = Late()
+    line.late = LateReplies()
     line.disturbances.append(line.late)
     return line
 
@@ -91,7 +91,7 @@ def test_late_reply_does_not_delay_drives_whose_replies_name_them(line):
 @pytest.mark.parametrize("delay_s", [0.4, 2.0])
 def test_many_late_replies_never_give_the_value_of_another_drive(line, delay_s):
     wrong = good = 0
-    line = VirtualLine(line.drives, faults=FaultPlan(rate=0.2, kinds=[Fault.DELAY], delay_s=delay_s, seed=5))
+    line = VirtualLine(line.drives, faults=FaultPlan(rate=0.2, kinds=[LineFault.DELAY], delay_s=delay_s, seed=5))
     with drivecomm.open_bus(line.port) as bus:
         drives = {address: bus.drive("lecom", address, attempts=1) for address in (1, 2, 3)}
         for _ in range(300):
@@ -109,7 +109,7 @@ def test_many_late_replies_never_give_the_value_of_another_drive(line, delay_s):
 
 
 def test_scan_finds_no_drive_by_the_late_reply_of_another(line):
-    class AlwaysLate(Late):
+    class AlwaysLate(LateReplies):
         def reply(self, data, drive, now):  # noqa: ARG002
             return [(0.12, data)]
 

@@ -10,7 +10,7 @@ import drivecomm
 from drivecomm.errors import DamagedReplyError, NoReplyError, NotAnsweringError
 from drivecomm.link import FIRST_PAUSE_S, LONGEST_PAUSE_S, PROBING_SHARE, Backoff, Health, ProbingTime, UsualDelays
 from drivecomm.plant import FaultPlan
-from drivecomm.protocol import Command
+from drivecomm.protocol import MotorCommand
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 EACH_PROTOCOL = pytest.mark.parametrize("protocol", PROTOCOLS)
@@ -72,7 +72,7 @@ def refused(drive, line, recorder):
     return (line.time, len(recorder.events)) == (before, sent)
 
 
-class TestTheRules:
+class TestHealth:
     """`Health` alone, with times set by hand."""
 
     def test_never_heard_drive_is_given_up_after_one_call_and_a_second(self):
@@ -160,13 +160,13 @@ class TestTheRules:
         delays = UsualDelays()
         for delay_s in (0.02, 0.001):
             delays.answered("vabus", delay_s)
-        assert 0.019 < delays.least_ear_s("vabus") < 0.022
-        assert delays.least_ear_s("fuji") == pytest.approx(0.012), "of which nothing is known"
+        assert 0.019 < delays.minimum_listen_s("vabus") < 0.022
+        assert delays.minimum_listen_s("fuji") == pytest.approx(0.012), "of which nothing is known"
         for _ in range(200):
             delays.answered("vabus", 0.001)
-        assert delays.least_ear_s("vabus") < 0.002
+        assert delays.minimum_listen_s("vabus") < 0.002
         delays.answered("vabus", 5.0)
-        assert delays.least_ear_s("vabus") == pytest.approx(0.03), "no longer than this"
+        assert delays.minimum_listen_s("vabus") == pytest.approx(0.03), "no longer than this"
 
 
 def test_never_heard_drive_is_refused_after_its_first_call(line, recorder, virtual, drive):
@@ -357,7 +357,7 @@ def test_silent_drive_does_not_affect_the_health_of_others(virtual, bus, drive):
     assert not bus.health[other.name].given_up
 
 
-class Spoilt(FaultPlan):
+class DamagedReplies(FaultPlan):
     """Faults that give every reply a wrong check."""
 
     def reply(self, data):
@@ -366,7 +366,7 @@ class Spoilt(FaultPlan):
 
 def test_damaged_replies_alone_do_not_give_a_drive_up(line, drive, bus):
     """Something answers, so the drive is there."""
-    line.faults = Spoilt(rate=0.0)
+    line.faults = DamagedReplies(rate=0.0)
     for _ in range(5):
         with pytest.raises(DamagedReplyError):
             drive.read("481")
@@ -481,7 +481,7 @@ def test_run_command_is_never_repeated_to_a_drive_after_its_absence(objects, run
         assert bus.health[drives[0].name].given_up
         virtual.heard.clear()
         if not runs_on:
-            virtual.motor.stop(Command.OFF, line.time)
+            virtual.motor.stop(MotorCommand.OFF, line.time)
         virtual.alive = True
         line.advance(10)
         for drive in drives:
@@ -592,7 +592,7 @@ def test_damaged_reply_to_a_probe_is_reported_as_damage(line, virtual, drive):
     give_up(drive)
     virtual.alive = True
     line.advance(10)
-    line.faults = Spoilt(rate=0.0)
+    line.faults = DamagedReplies(rate=0.0)
     with pytest.raises(DamagedReplyError):
         drive.read("481")
     line.faults = FaultPlan(rate=0.0)
@@ -605,7 +605,7 @@ def test_given_up_drive_with_damaged_replies_gets_little_of_the_line(line, virtu
     virtual.alive = False
     give_up(drive)
     virtual.alive = True
-    line.faults = Spoilt(rate=0.0)
+    line.faults = DamagedReplies(rate=0.0)
     line.advance(10)
     began, busy = line.time, 0.0
     while line.time < began + 30:

@@ -7,7 +7,7 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import NoReplyError, TelegramError
-from drivecomm.link.peer import _MOST_KNOWN, _MOST_WRITTEN, Written
+from drivecomm.link.peer import _MOST_KNOWN, _MOST_WRITTEN, EncodeCache
 from drivecomm.protocol.schema import Telegrams
 from drivecomm.virtual import VirtualLine, virtual_drive
 
@@ -62,7 +62,7 @@ def test_each_drive_object_decodes_the_same_bytes_itself(decoded):
 
 def test_known_reply_to_another_request_is_not_accepted():
     line = VirtualLine([virtual_drive("vabus", 1)])
-    replayed = Replayed()
+    replayed = ReplayedReply()
     line.disturbances.append(replayed)
     with drivecomm.open_bus(line.port, attempts=1) as bus:
         drive = bus.drive("vabus", 1)
@@ -84,7 +84,7 @@ def test_known_replies_have_a_limit():
             assert len(drive.peer.known) <= _MOST_KNOWN
 
 
-class Replayed:
+class ReplayedReply:
     """A disturbance that replaces each reply by `instead` if that is set. latest: the reply sent last."""
 
     latest = b""
@@ -113,7 +113,7 @@ def test_telegram_is_encoded_once_per_message_object():
             raise TelegramError("field", "no")
         return str(message.value).encode()
 
-    written = Written(write)
+    written = EncodeCache(write)
     first, equal = Note(value=1), Note(value=True)
     assert first == equal
     assert [written.telegram(note) for note in (first, equal, first, equal)] == [b"1", b"True", b"1", b"True"]

@@ -16,14 +16,14 @@ from drivecomm.errors import (
     OvertakenError,
 )
 from drivecomm.line import run_steps
-from drivecomm.plant import Fault, FaultPlan
+from drivecomm.plant import FaultPlan, LineFault
 from drivecomm.protocol import Ask, installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 FREQUENCY, VOLTAGE = "0x2103", "0x2105"
 
 
-class Replies:
+class HeldReplies:
     """A disturbance that holds replies back on demand, and inserts one of them before a later reply."""
 
     def __init__(self):
@@ -61,7 +61,7 @@ class Bench:
     def __init__(self, *, trace=None):
         self.virtual = virtual_drive("modbus", 1, model="delta")
         self.line = VirtualLine([self.virtual])
-        self.replies = Replies()
+        self.replies = HeldReplies()
         self.line.disturbances.append(self.replies)
         self.bus = drivecomm.open_bus(self.line.port, trace=trace)
         self.drive = self.bus.drive("modbus", 1, model="delta")
@@ -200,7 +200,7 @@ def test_late_replies_never_give_a_wrong_value(seed):
     bench = Bench()
     names = ("output_frequency", "dc_bus", "output_current")
     right = {name: bench.drive.read(name).value for name in names}
-    bench.line.faults = FaultPlan(rate=0.1, seed=seed, kinds=[Fault.DELAY], delay_s=2)
+    bench.line.faults = FaultPlan(rate=0.1, seed=seed, kinds=[LineFault.DELAY], delay_s=2)
     wrong = []
     for name in names * 50:
         try:
@@ -230,7 +230,7 @@ def test_surplus_reply_is_waited_out_after_a_distinct_request():
     assert bench.line.time > waits_until
 
 
-class Replaced:
+class ReplacedReplies:
     """A disturbance that replaces the drive's replies by these in turn; None leaves the reply of the drive.
 
     own: the replies that the drive itself sent, in order.
@@ -256,7 +256,7 @@ def test_reply_displaced_by_a_late_one_is_late_in_turn():
     timed_out(bench)
     bench.replies.keeps = False
     bench.line.advance(3)
-    late = Replaced(bench.replies.kept[0])
+    late = ReplacedReplies(bench.replies.kept[0])
     bench.line.disturbances.append(late)
     assert bench.drive.read(VOLTAGE).raw == bench.right[VOLTAGE]
     late.replies = [late.own[0]]
@@ -276,7 +276,7 @@ def test_unrequested_reply_does_not_settle_which_request_it_answers():
     bench.line.advance(1.5)
     bench.line.inject(second)
     bench.line.advance(0.1)
-    bench.line.disturbances.append(Replaced(None, None, first))
+    bench.line.disturbances.append(ReplacedReplies(None, None, first))
     assert bench.drive.read(VOLTAGE).raw == bench.right[VOLTAGE]
     bench.line.disturbances[-1].replies = [first]
     assert bench.drive.read(VOLTAGE).raw == bench.right[VOLTAGE]
@@ -289,7 +289,7 @@ def test_many_equal_late_replies_are_outvoted():
     for _ in range(4):
         timed_out(bench)
     bench.replies.keeps = False
-    bench.line.disturbances.append(Replaced(*bench.replies.kept))
+    bench.line.disturbances.append(ReplacedReplies(*bench.replies.kept))
     assert len(bench.replies.kept) == 4
     assert bench.drive.read(VOLTAGE).raw == bench.right[VOLTAGE]
 
@@ -300,7 +300,7 @@ def test_replies_later_than_late_s_give_no_wrong_value(plugin, attempts):
     wrong, delay_s = [], 2 * plugin.facts.timing.late_s
     for seed in range(6):
         virtual = virtual_drive(plugin.name, plugin.addresses[0])
-        line = VirtualLine([virtual], faults=FaultPlan(rate=0.1, kinds=[Fault.DELAY], delay_s=delay_s, seed=seed))
+        line = VirtualLine([virtual], faults=FaultPlan(rate=0.1, kinds=[LineFault.DELAY], delay_s=delay_s, seed=seed))
         with drivecomm.open_bus(line.port) as bus:
             drive = bus.drive(plugin.name, plugin.addresses[0], model=plugin.default_model, attempts=attempts)
             names = [info.address for info in drive.model.parameters.values() if info.access == "rw"][:10]
@@ -312,7 +312,7 @@ def test_replies_later_than_late_s_give_no_wrong_value(plugin, attempts):
     assert wrong == []
 
 
-class Instead:
+class ReplacedRequest:
     """A disturbance that loses request number `number` that begins with `begins`, and injects `said` as its reply.
 
     The replies to earlier such requests come twice.
@@ -345,7 +345,7 @@ def owing():
     with drivecomm.open_bus(line.port) as bus:
         drive = bus.drive("mitsubishi", 1, model="fr700", attempts=1)
         drive.read("1")
-        replies = Replies()
+        replies = HeldReplies()
         line.disturbances.append(replies)
         replies.keeps = True
         with pytest.raises(NoReplyError):
@@ -357,7 +357,7 @@ def owing():
 
         def late(what, begins, number=1):
             said = replies.kept[0 if what == "confirmation" else -1]
-            instead = Instead(line, b"\x0501" + begins, said, number)
+            instead = ReplacedRequest(line, b"\x0501" + begins, said, number)
             line.disturbances.append(instead)
             return instead
 
@@ -416,7 +416,7 @@ def test_exchange_long_after_a_timeout_takes_the_short_path():
     line = VirtualLine([virtual_drive("vabus", 1)])
     with drivecomm.open_bus(line.port) as bus:
         drive = bus.drive("vabus", 1, attempts=1)
-        replies = Replies()
+        replies = HeldReplies()
         line.disturbances.append(replies)
         replies.keeps = True
         with pytest.raises(NoReplyError):

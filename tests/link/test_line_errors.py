@@ -13,7 +13,7 @@ MISHEARD = 4
 NAME = "0x2103"
 
 
-class Refusing:
+class RefusedRequests:
     """A disturbance that replaces the next replies by refusals with these codes."""
 
     def __init__(self, *codes):
@@ -43,7 +43,7 @@ def opened(request, monkeypatch):
         drive.read(NAME)
 
         def refusing(*codes):
-            refuses = Refusing(*codes)
+            refuses = RefusedRequests(*codes)
             line.disturbances.append(refuses)
             return refuses
 

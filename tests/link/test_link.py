@@ -12,7 +12,7 @@ from drivecomm.errors import (
     ReplyError,
     TelegramError,
 )
-from drivecomm.link import Arrival, Configure, HeldBack, Link, Peer, Receive, Send, Wait, taken_apart
+from drivecomm.link import Arrival, Configure, HeldBack, Link, Peer, Receive, Send, Wait, split_transactions
 from drivecomm.protocol import Ask, LineFacts, LineSettings, Pause, Tell, Timing
 from drivecomm_vabus.telegrams import Ack, Enquiry, Eot, Select, Value, mismatch, telegrams
 
@@ -44,7 +44,7 @@ class Walk:
     def __init__(self, begin, exchange, arrivals=(), start=0.0, note=""):
         self.time = start
         self.begin = begin
-        self.steps = taken_apart(begin(exchange, start), start)
+        self.steps = split_transactions(begin(exchange, start), start)
         self.arrivals = sorted(arrivals)
         self.sent = []
         self.configured = []
@@ -62,7 +62,7 @@ class Walk:
             return finished.value
         except HeldBack as held:
             self.time = held.until
-            self.steps = taken_apart(self.begin(held.exchange, self.time), self.time)
+            self.steps = split_transactions(self.begin(held.exchange, self.time), self.time)
             return self.run()
 
     def carry_out(self, effect):

@@ -12,8 +12,8 @@ from addresses import address_of
 
 import drivecomm
 from drivecomm.errors import NotSupported
-from drivecomm.link import LOGGER_NAME, log_events, tell_all
-from drivecomm.plant import Fault, FaultPlan
+from drivecomm.link import LOGGER_NAME, combine_traces, log_events
+from drivecomm.plant import FaultPlan, LineFault
 from drivecomm.protocol import fields_of, installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 
@@ -31,7 +31,7 @@ def read(line, trace, **options):
 def test_each_event_is_one_record_with_its_fields(line, caplog):
     seen = []
     caplog.set_level(logging.DEBUG, LOGGER_NAME)
-    read(line, tell_all(seen.append, log_events()))
+    read(line, combine_traces(seen.append, log_events()))
     assert [record.what for record in caplog.records] == ["sent", "received", "sent"]
     for record, event in zip(caplog.records, seen, strict=True):
         assert (record.name, record.levelno) == ("drivecomm.line", logging.DEBUG)
@@ -50,7 +50,7 @@ def test_log_events_uses_a_given_logger(line, caplog):
 
 def test_log_level_depends_on_the_kind_of_event(caplog):
     caplog.set_level(logging.DEBUG)
-    faults = FaultPlan(rate=0.6, seed=5, kinds=[Fault.CORRUPT, Fault.DUPLICATE, Fault.TRUNCATE])
+    faults = FaultPlan(rate=0.6, seed=5, kinds=[LineFault.CORRUPT, LineFault.DUPLICATE, LineFault.TRUNCATE])
     line = VirtualLine([virtual_drive("vabus", 1)], echo=True, faults=faults)
     with drivecomm.open_bus(line.port, trace=log_events(), echo="auto") as bus:
         drive = bus.drive("vabus", 1)
@@ -121,9 +121,9 @@ def test_fields_of_every_protocol_are_json(protocol, caplog):
 
 def test_tell_all_of_up_to_one_function_adds_no_wrapper():
     seen = []
-    assert tell_all() is None
-    assert tell_all(None, None) is None
-    assert tell_all(None, seen.append) == seen.append
+    assert combine_traces() is None
+    assert combine_traces(None, None) is None
+    assert combine_traces(None, seen.append) == seen.append
 
 
 def test_drivecomm_does_not_load_logging():

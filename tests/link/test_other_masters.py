@@ -9,7 +9,7 @@ from extents import LONG
 import drivecomm
 from drivecomm.errors import DoubtfulReplyError, DriveCommError
 from drivecomm.link import CAREFUL_S, SHARED_S
-from drivecomm.plant import Fault, FaultPlan
+from drivecomm.plant import FaultPlan, LineFault
 from drivecomm.protocol import installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 
@@ -191,7 +191,7 @@ class TestLine:
         assert site.bus.other_master == ""
 
     def test_own_late_and_doubled_replies_do_not_make_a_line_shared(self):
-        for kind in (Fault.DELAY, Fault.DUPLICATE, Fault.DROP, Fault.CORRUPT, Fault.TRUNCATE):
+        for kind in (LineFault.DELAY, LineFault.DUPLICATE, LineFault.DROP, LineFault.CORRUPT, LineFault.TRUNCATE):
             for seed in range(4):
                 site = Site()
                 site.line.faults = FaultPlan(rate=0.2, seed=seed, kinds=[kind], delay_s=2)
@@ -244,7 +244,7 @@ def test_reply_to_a_foreign_request_is_not_accepted(protocol):
     site.line.advance(CAREFUL_S)
     right = site.drive_.peek("0x2105", 0.0)
     # The foreign request follows our request before the reply: both get replies, in any order.
-    site.line.disturbances.append(Behind(site.line, modbus("0103 2106 0001"), times=1))
+    site.line.disturbances.append(ForeignRequests(site.line, modbus("0103 2106 0001"), times=1))
     assert site.drive.read("0x2105").raw == right
     assert site.bus.counters["modbus:1"]["doubtful"] == 1
 
@@ -252,7 +252,7 @@ def test_reply_to_a_foreign_request_is_not_accepted(protocol):
 def test_indistinguishable_foreign_requests_raise_doubtful_reply_error():
     site = Site(paced=False)
     site.drive.read("0x2105")
-    site.line.disturbances.append(Behind(site.line, modbus("0103 2106 0001"), times=10_000))
+    site.line.disturbances.append(ForeignRequests(site.line, modbus("0103 2106 0001"), times=10_000))
     with pytest.raises(DoubtfulReplyError, match="another master asked modbus:1"):
         site.drive.read("0x2105")
 
@@ -260,12 +260,12 @@ def test_indistinguishable_foreign_requests_raise_doubtful_reply_error():
 def test_two_different_replies_are_both_doubtful():
     site = Site(paced=False)
     right = site.drive.read("0x2105").raw
-    site.line.disturbances.append(Beside(modbus("010302 1E61")))
+    site.line.disturbances.append(ForeignReply(modbus("010302 1E61")))
     assert site.drive.read("0x2105").raw == right
     assert site.bus.counters["modbus:1"]["doubtful"] == 1
 
 
-class Behind:
+class ForeignRequests:
     """A disturbance that sends a foreign request right after each of the first `times` requests of ours."""
 
     def __init__(self, line, data, times):
@@ -281,7 +281,7 @@ class Behind:
         return [(0.0, data)]
 
 
-class Beside:
+class ForeignReply:
     """A disturbance that puts a foreign reply right before the first reply."""
 
     def __init__(self, data):

@@ -9,7 +9,7 @@ from drivecomm.virtual import VirtualLine, virtual_drive
 ACK = b"\x06"
 
 
-class Among:
+class NoisyConfirmations:
     """A disturbance that puts noise before and after each confirmation."""
 
     def __init__(self, before, behind):
@@ -32,7 +32,7 @@ def opened(request):
         drive.read("01.14")
 
         def among(before, behind):
-            noise = Among(before, behind)
+            noise = NoisyConfirmations(before, behind)
             line.disturbances.append(noise)
             return noise
 

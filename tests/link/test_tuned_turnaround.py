@@ -6,7 +6,7 @@ import drivecomm
 from drivecomm.errors import ReplyError
 from drivecomm.link import TuningWatch
 from drivecomm.link.other_masters import CAREFUL_S
-from drivecomm.plant import Fault, FaultPlan, Plant, PlantLine
+from drivecomm.plant import FaultPlan, LineFault, Plant, PlantLine
 from drivecomm.protocol import DriveConfig
 from drivecomm.virtual import VirtualPlant
 
@@ -77,7 +77,9 @@ def test_tuned_turnaround_is_abandoned_permanently_when_errors_rise():
 
 
 def test_damaged_replies_count_as_errors_of_the_tuned_turnaround():
-    bench = Bench(drive(tuned_turnaround_s=0.002), faults=FaultPlan(rate=0.2, kinds=[Fault.CORRUPT], requests=False))
+    bench = Bench(
+        drive(tuned_turnaround_s=0.002), faults=FaultPlan(rate=0.2, kinds=[LineFault.CORRUPT], requests=False)
+    )
     bench.ask(100)
     assert bench.count() == 1
     assert bench.pauses[-1] >= 0.010
@@ -86,7 +88,7 @@ def test_damaged_replies_count_as_errors_of_the_tuned_turnaround():
 def test_rare_errors_do_not_abandon_the_tuned_turnaround():
     bench = Bench(drive(tuned_turnaround_s=0.002))
     for _ in range(10):
-        bench.line.faults = FaultPlan(rate=1, kinds=[Fault.DROP])
+        bench.line.faults = FaultPlan(rate=1, kinds=[LineFault.DROP])
         bench.ask(1)
         bench.line.faults = FaultPlan(rate=0)
         bench.ask(49)
@@ -122,7 +124,7 @@ def test_errors_of_an_untuned_drive_count_for_the_tuned_turnaround():
     assert bench.pauses[-3:] == [0.010, 0.002, 0.002]
     for _ in range(3):
         bench.ask(2)
-        bench.line.faults = FaultPlan(rate=1, kinds=[Fault.DROP])
+        bench.line.faults = FaultPlan(rate=1, kinds=[LineFault.DROP])
         bench.drives = bench.drives[2:] + bench.drives[:2]
         bench.ask(1)
         bench.line.faults = FaultPlan(rate=0)

@@ -17,7 +17,7 @@ VALUE = object()
 """The drive answers a request for a value, and its status has not been read yet."""
 
 
-def told(*course):
+def observed_events(*course):
     """Return the events of a drive observed in these steps: statuses, some with a fault, values, and silences."""
     views = [DriveView(drive=PUMP, line="hall")]
     for step in course:
@@ -33,23 +33,23 @@ def told(*course):
 
 
 def test_warning_is_reported_when_it_appears():
-    assert told(READY, WARNED, WARNED, READY, WARNED) == [("warning", "warning")] * 2
-    assert told(WARNED) == [("warning", "warning")]
+    assert observed_events(READY, WARNED, WARNED, READY, WARNED) == [("warning", "warning")] * 2
+    assert observed_events(WARNED) == [("warning", "warning")]
 
 
 def test_state_is_reported_when_it_changes():
-    assert told(READY, RUNNING, RUNNING, replace(RUNNING, reverse=True)) == [
+    assert observed_events(READY, RUNNING, RUNNING, replace(RUNNING, reverse=True)) == [
         ("change", "running"),
         ("change", "running backwards"),
     ]
 
 
 def test_first_state_is_not_reported():
-    assert told(RUNNING) == []
+    assert observed_events(RUNNING) == []
 
 
 def test_fault_is_reported_when_it_appears_changes_and_ends():
-    assert told(READY, (READY, "5"), (READY, "5"), (READY, "14"), READY) == [
+    assert observed_events(READY, (READY, "5"), (READY, "5"), (READY, "14"), READY) == [
         ("fault", "fault: 5"),
         ("fault", "fault: 14"),
         ("change", "the fault is gone"),
@@ -60,15 +60,15 @@ GAP = [("silent", "gone"), ("change", "answers again")]
 
 
 def test_changes_during_a_silence_are_reported_with_the_next_status():
-    assert told(RUNNING, SILENCE, VALUE, READY) == [*GAP, ("change", "ready")]
-    assert told((READY, "5"), SILENCE, READY)[1:] == [*GAP, ("change", "the fault is gone")]
-    assert told((READY, "5"), SILENCE, (READY, "14"))[1:] == [*GAP, ("fault", "fault: 14")]
+    assert observed_events(RUNNING, SILENCE, VALUE, READY) == [*GAP, ("change", "ready")]
+    assert observed_events((READY, "5"), SILENCE, READY)[1:] == [*GAP, ("change", "the fault is gone")]
+    assert observed_events((READY, "5"), SILENCE, (READY, "14"))[1:] == [*GAP, ("fault", "fault: 14")]
 
 
 def test_condition_that_lasts_through_a_silence_is_reported_once():
-    assert told((READY, "5"), SILENCE, VALUE, (READY, "5"))[1:] == GAP
-    assert told(WARNED, SILENCE, WARNED)[1:] == GAP
-    assert told(RUNNING, SILENCE, RUNNING) == GAP
+    assert observed_events((READY, "5"), SILENCE, VALUE, (READY, "5"))[1:] == GAP
+    assert observed_events(WARNED, SILENCE, WARNED)[1:] == GAP
+    assert observed_events(RUNNING, SILENCE, RUNNING) == GAP
 
 
 def test_status_is_unknown_after_a_silence_until_it_is_read_again():

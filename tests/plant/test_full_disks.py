@@ -12,7 +12,7 @@ import pytest
 from test_value_log import result
 
 import drivecomm
-from drivecomm.capture import TRIED_AGAIN_S, CaptureWriter, Gaps, GrowingFile, Piece, Provenance, read_capture
+from drivecomm.capture import TRIED_AGAIN_S, CaptureWriter, GrowingFile, Piece, Provenance, WriteGaps, read_capture
 from drivecomm.cli import main
 from drivecomm.plant.value_log import open_log, read_rows
 from drivecomm.protocol import LineSettings
@@ -101,7 +101,7 @@ def test_partial_piece_is_removed_before_the_next_piece(tmp_path):
 )
 def test_start_and_end_of_a_gap_are_reported_once(number, reason):
     told, written, full = [], [], [True]
-    gaps = Gaps("x.csv", kept="values", done="logged", goes_on="polling", tell=told.append)
+    gaps = WriteGaps("x.csv", kept="values", done="logged", goes_on="polling", tell=told.append)
 
     def write():
         if full[0]:
@@ -122,7 +122,7 @@ def test_start_and_end_of_a_gap_are_reported_once(number, reason):
 
 
 def test_clock_set_back_does_not_prevent_a_retry():
-    gaps = Gaps("x", kept="values", done="logged", goes_on="polling", tell=lambda _: None)
+    gaps = WriteGaps("x", kept="values", done="logged", goes_on="polling", tell=lambda _: None)
     full = [True]
 
     def write():

@@ -40,7 +40,7 @@ from drivecomm.protocol import (
     installed,
 )
 from drivecomm.testing import play
-from drivecomm.tomlfile import must_be_writable, write_whole
+from drivecomm.tomlfile import must_be_writable, write_atomically
 from drivecomm.virtual import VirtualLine, VirtualPlant
 from drivecomm_vabus.telegrams import Select
 
@@ -55,7 +55,7 @@ PLANT = Plant(
 )
 
 
-class Served:
+class OpenedVirtualPlant:
     """Virtual plant that a master has opened; records the sent telegrams and the opened lines."""
 
     def __init__(self, plant=PLANT):
@@ -75,7 +75,7 @@ class Served:
 
 @pytest.fixture
 def served():
-    one = Served()
+    one = OpenedVirtualPlant()
     with one.plant:
         yield one
 
@@ -106,7 +106,7 @@ GROUPS = replace(PLANT, drives=tuple(replace(each, groups=GROUPED[each.name]) fo
 
 
 def test_group_returns_its_drives_in_the_order_of_the_plant_and_opens_their_lines():
-    served = Served(GROUPS)
+    served = OpenedVirtualPlant(GROUPS)
     with served.plant as plant:
         assert plant.group("hall 2") == [plant.drive("pump"), plant.drive("fan")]
         assert served.opened_lines == ["hall"]
@@ -118,7 +118,7 @@ def test_group_returns_its_drives_in_the_order_of_the_plant_and_opens_their_line
 @pytest.mark.parametrize("name", ["pump", "belt", "vabus:1", "dry", ""])
 def test_unknown_group_is_refused(name):
     with pytest.raises(UsageError, match=f"hall.toml: there is no group '{name}' in this plant; .*t has wet, hall 2"):
-        Served(GROUPS).plant.group(name)
+        OpenedVirtualPlant(GROUPS).plant.group(name)
 
 
 def test_group_is_refused_in_a_plant_without_groups(served):
@@ -128,7 +128,7 @@ def test_group_is_refused_in_a_plant_without_groups(served):
 
 def test_drive_refuses_a_group_and_lists_its_drives():
     with pytest.raises(UsageError, match=r"hall.toml: 'hall 2' is a group, of pump, fan; name one of its drives$"):
-        Served(GROUPS).plant.drive("hall 2")
+        OpenedVirtualPlant(GROUPS).plant.drive("hall 2")
     assert [each.name for each in GROUPS.named("wet")] == ["pump", "mixer"]
     assert [each.name for each in GROUPS.named("vabus:1")] == ["pump"]
 
@@ -201,7 +201,7 @@ def test_read_only_drive_may_be_read_and_stopped(served):
 
 
 def test_read_only_drive_cannot_be_set_up():
-    served = Served()
+    served = OpenedVirtualPlant()
     with served.plant as plant, pytest.raises(UsageError, match="cannot be set up, because it is read-only"):
         plant.bus("hall").drive("vabus", 1, set_up={"480": 1}, read_only=True)
 
@@ -282,7 +282,7 @@ def test_reading_verb_of_a_read_only_drive_runs_and_gets_errors():
 def test_invalid_options_are_reported_with_the_drive_and_the_file():
     wrong = DriveConfig(name="pump", protocol="vabus", address=1, line="hall", options={"modle": "agile"})
     with (
-        Served(Plant(lines=(PlantLine(name="hall"),), drives=())).plant as plant,
+        OpenedVirtualPlant(Plant(lines=(PlantLine(name="hall"),), drives=())).plant as plant,
         pytest.raises(UsageError, match=r"hall.toml: there is no drive"),
     ):
         plant.drive("pump")
@@ -362,7 +362,7 @@ def test_drive_requested_after_closing_opens_its_line_again():
 
 class TestStatus:
     def test_status_reports_all_drives_in_plant_order(self):
-        served = Served()
+        served = OpenedVirtualPlant()
         served.virtual.power_off("belt")
         with served.plant as plant:
             served.virtual.trip("fan", 14)
@@ -518,12 +518,12 @@ def test_plant_file_with_its_drives_in_one_list_cannot_be_extended(tmp_path):
 
 def test_write_whole_replaces_the_file_completely(tmp_path):
     path = tmp_path / "plant.toml"
-    write_whole(path, "one")
-    write_whole(path, "three")
+    write_atomically(path, "one")
+    write_atomically(path, "three")
     assert path.read_text() == "three"
     assert list(tmp_path.iterdir()) == [path]
     with pytest.raises(FileFormatError, match="cannot be written"):
-        write_whole(tmp_path / "nowhere" / "plant.toml", "four")
+        write_atomically(tmp_path / "nowhere" / "plant.toml", "four")
 
 
 def test_writability_is_checked_without_leaving_a_file(tmp_path):
@@ -544,7 +544,7 @@ def test_write_whole_keeps_the_old_file_after_an_error(tmp_path, monkeypatch):
     path.write_text("one")
     monkeypatch.setattr(Path, "replace", full)
     with pytest.raises(FileFormatError, match=r"plant\.toml: cannot be written: No space left"):
-        write_whole(path, "two")
+        write_atomically(path, "two")
     assert path.read_text() == "one"
     assert list(tmp_path.iterdir()) == [path]
 

@@ -18,7 +18,7 @@ from drivecomm.bus import AsyncDrive, set_watchdog
 from drivecomm.cli import main
 from drivecomm.cli.watch.log_switch import LogSwitch
 from drivecomm.cli.watch.screen import WatchScreen
-from drivecomm.cli.watch.screens import Question
+from drivecomm.cli.watch.screens import ConfirmationScreen
 from drivecomm.cli.watch.words import event_line
 from drivecomm.errors import PortError
 from drivecomm.plant.value_log import read_rows
@@ -28,7 +28,7 @@ from drivecomm.protocol import LinkLossPolicy, MachineUnit, Reading
 NAMES = ["output_frequency", "output_current", "output_power"]
 
 
-class Watched:
+class ScreenUnderTest:
     """Watch screen that has shown a plant for some seconds, with keys to press."""
 
     def __init__(self, screen, pilot, plant):
@@ -73,7 +73,7 @@ async def watched(plant, *, size=(100, 30), seconds=3, log=None, arm=False, name
         await screen.asked_all.wait()
         screen.show()
         await pilot.pause()
-        yield Watched(screen, pilot, plant)
+        yield ScreenUnderTest(screen, pilot, plant)
     switch.close()
     assert not any(line.is_open for line in watcher._lines)
 
@@ -345,7 +345,7 @@ def test_stop_key_asks_for_confirmation():
         async with watched(started(plant_of(PUMP, FAN), "pump", "fan")) as watch:
             for answer in ("n", "escape", "enter"):
                 await watch.press("s")
-                assert isinstance(watch.screen.screen, Question)
+                assert isinstance(watch.screen.screen, ConfirmationScreen)
                 assert any("Stop pump?" in line for line in watch.text)
                 await watch.press(answer)
                 assert watch.message == "nothing was sent"
@@ -429,7 +429,7 @@ def test_drive_that_may_not_be_commanded_gets_nothing_and_shows_why(key, arm, ch
             before = watch.screen.watcher.board().view("pump").counters["requests"]
             await watch.press(key)
             assert why in watch.message
-            assert not isinstance(watch.screen.screen, Question)
+            assert not isinstance(watch.screen.screen, ConfirmationScreen)
             assert watch.screen.watcher.board().view("pump").counters["requests"] == before
             assert not watch.running("pump")
 

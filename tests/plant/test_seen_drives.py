@@ -4,7 +4,7 @@ import pytest
 
 from drivecomm.errors import LineBusyError, LinkDownError, NoReplyError, OvertakenError, RefusedError
 from drivecomm.line import STATUS, PollItem, PollResult
-from drivecomm.plant.watching import DriveView, SeenDrive, has_answered
+from drivecomm.plant.watching import DriveView, TrackedDrive, has_answered
 from drivecomm.protocol import DriveConfig, DriveState, DriveStatus
 
 SILENT = "did not answer"
@@ -14,7 +14,7 @@ RUNNING = DriveStatus(state=DriveState.RUNNING, word=0x37, running=True, fault=F
 
 def seen(**known):
     view = DriveView(drive=DriveConfig(protocol="vabus", address=1), line="hall", **known)
-    return SeenDrive(None, None, view, status=RUNNING)
+    return TrackedDrive(None, None, view, status=RUNNING)
 
 
 def result(parameter=STATUS, error=None):

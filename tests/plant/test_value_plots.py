@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.plant import Outline
+from drivecomm.plant import SpanOutline
 from drivecomm.plant.value_log import LogRow
 from drivecomm.plant.value_plots import Curve, draw_svg, picture_of, save
 
@@ -104,10 +104,10 @@ def test_thinning_keeps_extremes_order_and_gaps(values, most):
     thin = curve.thinned(most)
     assert thin.times == sorted(set(thin.times))
     # First, last and extremes of each stretch; more only at gaps, of which a limited number is kept.
-    stretches = -(-most // Outline.POINTS)
-    assert len(thin.values) <= max(most, stretches * (Outline.POINTS + 3 * (Outline.MOST_GAPS + 1)))
+    stretches = -(-most // SpanOutline.POINTS)
+    assert len(thin.values) <= max(most, stretches * (SpanOutline.POINTS + 3 * (SpanOutline.MOST_GAPS + 1)))
     if not curve.gaps:
-        assert len(thin.values) <= most + Outline.POINTS
+        assert len(thin.values) <= most + SpanOutline.POINTS
     if curve.numbers:
         assert (min(thin.numbers), max(thin.numbers)) == (min(curve.numbers), max(curve.numbers))
     assert bool(thin.gaps) == bool(curve.gaps)

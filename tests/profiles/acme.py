@@ -13,9 +13,9 @@ from pathlib import Path
 import drivecomm
 from drivecomm.errors import ParameterAddressError
 from drivecomm.models import read_model
-from drivecomm.profiles import Access, Dialect, Place, RegisterRefusal, register_protocol
+from drivecomm.profiles import Access, Dialect, RegisterPlace, RegisterRefusal, register_protocol
 from drivecomm.protocol import Ask, LineFacts, LineSettings, Timing, installed
-from drivecomm.protocol.schema import Check, Form, choice, constant, message_of, unsigned, whole, xor_byte
+from drivecomm.protocol.schema import CheckCharacters, Form, choice, constant, message_of, unsigned, whole, xor_byte
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 SUM_ERROR, BUSY, UNKNOWN, LIMITS, MODE = 1, 2, 3, 4, 5
@@ -58,7 +58,7 @@ def _form(message, start, kinds, last="data"):
         "kind" / choice(kinds, "what"),
         "register" / unsigned(1, "register"),
         last / unsigned(2, "value, or why not"),
-        Check(1, 0, xor_byte, meaning="XOR"),
+        CheckCharacters(1, 0, xor_byte, meaning="XOR"),
     )
 
 
@@ -92,7 +92,7 @@ class AcmeDialect(Dialect):
 
     title = "Acme"
     broadcast_address = 0
-    probe, identity = Place("", 122), {"software": "19"}
+    probe, identity = RegisterPlace("", 122), {"software": "19"}
     repeats = {"": ("register",), "write": ("data",)}  # noqa: RUF012 - never mutated
     refusals = {SUM_ERROR: "wrong sum", BUSY: "busy", UNKNOWN: "no such register", LIMITS: "limits", MODE: "mode"}  # noqa: RUF012
     codes = {"unknown": UNKNOWN, "read only": UNKNOWN, "running": MODE, "limits": LIMITS, "not set up": MODE}  # noqa: RUF012
@@ -113,7 +113,7 @@ class AcmeDialect(Dialect):
         name, _, part = address.partition(".")
         if not name.isdigit() or int(name) > 255:
             raise ParameterAddressError(f"{address!r} is no register of an Acme drive; they are 0 to 255")
-        return Place("" if int(name) >= 100 else "p", int(name), part)
+        return RegisterPlace("" if int(name) >= 100 else "p", int(name), part)
 
     def preparing(self, place):
         page = Request(kind="page", address=self.address, register=place.start // 10)
@@ -139,16 +139,16 @@ class AcmeDialect(Dialect):
         return request.kind, "refused"
 
     def verbs(self, drive):
-        return {"jog": lambda number: drive.write(Place("", 130), (number,), "jog", attempts=1)}
+        return {"jog": lambda number: drive.write(RegisterPlace("", 130), (number,), "jog", attempts=1)}
 
-    def meant(self, request):
+    def access_of(self, request):
         if request.kind == "page":
             self._page = request.register
             return None
         number = request.register
         if number >= 200:
             raise RegisterRefusal("unknown")
-        place = Place("", number) if number >= 100 else Place("p", 10 * self._page + number)
+        place = RegisterPlace("", number) if number >= 100 else RegisterPlace("p", 10 * self._page + number)
         return Access(place=place, words=(request.data,) if request.kind == "write" else None)
 
     def told(self, request, words):

@@ -4,10 +4,10 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from played import Drive
+from profile_drive import Drive
 
 from drivecomm.errors import OvertakenError, RefusedError, StateError
-from drivecomm.profiles import Commander, Condition, Step, control_profile
+from drivecomm.profiles import BitCondition, Commander, ControlStep, control_profile
 from drivecomm.protocol import Stop
 
 DRIVECOM = control_profile("drivecom")
@@ -58,7 +58,7 @@ def test_start_of_a_tripped_drive_is_refused_with_its_fault_code():
 
 
 def test_stop_without_a_matching_status_word_raises_an_error():
-    stands = Step(word=0x0007, repeats=True, until=(Condition(mask=0x6F, values=(0x23,)),))
+    stands = ControlStep(word=0x0007, repeats=True, until=(BitCondition(mask=0x6F, values=(0x23,)),))
     known = replace(DRIVECOM, stops={Stop.RAMP: (stands,)})
     drive = Drive(known)
     drive.carry_out(commander(drive).start())
@@ -67,7 +67,7 @@ def test_stop_without_a_matching_status_word_raises_an_error():
         drive.carry_out(commander(drive).stop(Stop.RAMP))
 
 
-TWO_STEPS = replace(DRIVECOM, stops={Stop.RAMP: (Step(word=0x1000, repeats=True), *DRIVECOM.stops[Stop.RAMP])})
+TWO_STEPS = replace(DRIVECOM, stops={Stop.RAMP: (ControlStep(word=0x1000, repeats=True), *DRIVECOM.stops[Stop.RAMP])})
 
 
 class Refusing(Drive):
@@ -136,7 +136,7 @@ def test_pause_of_a_step_precedes_the_step():
 
 
 def test_condition_on_an_unread_word_does_not_hold():
-    assert not Condition(mask=0, values=(0,), place="elsewhere").holds({"": 0})
+    assert not BitCondition(mask=0, values=(0,), place="elsewhere").holds({"": 0})
     assert control_profile("profidrive").says("remote", {"elsewhere": 0xFFFF}) is False
     assert control_profile("profidrive").says("reverse", {"": 0xFFFF}) is None
 

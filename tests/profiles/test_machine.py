@@ -1,7 +1,7 @@
 """The state machine of a virtual drive: effects of time, power loss and trips."""
 
 import pytest
-from played import Drive
+from profile_drive import Drive
 
 from drivecomm.profiles import control_profile
 from drivecomm.protocol import DriveState

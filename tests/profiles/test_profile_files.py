@@ -3,15 +3,15 @@
 import pytest
 
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.profiles import Condition, control_profile, control_profile_from
+from drivecomm.profiles import BitCondition, control_profile, control_profile_from
 from drivecomm.protocol import Stop
-from drivecomm.tomlfile import Table
+from drivecomm.tomlfile import TomlTable
 
 STATE = {"name": "on", "mask": 1, "value": 1, "means": "running"}
 
 
 def read(**content):
-    return control_profile_from(Table({"name": "test", **content}, "test.toml"))
+    return control_profile_from(TomlTable({"name": "test", **content}, "test.toml"))
 
 
 def test_conditions_are_read_in_every_form():
@@ -23,10 +23,10 @@ def test_conditions_are_read_in_every_form():
     }
     known = read(state=[STATE], bits=bits)
     assert known.bits == {
-        "running": (Condition(mask=1, values=(1,)),),
-        "fault": (Condition(mask=8, values=(8,)), Condition(mask=16, values=(0,))),
-        "warning": (Condition(mask=0x30, values=(0x10,)),),
-        "remote": (Condition(mask=3, values=(1, 2), place="0x2101"),),
+        "running": (BitCondition(mask=1, values=(1,)),),
+        "fault": (BitCondition(mask=8, values=(8,)), BitCondition(mask=16, values=(0,))),
+        "warning": (BitCondition(mask=0x30, values=(0x10,)),),
+        "remote": (BitCondition(mask=3, values=(1, 2), place="0x2101"),),
     }
 
 

@@ -1,10 +1,10 @@
 """Each control profile: free of mistakes, and obeyed by its own machine in every command that it offers."""
 
 import pytest
-from played import Drive
+from profile_drive import Drive
 
 from drivecomm.errors import NoReplyError, NotSupported, StateError
-from drivecomm.profiles import Commander, control_profile, control_profiles, mistakes_in, taken_over
+from drivecomm.profiles import Commander, control_profile, control_profiles, mistakes_in, signed_reference
 from drivecomm.protocol import DriveState, Stop
 
 ALL = [control_profile(name) for name in control_profiles()]
@@ -237,6 +237,6 @@ def test_each_state_is_reported_with_its_meaning(known):
 
 
 def test_reference_taken_over_from_a_drive_is_signed():
-    assert [taken_over(raw) for raw in (0x0000, 0x7FFF, 0x8000, 0xC000)] == [0, 32767, -32768, -16384]
+    assert [signed_reference(raw) for raw in (0x0000, 0x7FFF, 0x8000, 0xC000)] == [0, 32767, -32768, -16384]
     with pytest.raises(StateError, match="set the reference first"):
-        taken_over(None)
+        signed_reference(None)

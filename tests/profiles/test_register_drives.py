@@ -27,8 +27,8 @@ from drivecomm.errors import (
     UsageError,
     ValueRefusedError,
 )
-from drivecomm.profiles import OrderMemory, RegisterConversation
-from drivecomm.protocol import Command, DriveState, VirtualReply, answered, installed
+from drivecomm.profiles import RegisterCommandMemory, RegisterConversation
+from drivecomm.protocol import DriveState, MotorCommand, VirtualReply, installed, run_with_answers
 
 PAGE_1, PAGE_2 = telegram("page", 1), telegram("page", 2)
 
@@ -140,7 +140,7 @@ def test_busy_drive_is_retried_for_one_second():
 
 def test_stop_and_its_page_request_are_urgent():
     dialect = AcmeDialect(1, AcmeOptions(), MODEL)
-    drive = RegisterConversation(dialect, OrderMemory())
+    drive = RegisterConversation(dialect, RegisterCommandMemory())
     stopping = drive.write(dialect.place_of("11"), (0,), "11", urgent=True, attempts=None)
     page = next(stopping)
     stop = stopping.send(dialect.taken(page.message))
@@ -255,11 +255,11 @@ def test_broadcast_stops_all_drives_and_refuses_other_verbs():
         everybody.stop()
         line.advance(0.1)
         assert sent()[before:] == [telegram("write", 120, 0, address=0)]
-        assert [each.motor.command for each in line.drives] == [Command.RAMP_STOP] * 2
+        assert [each.motor.command for each in line.drives] == [MotorCommand.RAMP_STOP] * 2
         verbs = ACME.operations(0, AcmeOptions(), drives[0].model)
         for call in (verbs.start, verbs.reset, verbs.identify, verbs.probe, lambda: verbs.read("125")):
             with pytest.raises(NotSupported, match="for one drive"):
-                answered(call(), lambda _: None)
+                run_with_answers(call(), lambda _: None)
 
 
 def test_drive_without_a_model_is_read_but_not_commanded():

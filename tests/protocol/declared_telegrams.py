@@ -10,7 +10,7 @@ from typing import ClassVar
 from construct import this
 
 from drivecomm.protocol.schema import (
-    Check,
+    CheckCharacters,
     Form,
     Telegrams,
     characters,
@@ -56,11 +56,13 @@ def mitsubishi():
 
     def request(kind, codes, *data):
         code = "code" / deciding(hex_number(2, "code", allowed=codes))
-        return Form(kind, constant(ENQ), station, code, wait, *data, Check(2, 1, hex_sum))
+        return Form(kind, constant(ENQ), station, code, wait, *data, CheckCharacters(2, 1, hex_sum))
 
     def value(digits):
         kind = message(f"value{digits}", "address", "data")
-        return Form(kind, constant(STX), station, "data" / hex_number(digits), constant(ETX), Check(2, 1, without_etx))
+        return Form(
+            kind, constant(STX), station, "data" / hex_number(digits), constant(ETX), CheckCharacters(2, 1, without_etx)
+        )
 
     writes = set(range(0x80, 0x100))
     asked = "address", "code", "wait"
@@ -94,11 +96,15 @@ def lecom():
         {
             "RECEIVE": Form(message("receive", "address", "code"), constant(EOT), address, code, constant(ENQ)),
             "SEND": Form(
-                message("send", "address", "code", "value"), constant(EOT), address, *written, Check(1, 4, xor_byte)
+                message("send", "address", "code", "value"),
+                constant(EOT),
+                address,
+                *written,
+                CheckCharacters(1, 4, xor_byte),
             ),
         },
         {
-            "Value": Form(message("value", "code", "value"), *written, Check(1, 1, xor_byte)),
+            "Value": Form(message("value", "code", "value"), *written, CheckCharacters(1, 1, xor_byte)),
             "Unknown code": Form(message("unknown", "code"), constant(STX), code, constant(EOT)),
             "ACK": Form(message("ack"), constant(ACK)),
             "NAK": Form(message("nak"), constant(NAK)),
@@ -124,11 +130,15 @@ def ct_ansi():
         {
             "Read": Form(message("read", "address", "parameter"), constant(EOT), address, parameter, constant(ENQ)),
             "Write": Form(
-                message("write", "address", "parameter", "value"), constant(EOT), address, *written, Check(1, 6, lifted)
+                message("write", "address", "parameter", "value"),
+                constant(EOT),
+                address,
+                *written,
+                CheckCharacters(1, 6, lifted),
             ),
         },
         {
-            "Value": Form(message("value", "parameter", "value"), *written, Check(1, 1, lifted)),
+            "Value": Form(message("value", "parameter", "value"), *written, CheckCharacters(1, 1, lifted)),
             "No such parameter": Form(message("unknown"), constant(EOT)),
             "ACK": Form(message("ack"), constant(ACK)),
             "NAK": Form(message("nak"), constant(NAK)),
@@ -154,7 +164,7 @@ def counted():
     letters = (("many", b"M"), ("one", b"O"), ("x", b"x"))
     kind = {name: "kind" / deciding(choice({letter: name})) for name, letter in letters}
     words = "words" / characters(this.length - 1, lowest=0, highest=255)
-    length, check = "length" / unsigned(1, allowed=range(1, 9)), Check(1, 0, xor_byte)
+    length, check = "length" / unsigned(1, allowed=range(1, 9)), CheckCharacters(1, 0, xor_byte)
     sized = {"length": lambda block: 1 + len(block.words)}
     number = "word" / deciding(unsigned(1, allowed=range(9)))
     return Telegrams(

@@ -116,7 +116,7 @@ def test_flush_finds_a_whole_telegram_inside_a_cut_one(framer):
     assert shape(framer.flush()) == [("Damaged", b"<9<1a"), ("Noise", b"<9"), ("Framed", b"<1a")]
 
 
-class Capricious(Letters):
+class RejectingCodec(Letters):
     """A codec that rejects every telegram."""
 
     def decode(self, *_):
@@ -124,13 +124,13 @@ class Capricious(Letters):
 
 
 def test_flushed_single_byte_is_noise_and_not_damage():
-    framer = Framer(Capricious(), "reply")
+    framer = Framer(RejectingCodec(), "reply")
     assert framer.feed(b"<") == []
     assert framer.flush() == [Noise(b"<")]
 
 
 def test_rejected_telegram_of_one_byte_is_damaged():
-    framer = Framer(Capricious(), "reply")
+    framer = Framer(RejectingCodec(), "reply")
     assert shape(framer.feed(b"<x")) == [("Damaged", b"<"), ("Noise", b"<x")]
 
 
@@ -139,7 +139,7 @@ def test_endless_garbage_is_not_buffered():
     for _ in range(1000):
         assert framer.feed(b"?" * 100) == [Noise(b"?" * 100)]
     assert framer.missing == 1
-    false_starts = Framer(Capricious(), "reply")
+    false_starts = Framer(RejectingCodec(), "reply")
     for _ in range(1000):
         false_starts.feed(b"<9aaaa")
     assert sum(len(find.data) for find in false_starts.flush() if isinstance(find, Noise)) <= 11
@@ -161,7 +161,7 @@ def test_damaged_find_holds_the_telegram_error(framer):
     assert noise == Noise(b"<1A")
 
 
-class ByTheByte:
+class ReferenceFramer:
     """A reference framer in the simplest form: it advances byte by byte and measures everything again each time."""
 
     def __init__(self, codec, direction):
@@ -207,7 +207,7 @@ class ByTheByte:
             return Damaged(data, error)
 
 
-def told(found):
+def shape_and_error(found):
     return [(type(find).__name__, find.data, str(getattr(find, "error", ""))) for find in found]
 
 
@@ -236,13 +236,13 @@ def test_framer_finds_the_same_as_the_byte_by_byte_reference(name, direction, ex
     def found_alike(data):
         stream = b"".join(data.draw(st.lists(parts_for(name, direction), max_size=4)))
         framer = Framer(plugin.codec(plugin.options()), direction)
-        plain = ByTheByte(plugin.codec(plugin.options()), direction)
+        plain = ReferenceFramer(plugin.codec(plugin.options()), direction)
         for piece in data.draw(pieces(stream)):
-            assert told(framer.feed(piece)) == told(plain.feed(piece))
+            assert shape_and_error(framer.feed(piece)) == shape_and_error(plain.feed(piece))
             assert framer.missing == plain.missing
             if data.draw(st.booleans()):
-                assert told(framer.flush()) == told(plain.flush())
-        assert told(framer.flush()) == told(plain.flush())
+                assert shape_and_error(framer.flush()) == shape_and_error(plain.flush())
+        assert shape_and_error(framer.flush()) == shape_and_error(plain.flush())
 
     found_alike()
 

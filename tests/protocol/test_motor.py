@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from drivecomm.protocol import Command, Motor
+from drivecomm.protocol import Motor, MotorCommand
 
 
 @pytest.fixture
@@ -108,7 +108,7 @@ def test_ramps_of_zero_seconds_are_steps():
 
 
 @pytest.mark.parametrize(
-    ("how", "seconds"), [(Command.RAMP_STOP, 5.0), (Command.QUICK_STOP, 1.0), (Command.DC_BRAKE, 1.0)]
+    ("how", "seconds"), [(MotorCommand.RAMP_STOP, 5.0), (MotorCommand.QUICK_STOP, 1.0), (MotorCommand.DC_BRAKE, 1.0)]
 )
 def test_stop_takes_the_time_of_its_kind(motor, how, seconds):
     motor.run(50.0, 0.0)
@@ -126,7 +126,7 @@ def test_stop_takes_the_time_of_its_kind(motor, how, seconds):
 def test_shaft_turns_on_after_coasting_begins(motor):
     motor.run(50.0, 0.0)
     motor.advance(5.0)
-    motor.stop(Command.OFF, 5.0)
+    motor.stop(MotorCommand.OFF, 5.0)
     assert motor.output_hz == 0
     motor.advance(6.0)
     assert 0 < motor.shaft_hz < 50.0
@@ -138,7 +138,7 @@ def test_shaft_turns_on_after_coasting_begins(motor):
 def test_hold_keeps_the_output_frequency(motor):
     motor.run(50.0, 0.0)
     motor.advance(2.0)
-    motor.stop(Command.HOLD, 2.0)
+    motor.stop(MotorCommand.HOLD, 2.0)
     motor.advance(10.0)
     assert motor.output_hz == pytest.approx(20.0)
     assert motor.running
@@ -146,8 +146,8 @@ def test_hold_keeps_the_output_frequency(motor):
 
 
 def test_ramp_stop_leaves_a_motor_that_is_off_unchanged(motor):
-    motor.stop(Command.RAMP_STOP, 1.0)
-    assert motor.command is Command.OFF
+    motor.stop(MotorCommand.RAMP_STOP, 1.0)
+    assert motor.command is MotorCommand.OFF
 
 
 def test_trip_switches_the_motor_off_until_a_reset(motor):
@@ -175,6 +175,6 @@ def test_motor_warms_up_and_cools_down(motor):
     motor.advance(600.0)
     warm = motor.temperature_c
     assert warm > 40
-    motor.stop(Command.OFF, 600.0)
+    motor.stop(MotorCommand.OFF, 600.0)
     motor.advance(3600.0)
     assert motor.temperature_c < warm

@@ -5,7 +5,7 @@ from decimal import Decimal
 import pytest
 
 from drivecomm.errors import TelegramError, ValueRefusedError
-from drivecomm.profiles import Place, blocks_of
+from drivecomm.profiles import RegisterPlace, blocks_of
 from drivecomm.protocol import ParameterInfo, WordFormat
 from drivecomm.protocol.schema import bits_as, bits_in, bytes_as, crc16, numbers, words_as, words_in
 
@@ -86,11 +86,11 @@ def test_value_outside_the_limits_of_its_parameter_is_refused():
     [("low", 0x1234, 0x34, 0x12FF), ("high", 0x1234, 0x12, 0xFF34), ("2", 4, 1, 4)],
 )
 def test_part_of_a_register_is_read_and_replaced(part, word, value, with_all):
-    place = Place("", 7, part)
+    place = RegisterPlace("", 7, part)
     assert place.cut(word) == value
     assert place.put(word, 0xFF) == with_all
-    assert Place.named(place.name) == Place("", 7)
-    assert Place.named("c65") == Place("c", 65)
+    assert RegisterPlace.named(place.name) == RegisterPlace("", 7)
+    assert RegisterPlace.named("c65") == RegisterPlace("c", 65)
 
 
 def test_no_addresses_give_no_blocks():

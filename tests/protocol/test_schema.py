@@ -8,7 +8,7 @@ from construct import this
 
 from drivecomm.errors import TelegramError
 from drivecomm.protocol.schema import (
-    Check,
+    CheckCharacters,
     Form,
     Leaf,
     characters,
@@ -150,7 +150,7 @@ def test_constants_and_fillers_need_no_field():
 )
 def test_check_characters_are_computed_and_verified(compute, covered, check):
     assert compute(covered) == check
-    checked = form("value" / characters(len(covered), lowest=0, highest=255), Check(len(check), 0, compute))
+    checked = form("value" / characters(len(covered), lowest=0, highest=255), CheckCharacters(len(check), 0, compute))
     text = covered.decode("latin-1")
     assert checked.build(Note(value=text)) == covered + check
     assert checked.parse(covered + check) == Note(value=text)
@@ -160,13 +160,13 @@ def test_check_characters_are_computed_and_verified(compute, covered, check):
 
 
 def test_check_characters_cover_only_bytes_from_their_start():
-    checked = form("other" / characters(1), "value" / hex_number(2), Check(1, 1, xor_byte))
+    checked = form("other" / characters(1), "value" / hex_number(2), CheckCharacters(1, 1, xor_byte))
     assert checked.build(Note(value=0x11, other="a")) == b"a11\x00"
     assert checked.parse(b"b11\x00") == Note(value=0x11, other="b")
 
 
 def test_check_characters_may_switch_the_check_off():
-    checked = form("value" / characters(1), Check(2, 0, decimal_sum, off=b"??"))
+    checked = form("value" / characters(1), CheckCharacters(2, 0, decimal_sum, off=b"??"))
     assert checked.parse(b"a??") == Note(value="a")
     assert checked.parse(b"a97") == Note(value="a")
     with pytest.raises(TelegramError):
@@ -174,13 +174,13 @@ def test_check_characters_may_switch_the_check_off():
 
 
 def test_check_is_written_as_switched_off_on_request():
-    checked = form("value" / characters(1), "other" / Check(2, 0, decimal_sum, off=b"??"))
+    checked = form("value" / characters(1), "other" / CheckCharacters(2, 0, decimal_sum, off=b"??"))
     assert checked.build(Note(value="a", other=b"??")) == b"a??"
     assert checked.build(Note(value="a")) == checked.build(Note(value="a", other=b"11")) == b"a97"
 
 
 def test_check_characters_by_a_second_rule_are_accepted():
-    checked = form("value" / characters(1), Check(2, 0, decimal_sum, also=hex_sum))
+    checked = form("value" / characters(1), CheckCharacters(2, 0, decimal_sum, also=hex_sum))
     assert checked.parse_compiled != checked.parse_declared
     for parse in (checked.parse_compiled, checked.parse_declared):
         assert parse(b"a97") == parse(b"a61") == Note(value="a")
@@ -191,7 +191,7 @@ def test_check_characters_by_a_second_rule_are_accepted():
 
 
 def test_check_with_a_second_rule_may_be_switched_off():
-    checked = form("value" / characters(1), Check(2, 0, decimal_sum, off=b"??", also=hex_sum))
+    checked = form("value" / characters(1), CheckCharacters(2, 0, decimal_sum, off=b"??", also=hex_sum))
     for parse in (checked.parse_compiled, checked.parse_declared):
         assert parse(b"a97") == parse(b"a61") == parse(b"a??") == Note(value="a")
     with pytest.raises(TelegramError):
@@ -199,13 +199,13 @@ def test_check_with_a_second_rule_may_be_switched_off():
 
 
 def test_named_check_characters_become_a_field():
-    checked = form("value" / Check(1, 0, xor_byte))
+    checked = form("value" / CheckCharacters(1, 0, xor_byte))
     assert checked.parse(b"\x00") == Note(value=b"\x00")
 
 
 def test_missing_check_characters_are_a_length_error():
     with pytest.raises(TelegramError) as caught:
-        form("value" / characters(1), Check(2, 0, hex_sum)).parse(b"a6")
+        form("value" / characters(1), CheckCharacters(2, 0, hex_sum)).parse(b"a6")
     assert caught.value.category == "length"
 
 
@@ -266,7 +266,7 @@ def test_negative_size_before_another_leaf_is_a_length_error():
 
 def test_error_reports_the_most_severe_fault():
     checked = form(
-        constant(b"<"), "value" / hex_number(2), "other" / characters(2), Check(2, 1, hex_sum), constant(b">")
+        constant(b"<"), "value" / hex_number(2), "other" / characters(2), CheckCharacters(2, 1, hex_sum), constant(b">")
     )
     good = checked.build(Note(value=0x1F, other="ab"))
     assert checked.parse(good) == Note(value=0x1F, other="ab")
@@ -315,7 +315,7 @@ def test_leaf_without_a_field_of_the_message_is_ignored():
 
 def test_form_describes_its_leaves():
     described = form(
-        constant(b"\x02", "STX"), "value" / hex_number(4, "the value"), Check(1, 0, xor_byte, meaning="BCC")
+        constant(b"\x02", "STX"), "value" / hex_number(4, "the value"), CheckCharacters(1, 0, xor_byte, meaning="BCC")
     ).describe()
     assert described == [("", "1", "STX"), ("value", "4", "the value"), ("", "1", "BCC")]
     assert SIZED.describe()[1] == ("value", "n", "")
@@ -323,7 +323,7 @@ def test_form_describes_its_leaves():
 
 
 def test_form_has_the_size_of_its_telegram():
-    assert form(constant(b"\x02"), "value" / hex_number(4), Check(1, 0, xor_byte)).size == 6
+    assert form(constant(b"\x02"), "value" / hex_number(4), CheckCharacters(1, 0, xor_byte)).size == 6
     assert SIZED.size == 0
 
 
@@ -427,8 +427,8 @@ LEAVES = [
     filler(b"  "),
     Leaf(1, lambda found: found, lambda value: value),
     Leaf(2, int, lambda value: b"%02d" % value),
-    Check(1, 0, xor_byte),
-    Check(2, 0, hex_sum, off=b"??"),
+    CheckCharacters(1, 0, xor_byte),
+    CheckCharacters(2, 0, hex_sum, off=b"??"),
 ]
 ODD = [
     None,

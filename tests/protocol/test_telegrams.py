@@ -10,7 +10,7 @@ from hypothesis import given, strategies as st
 from drivecomm.errors import TelegramError, UsageError
 from drivecomm.protocol import Framed, Framer, fields_of
 from drivecomm.protocol.schema import (
-    Check,
+    CheckCharacters,
     Form,
     Leaf,
     Telegrams,
@@ -287,7 +287,7 @@ def test_duplicate_form_title_is_refused():
         (lambda: Form(A, "value" / characters(until(ETX, most=9))), "03 is missing"),
         (
             lambda: Form(
-                A, "value" / characters(until(b"\r", most=9, least=1)), Check(1, 0, xor_byte), constant(b"\r")
+                A, "value" / characters(until(b"\r", most=9, least=1)), CheckCharacters(1, 0, xor_byte), constant(b"\r")
             ),
             "may hold 0D",
         ),
@@ -307,7 +307,9 @@ def test_meaningless_declaration_is_refused(declare, text):
 
 
 def test_check_characters_may_precede_the_end_constant():
-    form = Form(A, constant(b"("), "value" / characters(until(b")", most=9)), Check(2, 1, hex_sum), constant(b")"))
+    form = Form(
+        A, constant(b"("), "value" / characters(until(b")", most=9)), CheckCharacters(2, 1, hex_sum), constant(b")")
+    )
     codec = Telegrams({"A": form}, REPLIES)
     data = codec.encode(A(value="abc"))
     assert data == b"(abc26)"

@@ -34,7 +34,7 @@ def parameter_at(model, address):
     return model.find(address) or model.find(address.partition("[")[0])
 
 
-def meant_by(held, info):
+def physical_value(held, info):
     """Return the value of a raw value in the parameter's unit, computed without the reading code."""
     if info.type in IN_CHARACTERS:
         return str(held).rstrip()
@@ -68,7 +68,7 @@ class Bench:
 
     def held(self, address, info):
         """Return the value that the drive holds now."""
-        return meant_by(self.virtual.peek(address, self.line.time), info)
+        return physical_value(self.virtual.peek(address, self.line.time), info)
 
 
 @pytest.fixture(scope="module")

@@ -54,7 +54,7 @@ class Replies:
         return [(0.0, data)] if data is not None else []
 
 
-def asked(kind, address=11, place=None, data=None):
+def request_bytes(kind, address=11, place=None, data=None):
     group, unit = divmod(address, 10)
     menu, parameter = divmod(place, 100)
     fields = {"kind": kind, "group": group, "unit": unit, "menu": menu, "parameter": parameter, "data": data}
@@ -63,7 +63,7 @@ def asked(kind, address=11, place=None, data=None):
     )
 
 
-def told(place, data):
+def value_reply(place, data):
     fields = {"kind": "value", "menu": place // 100, "parameter": place % 100, "data": data}
     return drivecomm.encode("ct-ansi", fields, direction="reply")
 
@@ -76,7 +76,7 @@ def words(bench):
 def test_start_sends_one_control_word(reverse, word):
     bench = Bench()
     bench.drive.start(reverse=reverse)
-    assert words(bench) == [asked("write", place=642, data=word)]
+    assert words(bench) == [request_bytes("write", place=642, data=word)]
 
 
 @pytest.mark.parametrize(("how", "word"), [(Stop.RAMP, "+385"), (Stop.COAST, "+384")])
@@ -84,7 +84,7 @@ def test_stop_clears_the_run_bits(how, word):
     bench = Bench()
     bench.drive.start()
     bench.drive.stop(how)
-    assert words(bench)[-1] == asked("write", place=642, data=word)
+    assert words(bench)[-1] == request_bytes("write", place=642, data=word)
 
 
 def test_start_without_control_word_enable_is_refused_unsent():
@@ -107,7 +107,7 @@ def test_reference_without_its_selector_is_refused_unsent():
 def test_reference_is_sent_with_sign_and_decimals(hz, data):
     bench = Bench()
     bench.drive.set_reference(hz=hz)
-    assert bench.sent[-1] == asked("write", place=121, data=data)
+    assert bench.sent[-1] == request_bytes("write", place=121, data=data)
 
 
 @pytest.mark.parametrize("hz", ["50.1", "12.55"])
@@ -120,18 +120,18 @@ def test_reference_above_its_maximum_or_between_steps_is_refused_unsent(hz):
 
 def test_start_without_an_acknowledgement_is_sent_once():
     bench = Bench()
-    status, enable = told(1040, "+1"), told(643, "+1")
+    status, enable = value_reply(1040, "+1"), value_reply(643, "+1")
     bench.line.disturbances.append(Replies(status, enable, None))
     with pytest.raises(NoReplyError):
         bench.drive.start()
-    assert words(bench).count(asked("write", place=642, data="+387")) == 1
+    assert words(bench).count(request_bytes("write", place=642, data="+387")) == 1
 
 
 def test_stop_without_an_acknowledgement_is_sent_again():
     bench = Bench()
     bench.line.disturbances.append(Replies(None))
     bench.drive.stop()
-    assert words(bench) == [asked("write", place=642, data="+385")] * 2
+    assert words(bench) == [request_bytes("write", place=642, data="+385")] * 2
 
 
 def test_undocumented_quick_stop_is_refused_unsent():
@@ -148,7 +148,7 @@ def test_reset_first_clears_the_run_bits_and_leaves_the_motor_stopped():
     bench.sent.clear()
     bench.drive.reset()
     writes = [data for data in bench.sent if b"\x02" in data]
-    assert writes == [asked("write", place=642, data="+385"), asked("write", place=1038, data="+100")]
+    assert writes == [request_bytes("write", place=642, data="+385"), request_bytes("write", place=1038, data="+100")]
     bench.line.advance(5)
     status = bench.drive.status()
     assert (status.fault, status.running) == (False, False)
@@ -165,10 +165,12 @@ def test_second_reset_resets_again():
 @pytest.mark.parametrize(("healthy", "running"), [(1, 0), (1, 1), (0, 0)])
 def test_unidrive_classic_status_is_read_from_three_parameters(healthy, running):
     bench = Bench(model="unidrive-classic")
-    bench.line.disturbances.append(Replies(told(1001, f"+{healthy}"), told(1002, f"+{running}"), told(1006, "+0")))
+    bench.line.disturbances.append(
+        Replies(value_reply(1001, f"+{healthy}"), value_reply(1002, f"+{running}"), value_reply(1006, "+0"))
+    )
     status = bench.drive.status()
     assert (status.fault, status.running) == (not healthy, bool(running))
-    assert bench.sent == [asked("read", place=place) for place in (1001, 1002, 1006)]
+    assert bench.sent == [request_bytes("read", place=place) for place in (1001, 1002, 1006)]
 
 
 @pytest.mark.parametrize(
@@ -193,21 +195,21 @@ def test_command_to_a_unidrive_classic_is_refused_unsent(command):
 
 def test_short_commands_refer_to_the_last_parameter():
     bench = Bench(11, 12)
-    first = told(1124, "+0")
-    assert bench.hears(asked("read", place=1124)) == [first, None]
+    first = value_reply(1124, "+0")
+    assert bench.hears(request_bytes("read", place=1124)) == [first, None]
     assert bench.hears(b"\x15") == [first, None]
-    assert bench.hears(b"\x06") == [told(1125, "+2"), None]
+    assert bench.hears(b"\x06") == [value_reply(1125, "+2"), None]
     assert bench.hears(b"\x06") == [b"\x04", None]
     assert bench.hears(b"\x08") == [first, None]
-    assert bench.hears(asked("read", 12, 121)) == [None, told(121, "+0.0")]
-    assert bench.hears(b"\x15") == [None, told(121, "+0.0")]
+    assert bench.hears(request_bytes("read", 12, 121)) == [None, value_reply(121, "+0.0")]
+    assert bench.hears(b"\x15") == [None, value_reply(121, "+0.0")]
 
 
 def test_rewrite_is_obeyed_by_the_last_addressed_drive():
     bench = Bench(11, 12)
-    rewrite = asked("write", place=121, data="+12.5")[5:]
+    rewrite = request_bytes("write", place=121, data="+12.5")[5:]
     assert bench.hears(rewrite) == [None, None]
-    bench.hears(asked("read", place=121))
+    bench.hears(request_bytes("read", place=121))
     assert bench.hears(rewrite) == [b"\x06", None]
     assert [drive.peek("01.21", 0.0) for drive in bench.drives] == [125, 0]
 
@@ -215,7 +217,7 @@ def test_rewrite_is_obeyed_by_the_last_addressed_drive():
 @pytest.mark.parametrize(("address", "raw"), [(10, [125, 125, 0]), (0, [125, 125, 125])])
 def test_group_write_and_broadcast_are_obeyed_without_a_reply(address, raw):
     bench = Bench(11, 19, 21)
-    assert bench.hears(asked("write", address, 121, "+12.5")) == [None] * 3
+    assert bench.hears(request_bytes("write", address, 121, "+12.5")) == [None] * 3
     assert [drive.peek("01.21", 0.0) for drive in bench.drives] == raw
 
 
@@ -227,7 +229,7 @@ def test_group_address_is_refused_as_a_drive_address(address):
 
 def test_damaged_write_is_refused_by_the_addressed_drive_only():
     bench = Bench(11, 12)
-    telegram = bytearray(asked("write", place=121, data="+12.5"))
+    telegram = bytearray(request_bytes("write", place=121, data="+12.5"))
     telegram[-1] ^= 1
     (damaged, *_) = Framer(CODEC, "request").feed(bytes(telegram))
     first, second = (drive.hear(damaged, 0.0) for drive in bench.drives)
@@ -237,21 +239,21 @@ def test_damaged_write_is_refused_by_the_addressed_drive_only():
 
 def test_drive_truncates_excess_decimals():
     bench = Bench()
-    assert bench.hears(asked("write", place=121, data=" 1.2999")) == [b"\x06"]
+    assert bench.hears(request_bytes("write", place=121, data=" 1.2999")) == [b"\x06"]
     assert bench.drives[0].peek("01.21", 0.0) == 12
 
 
 @pytest.mark.parametrize("data", ["+1.25", "X10"])
 def test_value_that_does_not_fit_the_model_is_an_unexpected_reply(data):
     bench = Bench()
-    bench.line.disturbances.append(Replies(*[told(121, data)] * 3))
+    bench.line.disturbances.append(Replies(*[value_reply(121, data)] * 3))
     with pytest.raises(UnexpectedReplyError, match="check the model"):
         bench.drive.read("01.21")
 
 
 def test_reply_for_another_parameter_is_rejected():
     bench = Bench()
-    bench.line.disturbances.append(Replies(*[told(122, "+1.0")] * 3))
+    bench.line.disturbances.append(Replies(*[value_reply(122, "+1.0")] * 3))
     with pytest.raises(drivecomm.ReplyError, match="parameter"):
         bench.drive.read("01.21")
 
@@ -262,7 +264,7 @@ def test_unlisted_parameter_accepts_whole_numbers_only():
         bench.drive.write("02.11", "5.5")
     bench.line.disturbances.append(Replies(b"\x06"))
     bench.drive.write("02.11", 5)
-    assert bench.sent == [asked("write", place=211, data="+5")]
+    assert bench.sent == [request_bytes("write", place=211, data="+5")]
 
 
 def test_unknown_parameter_is_refused():

@@ -29,7 +29,7 @@ pytestmark = [
 PATIENCE_S = 20.0
 
 
-def commanded(line, *orders):
+def results_of(line, *orders):
     """Return the result that the crate's master reports for each order."""
     port = os.open(line, os.O_RDWR | os.O_NOCTTY)
     try:
@@ -55,7 +55,7 @@ def test_master_of_the_crate_reads_writes_and_reports_refusals(served_drive):
     After the start the status word shows healthy, active and at speed, since the reference is 0.
     """
     drive, line = served_drive
-    assert commanded(line, "read:11:1040", "write:11:642:387", "read:11:1040", "read:11:2001", "write:11:1040:1") == [
+    assert results_of(line, "read:11:1040", "write:11:642:387", "read:11:1040", "read:11:2001", "write:11:1040:1") == [
         "1",
         "taken",
         "35",
@@ -63,14 +63,14 @@ def test_master_of_the_crate_reads_writes_and_reports_refusals(served_drive):
         "Command failed, NAK received.",
     ]
     assert drive.motor.running
-    assert commanded(line, "write:11:642:385", "read:11:121") == ["taken", "Invalid response from node."]
+    assert results_of(line, "write:11:642:385", "read:11:121") == ["taken", "Invalid response from node."]
     assert not drive.motor.running
 
 
 def test_short_requests_of_the_crates_master_are_answered(served_drive):
     """The master repeats a read with NAK, reads the next parameter with ACK and the previous one with BS."""
     _, line = served_drive
-    assert commanded(line, *[f"again:11:{place}" for place in (1124, 1124, 1125, 1125, 1124, 1123)]) == [
+    assert results_of(line, *[f"again:11:{place}" for place in (1124, 1124, 1125, 1125, 1124, 1123)]) == [
         *["0", "0", "2", "2", "0", "11"],
     ]
 

@@ -5,12 +5,12 @@ from decimal import Decimal
 import pytest
 
 import drivecomm
-from drivecomm.commissioning import descriptions, grown
+from drivecomm.commissioning import descriptions, grown_model
 from drivecomm.errors import NotSupported, ParameterAddressError, RefusedError, UsageError
 from drivecomm.models import factor_between, load_model, model_names, model_text, read_model
 from drivecomm.testing import play
 from drivecomm.virtual import VirtualLine, virtual_drive
-from drivecomm_danfoss_fc.description import unit_and_factor
+from drivecomm_danfoss_fc.description_elements import unit_and_factor
 from drivecomm_danfoss_fc.exchanges import DanfossFcOperations
 from drivecomm_danfoss_fc.messages import ParameterReply, ParameterRequest, TextReply
 from drivecomm_danfoss_fc.options import DanfossFcOptions
@@ -162,7 +162,7 @@ def test_grown_model_reads_the_same_values_as_the_packaged_one(name, tmp_path):
     with drivecomm.open_bus(line.port) as bus:
         drive = bus.drive("danfoss-fc", 3, model=name)
         told = [info for _, info in descriptions(drive, packaged.parameters, {"option_texts": 11})]
-        made = grown(told, protocol="danfoss-fc", name="grown", title="grown", source="told", base=packaged)
+        made = grown_model(told, protocol="danfoss-fc", name="grown", title="grown", source="told", base=packaged)
         path.write_text(model_text(made), encoding="utf-8")
     read = read_model(path, "danfoss-fc")
     assert read == made
@@ -198,7 +198,7 @@ def test_grown_model_without_a_base_has_only_its_parameters():
     with drivecomm.open_bus(line.port) as bus:
         told = dict(descriptions(bus.drive("danfoss-fc", 3), ["16-14", "19-99", "3-41"]))
     assert isinstance(told.pop("19-99"), RefusedError)
-    made = grown(told.values(), protocol="danfoss-fc", name="own", title="own", source="told")
+    made = grown_model(told.values(), protocol="danfoss-fc", name="own", title="own", source="told")
     assert made.find("motor_current").unit == "A"
     assert (made.quantities, made.options, made.watchdog) == ({}, {}, None)
     with drivecomm.open_bus(line.port) as bus:

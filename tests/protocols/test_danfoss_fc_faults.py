@@ -6,7 +6,7 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import DriveCommError, NoReplyError
-from drivecomm.plant import Fault, FaultPlan
+from drivecomm.plant import FaultPlan, LineFault
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 PARAMETERS = ("3-41", "3-10[1]", "3-10[3]", "15-02", "15-40", "3-02", "8-04", "16-03", "0-37", "15-30[0]")
@@ -73,7 +73,7 @@ def test_reads_on_a_disturbed_line_never_start_a_motor():
 
 def test_start_without_a_reply_is_not_repeated():
     virtual = virtual_drive("danfoss-fc", 3)
-    plan = FaultPlan(rate=0.0, kinds=(Fault.DROP,), requests=False)
+    plan = FaultPlan(rate=0.0, kinds=(LineFault.DROP,), requests=False)
     line = VirtualLine([virtual], faults=plan)
     sent = []
     with drivecomm.open_bus(line.port, trace=sent.append) as bus:

@@ -7,7 +7,7 @@ import pytest
 from drivecomm.errors import ParameterAddressError, UsageError, ValueRefusedError
 from drivecomm.models import load_model
 from drivecomm.protocol import Model, ParameterInfo, installed, protocol_options
-from drivecomm_danfoss_fc.description import conversion
+from drivecomm_danfoss_fc.description_elements import conversion
 from drivecomm_danfoss_fc.options import DanfossFcOptions
 from drivecomm_danfoss_fc.parameters import raw_for, target, text_for
 

@@ -17,7 +17,7 @@ from drivecomm.errors import (
 )
 from drivecomm.models import load_model, model_names
 from drivecomm.protocol import VirtualReply, installed
-from drivecomm.testing import Overheard
+from drivecomm.testing import InterceptedDrive
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 PLAIN, LIFTED = b"\x02ab5.\x03\x1b", b"\x02ab5.\x03\x3b"
@@ -121,7 +121,7 @@ def test_refusal_without_a_readable_ee_is_raised_with_its_own_code(bench, tells)
     assert error.value.code == 0x04
 
 
-class Spoilt(Answers):
+class DamagedWrites(Answers):
     """Damage to the check characters of the next writes."""
 
     def request(self, data, now):  # noqa: ARG002
@@ -134,7 +134,7 @@ class Spoilt(Answers):
 def test_ee_holds_the_error_of_a_damaged_write_until_it_is_cleared():
     virtual = virtual_drive("ei-bisynch", 1)
     line = VirtualLine([virtual])
-    line.disturbances.append(Spoilt(*[b"?"] * 3))
+    line.disturbances.append(DamagedWrites(*[b"?"] * 3))
     with drivecomm.open_bus(line.port) as bus:
         drive = bus.drive("ei-bisynch", 1)
         with pytest.raises(RefusedError, match="wrong check character"):
@@ -171,7 +171,7 @@ def delayed(reply, delay_s):
 
 
 def test_late_acknowledgement_does_not_confirm_a_write_to_another_drive():
-    late, other = (Overheard(virtual_drive("ei-bisynch", address)) for address in (1, 2))
+    late, other = (InterceptedDrive(virtual_drive("ei-bisynch", address)) for address in (1, 2))
     late.between = lambda _heard, usual: delayed(usual, 0.4)
     other.between = lambda _heard, usual: delayed(usual, 0.2)
     with drivecomm.open_bus(VirtualLine([late, other]).port) as bus:
@@ -188,7 +188,7 @@ def test_late_acknowledgement_does_not_confirm_a_write_to_another_drive():
     nexts=st.lists(st.sampled_from([(1, "0F"), (2, "09"), (2, "0F")]), min_size=1),
 )
 def test_late_replies_never_give_a_wrong_value(late_s, usual_s, nexts):
-    first, second = (Overheard(virtual_drive("ei-bisynch", address)) for address in (1, 2))
+    first, second = (InterceptedDrive(virtual_drive("ei-bisynch", address)) for address in (1, 2))
     first.poke("09", 1234)
     held = {(1, "0F"): 512, (2, "09"): 400000, (2, "0F"): 3}
     second.poke("0F", 3)

@@ -37,7 +37,7 @@ def runs(monkeypatch):
     return told
 
 
-def commanded(verb, name, drive, **options):
+def error_of(verb, name, drive, **options):
     """Carry out a verb of a model on a drive, at the line settings of the drive; return the error, if any."""
     facts = {each: getattr(drive.settings, each) for each in COMMON}
     with drivecomm.open_bus(VirtualLine([drive]).port) as bus:
@@ -60,7 +60,7 @@ def test_model_neither_starts_nor_reverses_a_drive_of_another_series(name, runs)
     started = []
     for other in MODELS.keys() - {name}:
         for title, verb in VERBS.items():
-            error = commanded(verb, name, drive_of(other))
+            error = error_of(verb, name, drive_of(other))
             if runs:
                 started.append((other, title))
             runs.clear()
@@ -68,7 +68,7 @@ def test_model_neither_starts_nor_reverses_a_drive_of_another_series(name, runs)
             if not isinstance(error, WrongDriveError):
                 running = drive_of(other, running=True)
                 runs.clear()
-                commanded(verb, name, running)
+                error_of(verb, name, running)
                 started += [(other, title, hz) for hz in runs if hz <= 0]
                 runs.clear()
     assert not started
@@ -78,20 +78,20 @@ def test_model_neither_starts_nor_reverses_a_drive_of_another_series(name, runs)
 def test_start_is_refused_if_the_stop_of_the_model_would_start_the_drive(name, runs):
     for other in MODELS.keys() - {name}:
         for stop in STOPS.values():
-            commanded(stop, name, drive_of(other))
+            error_of(stop, name, drive_of(other))
         if runs:
-            assert isinstance(commanded(VERBS["start"], name, drive_of(other)), WrongDriveError), other
+            assert isinstance(error_of(VERBS["start"], name, drive_of(other)), WrongDriveError), other
         runs.clear()
 
 
 def test_stop_of_another_series_is_sent_even_if_it_starts_the_motor(runs):
     """A stop is never held back; an unproven model is reported at the start instead."""
-    assert commanded(STOPS["ramp"], "delta", drive_of("invt")) is None
+    assert error_of(STOPS["ramp"], "delta", drive_of("invt")) is None
     assert runs
 
 
 @pytest.mark.parametrize("name", COMMANDED)
 def test_confirmed_model_starts_a_drive_of_its_own_series(name):
     drive = virtual_drive("modbus", 1, model=name)
-    assert commanded(set_and_start, name, drive, confirmed=name) is None
+    assert error_of(set_and_start, name, drive, confirmed=name) is None
     assert drive.motor.running

@@ -10,10 +10,10 @@ from drivecomm import NoReplyError, NotSupported, RefusedError, StateError, Stop
 from drivecomm.models import load_model
 from drivecomm.protocol import Ask, DriveState, Pause, Tell
 from drivecomm.testing import play
-from drivecomm_fuji.asking import FujiMemory
 from drivecomm_fuji.exchanges import FujiOperations
+from drivecomm_fuji.inverter_requests import FujiMemory
 from drivecomm_fuji.options import FujiOptions
-from drivecomm_fuji.telegrams import Poll, Select, Standard
+from drivecomm_fuji.telegrams import PollFrame, SelectFrame, StandardFrame
 
 FRENIC = load_model("drivecomm_fuji", "fuji", "frenic")
 LOST = NoReplyError("nothing came")
@@ -26,7 +26,7 @@ def drive(model=None, address=1, **options):
 
 
 def asked(function, command="R", address=1, data=None):
-    return Standard(kind="request", address=address, command=command, function=function, data=data)
+    return StandardFrame(kind="request", address=address, command=command, function=function, data=data)
 
 
 def written(function, data, command="W", address=1):
@@ -34,15 +34,15 @@ def written(function, data, command="W", address=1):
 
 
 def value(function, data, *, negative=False):
-    return Standard(kind="ack", address=1, command="R", function=function, data=data, negative=negative)
+    return StandardFrame(kind="ack", address=1, command="R", function=function, data=data, negative=negative)
 
 
 def done(function, command="W"):
-    return Standard(kind="ack", address=1, command=command, function=function, data=0)
+    return StandardFrame(kind="ack", address=1, command=command, function=function, data=0)
 
 
 def refused(function, code, command="R"):
-    return Standard(kind="nak", address=1, command=command, function=function, error_code=code)
+    return StandardFrame(kind="nak", address=1, command=command, function=function, error_code=code)
 
 
 def write_steps(*pairs):
@@ -112,10 +112,10 @@ def test_refused_read_has_code_and_reason(code, reason):
 
 @pytest.mark.parametrize(("letter", "function"), [("g", "M06"), ("h", "M07"), ("j", "M09"), ("k", "M14")])
 def test_read_uses_a_short_frame_if_enabled(letter, function):
-    request = Poll(kind="request", address=1, command=letter)
+    request = PollFrame(kind="request", address=1, command=letter)
     found = play(
         drive(FRENIC, short_frames=True).read(function),
-        [(request, Poll(kind="ack", address=1, command=letter, data=0xB1E0))],
+        [(request, PollFrame(kind="ack", address=1, command=letter, data=0xB1E0))],
     )
     assert found.raw == 0xB1E0
     assert ("no room for a sign" in found.note) == (letter == "j")
@@ -123,24 +123,24 @@ def test_read_uses_a_short_frame_if_enabled(letter, function):
 
 def test_read_of_a_function_without_a_short_frame_uses_the_standard_one():
     play(drive(short_frames=True).read("M08"), [(asked("M08"), value("M08", 0))])
-    request = Poll(kind="request", address=1, command="i")
+    request = PollFrame(kind="request", address=1, command="i")
     play(
         drive(short_frames=True, profile="vg").read("M08"),
-        [(request, Poll(kind="ack", address=1, command="i", data=0))],
+        [(request, PollFrame(kind="ack", address=1, command="i", data=0))],
     )
 
 
 def test_short_frame_j_can_be_signed():
-    request = Poll(kind="request", address=1, command="j")
+    request = PollFrame(kind="request", address=1, command="j")
     found = play(
         drive(FRENIC, short_frames=True, signed_j=True).read("M09"),
-        [(request, Poll(kind="ack", address=1, command="j", data=0x10000 - 6000))],
+        [(request, PollFrame(kind="ack", address=1, command="j", data=0x10000 - 6000))],
     )
     assert (found.value, found.raw) == (Decimal("-60.00"), -6000)
 
 
 def test_short_refusal_is_explained_by_m26():
-    request, nak = Poll(kind="request", address=1, command="g"), Poll(kind="nak", address=1, command="g")
+    request, nak = PollFrame(kind="request", address=1, command="g"), PollFrame(kind="nak", address=1, command="g")
     cases = [
         ((asked("M26"), value("M26", 75)), 75),
         ((asked("M26"), value("M26", 0)), None),
@@ -154,7 +154,7 @@ def test_short_refusal_is_explained_by_m26():
 
 
 def test_standard_refusal_of_a_short_frame_does_not_read_m26():
-    request = Poll(kind="request", address=1, command="g")
+    request = PollFrame(kind="request", address=1, command="g")
     with pytest.raises(RefusedError, match="unknown command"):
         play(drive(short_frames=True).read("M06"), [(request, refused(None, 75))])
 
@@ -252,17 +252,17 @@ def test_high_speed_writes_use_command_a_if_the_profile_has_it():
 
 @pytest.mark.parametrize(("function", "letter"), [("S01", "a"), ("S05", "e"), ("S06", "f")])
 def test_write_uses_a_short_frame_if_enabled(function, letter):
-    request = Select(kind="request", address=1, command=letter, data=1)
-    ack = Select(kind="ack", address=1, command=letter)
+    request = SelectFrame(kind="request", address=1, command=letter, data=1)
+    ack = SelectFrame(kind="ack", address=1, command=letter)
     assert play(drive(short_frames=True).write(function, 1), [(request, ack)]) is None
-    nak = Select(kind="nak", address=1, command=letter)
+    nak = SelectFrame(kind="nak", address=1, command=letter)
     with pytest.raises(RefusedError, match="link priority"):
         play(drive(short_frames=True).write(function, 1), [(request, nak), (asked("M26"), value("M26", 76))])
 
 
 def test_vector_inverter_has_a_short_frame_for_s02():
-    request = Select(kind="request", address=1, command="b", data=1)
-    ack = Select(kind="ack", address=1, command="b")
+    request = SelectFrame(kind="request", address=1, command="b", data=1)
+    ack = SelectFrame(kind="ack", address=1, command="b")
     play(drive(short_frames=True, profile="vg").write("S02", 1), [(request, ack)])
     play(drive(short_frames=True).write("S02", 1), write_steps(("S02", 1)))
 
@@ -463,13 +463,13 @@ def test_reset_of_a_lasting_alarm_raises_state_error():
     [
         (
             "E",
-            Standard(kind="request", address=1, command="E"),
-            Standard(kind="ack", address=1, command="E"),
+            StandardFrame(kind="request", address=1, command="E"),
+            StandardFrame(kind="ack", address=1, command="E"),
         ),
         (
             "m",
-            Select(kind="request", address=1, command="m", data=0),
-            Select(kind="ack", address=1, command="m"),
+            SelectFrame(kind="request", address=1, command="m", data=0),
+            SelectFrame(kind="ack", address=1, command="m"),
         ),
     ],
 )
@@ -604,8 +604,10 @@ def test_status_with_an_unreadable_alarm_memory_has_no_code():
 
 
 def test_status_uses_a_short_frame_if_enabled():
-    request = Poll(kind="request", address=1, command="k")
-    found = play(drive(short_frames=True).status(), [(request, Poll(kind="ack", address=1, command="k", data=RUNNING))])
+    request = PollFrame(kind="request", address=1, command="k")
+    found = play(
+        drive(short_frames=True).status(), [(request, PollFrame(kind="ack", address=1, command="k", data=RUNNING))]
+    )
     assert found.running
 
 
@@ -649,7 +651,7 @@ def test_broadcast_write_never_uses_high_speed_writes():
     (tell,) = commands(drive(address=99, high_speed_writes=True).write("S05", 1), [])
     assert tell.message.command == "W"
     (tell,) = commands(drive(address=99, short_frames=True).write("S05", 1), [])
-    assert tell.message == Select(kind="request", address=99, command="e", data=1)
+    assert tell.message == SelectFrame(kind="request", address=99, command="e", data=1)
 
 
 def test_verbs_and_functions_not_allowed_as_broadcast_are_refused():

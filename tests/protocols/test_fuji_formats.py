@@ -12,7 +12,7 @@ from drivecomm.protocol import installed, protocol_options, resolve_options
 from drivecomm_fuji.generations import PROFILES, slow_write
 from drivecomm_fuji.options import FujiOptions
 from drivecomm_fuji.parameters import reading_of, target, word_for
-from drivecomm_fuji.store import Store
+from drivecomm_fuji.store import FujiStore
 from drivecomm_fuji.words import FORMATS, command_flags, current_format, flags_of, format_named, word_text
 
 FRENIC = load_model("drivecomm_fuji", "fuji", "frenic")
@@ -354,7 +354,7 @@ def test_model_agrees_with_its_formats(name):
         assert info.source
         if not wanted.format.special and wanted.format.name and wanted.format.name != "[19]":
             assert wanted.format.factor == info.factor, info.address
-    store = Store(model, options)
+    store = FujiStore(model, options)
     for info in model.parameters.values():
         if "w" in info.access:
             store.check(info.address, store.word(info.address), running=False)

@@ -15,9 +15,9 @@ from drivecomm_fuji.generations import PROFILES
 from drivecomm_fuji.options import FujiOptions
 from drivecomm_fuji.telegrams import (
     COMMAND_REFUSED,
-    Poll,
-    Select,
-    Standard,
+    PollFrame,
+    SelectFrame,
+    StandardFrame,
     message_from,
     mismatch,
     titled_forms,
@@ -43,7 +43,7 @@ def test_nak_of_an_unknown_command_is_accepted_in_a_stream_only():
     assert (caught.value.category, caught.value.field) == ("field", "command")
     listening = codec()
     found = Framer(listening, "reply").feed(UNKNOWN)
-    assert found == [Framed(UNKNOWN, Standard(kind="nak", address=1, command="Q", error_code=75))]
+    assert found == [Framed(UNKNOWN, StandardFrame(kind="nak", address=1, command="Q", error_code=75))]
     with pytest.raises(TelegramError):
         listening.decode(frame(b"\x0101\x15ZS05   4B\x03"), "reply")
     with pytest.raises(TelegramError):
@@ -74,18 +74,18 @@ def test_encoder_refuses_requests_outside_its_generation(name):
     profile = PROFILES[name]
     own, union = FujiCodec(profile), FujiCodec()
     requests = [
-        *(Standard(kind="request", address=1, command=c, function="S05", data=0) for c in "WA"),
+        *(StandardFrame(kind="request", address=1, command=c, function="S05", data=0) for c in "WA"),
         *(
-            Standard(kind="request", address=1, command="R", function=f"{t}{n:02d}")
+            StandardFrame(kind="request", address=1, command="R", function=f"{t}{n:02d}")
             for t, n in product("SoyL", (46, 49, 99))
         ),
-        *(Select(kind="request", address=1, command=c, data=0) for c in "abcdefm"),
-        *(Poll(kind="request", address=1, command=c) for c in "ghijk"),
+        *(SelectFrame(kind="request", address=1, command=c, data=0) for c in "abcdefm"),
+        *(PollFrame(kind="request", address=1, command=c) for c in "ghijk"),
     ]
     for request in requests:
         letter = request.command
         allowed = letter in profile.commands | set(profile.select) | set(profile.poll)
-        if isinstance(request, Standard) and letter == "R":
+        if isinstance(request, StandardFrame) and letter == "R":
             allowed = request.function[0] in profile.types and int(request.function[1:]) <= profile.highest_number
         data = union.encode(request)
         assert own.decode(data, "request") == request
@@ -98,22 +98,22 @@ def test_encoder_refuses_requests_outside_its_generation(name):
 
 
 def test_option_allows_higher_function_numbers():
-    request = Standard(kind="request", address=1, command="R", function="F99")
+    request = StandardFrame(kind="request", address=1, command="R", function="F99")
     with pytest.raises(TelegramError, match="number 46"):
         codec(profile="e11s").encode(request)
     assert codec(profile="e11s", number_check=False).encode(request)
 
 
 def test_refusal_code_of_the_first_generation_is_padded_with_zeros():
-    refusal = Standard(kind="nak", address=1, command="R", function="M99", error_code=78)
+    refusal = StandardFrame(kind="nak", address=1, command="R", function="M99", error_code=78)
     assert codec(profile="e11s").encode(refusal)[9:13] == b"004E"
     assert codec().encode(refusal)[9:13] == b"  4E"
-    reset = Standard(kind="nak", address=1, command="E", error_code=76)
+    reset = StandardFrame(kind="nak", address=1, command="E", error_code=76)
     assert codec(profile="e11s").encode(reset)[9:13] == b"004C"
 
 
 def test_broadcast_functions_depend_on_the_generation():
-    request = Standard(kind="request", address=99, command="W", function="S08", data=1)
+    request = StandardFrame(kind="request", address=99, command="W", function="S08", data=1)
     assert codec().encode(request)
     assert codec(profile="vg").encode(request)
     for name in ("e11s", "g11s", "frenic"):
@@ -162,43 +162,43 @@ def test_encode_refuses_foreign_and_unknown_messages():
     with pytest.raises(TelegramError, match="not a telegram"):
         codec().encode(object())
     with pytest.raises(TelegramError, match="is none of"):
-        codec().encode(Select(kind="request", address=1, command="R"))
+        codec().encode(SelectFrame(kind="request", address=1, command="R"))
     with pytest.raises(TelegramError, match="is none of"):
-        codec().encode(Standard(kind="request", address=1, command="Q"))
+        codec().encode(StandardFrame(kind="request", address=1, command="Q"))
 
 
-ASKED = Standard(kind="request", address=1, command="R", function="M09")
-SHORT = Select(kind="request", address=1, command="f", data=1)
+ASKED = StandardFrame(kind="request", address=1, command="R", function="M09")
+SHORT = SelectFrame(kind="request", address=1, command="f", data=1)
 
 
 @pytest.mark.parametrize(
     ("request_", "reply", "differs"),
     [
-        (ASKED, Standard(kind="ack", address=1, command="R", function="M09", data=0), ""),
-        (ASKED, Standard(kind="ack", address=2, command="R", function="M09", data=0), "address"),
-        (ASKED, Standard(kind="ack", address=1, command="R", function="M05", data=0), "function"),
-        (ASKED, Standard(kind="ack", address=1, command="W", function="M09", data=0), "command"),
-        (ASKED, Poll(kind="ack", address=1, command="j", data=0), "frame"),
+        (ASKED, StandardFrame(kind="ack", address=1, command="R", function="M09", data=0), ""),
+        (ASKED, StandardFrame(kind="ack", address=2, command="R", function="M09", data=0), "address"),
+        (ASKED, StandardFrame(kind="ack", address=1, command="R", function="M05", data=0), "function"),
+        (ASKED, StandardFrame(kind="ack", address=1, command="W", function="M09", data=0), "command"),
+        (ASKED, PollFrame(kind="ack", address=1, command="j", data=0), "frame"),
         (ASKED, ASKED, "kind"),
         (ASKED, object(), "kind"),
         (object(), ASKED, "kind"),
-        (Standard(kind="ack", address=1, command="R", function="M09", data=0), ASKED, "kind"),
-        (ASKED, Standard(kind="nak", address=1, command="W", function="S05", error_code=74), ""),
-        (ASKED, Standard(kind="nak", address=2, command="R", function="M09", error_code=74), "address"),
-        (ASKED, Standard(kind="nak", address=1, command="R", function="M09", error_code=78), ""),
-        (ASKED, Standard(kind="nak", address=1, command="R", function="M09"), ""),
-        (ASKED, Standard(kind="nak", address=1, command="R", function="M05", error_code=78), "function"),
-        (ASKED, Standard(kind="nak", address=1, command="Q", error_code=75), ""),
-        (ASKED, Standard(kind="nak", address=1, command="Q"), ""),
-        (ASKED, Standard(kind="nak", address=1, command="Q", error_code=78), "command"),
-        (SHORT, Select(kind="ack", address=1, command="f"), ""),
-        (SHORT, Select(kind="nak", address=1, command="f"), ""),
-        (SHORT, Select(kind="ack", address=1, command="e"), "command"),
-        (SHORT, Standard(kind="nak", address=1, command="W", function="S06", error_code=75), ""),
-        (SHORT, Standard(kind="nak", address=1, command="W", function="S06", error_code=76), "frame"),
+        (StandardFrame(kind="ack", address=1, command="R", function="M09", data=0), ASKED, "kind"),
+        (ASKED, StandardFrame(kind="nak", address=1, command="W", function="S05", error_code=74), ""),
+        (ASKED, StandardFrame(kind="nak", address=2, command="R", function="M09", error_code=74), "address"),
+        (ASKED, StandardFrame(kind="nak", address=1, command="R", function="M09", error_code=78), ""),
+        (ASKED, StandardFrame(kind="nak", address=1, command="R", function="M09"), ""),
+        (ASKED, StandardFrame(kind="nak", address=1, command="R", function="M05", error_code=78), "function"),
+        (ASKED, StandardFrame(kind="nak", address=1, command="Q", error_code=75), ""),
+        (ASKED, StandardFrame(kind="nak", address=1, command="Q"), ""),
+        (ASKED, StandardFrame(kind="nak", address=1, command="Q", error_code=78), "command"),
+        (SHORT, SelectFrame(kind="ack", address=1, command="f"), ""),
+        (SHORT, SelectFrame(kind="nak", address=1, command="f"), ""),
+        (SHORT, SelectFrame(kind="ack", address=1, command="e"), "command"),
+        (SHORT, StandardFrame(kind="nak", address=1, command="W", function="S06", error_code=75), ""),
+        (SHORT, StandardFrame(kind="nak", address=1, command="W", function="S06", error_code=76), "frame"),
         (
-            Standard(kind="request", address=1, command="E"),
-            Standard(kind="ack", address=1, command="E"),
+            StandardFrame(kind="request", address=1, command="E"),
+            StandardFrame(kind="ack", address=1, command="E"),
             "",
         ),
     ],
@@ -216,23 +216,23 @@ def test_refusal_must_repeat_its_function():
 
 def test_refusal_with_some_codes_may_omit_its_function():
     for code in (74, 75, 78):
-        refusal = Standard(kind="nak", address=1, command="W", error_code=code)
+        refusal = StandardFrame(kind="nak", address=1, command="W", error_code=code)
         assert codec().decode(codec().encode(refusal), "reply") == refusal
     for code in (None, 80):
         with pytest.raises(TelegramError) as caught:
-            codec().encode(Standard(kind="nak", address=1, command="W", error_code=code))
+            codec().encode(StandardFrame(kind="nak", address=1, command="W", error_code=code))
         assert caught.value.field == "function"
 
 
 @pytest.mark.parametrize(
     "request_",
     [
-        Select(kind="request", address=1, command="m", data=1),
-        Standard(kind="request", address=99, command="A", function="S05", data=1),
-        Standard(kind="request", address=99, command="R", function="S05"),
-        Poll(kind="request", address=99, command="k"),
-        Standard(kind="request", address=99, command="W", function="F15", data=1),
-        Standard(kind="request", address=1, command="R", function="M09", data=0),
+        SelectFrame(kind="request", address=1, command="m", data=1),
+        StandardFrame(kind="request", address=99, command="A", function="S05", data=1),
+        StandardFrame(kind="request", address=99, command="R", function="S05"),
+        PollFrame(kind="request", address=99, command="k"),
+        StandardFrame(kind="request", address=99, command="W", function="F15", data=1),
+        StandardFrame(kind="request", address=1, command="R", function="M09", data=0),
     ],
 )
 def test_request_that_must_not_be_sent_is_refused(request_):
@@ -242,8 +242,8 @@ def test_request_that_must_not_be_sent_is_refused(request_):
 
 
 def test_reset_of_all_stations_is_encoded():
-    assert codec().encode(Standard(kind="request", address=99, command="E"))
-    assert codec(profile="frenic").encode(Select(kind="request", address=99, command="m", data=0))
+    assert codec().encode(StandardFrame(kind="request", address=99, command="E"))
+    assert codec(profile="frenic").encode(SelectFrame(kind="request", address=99, command="m", data=0))
     with pytest.raises(TelegramError) as caught:
         codec().decode(b"\x0201", "request")
     assert caught.value.category == "framing"

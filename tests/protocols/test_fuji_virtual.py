@@ -32,7 +32,7 @@ def line_of(*drives, **more):
     return line, drivecomm.open_bus(line.port)
 
 
-def meet(model="frenic", **options):
+def inverter_on_a_line(model="frenic", **options):
     """Return a virtual inverter, its line, and the drive object of its master."""
     inverter = virtual_drive("fuji", 1, model=model, **options)
     line, bus = line_of(inverter)
@@ -72,7 +72,7 @@ def test_readable_functions_are_read_as_the_inverter_holds_them(model, short):
 
 @pytest.mark.parametrize("model", MODELS)
 def test_each_function_accepts_its_own_value_as_a_write(model):
-    inverter, line, drive = meet(model)
+    inverter, line, drive = inverter_on_a_line(model)
     for address, info in drive.model.parameters.items():
         if "w" in info.access and info.type != "[19]":
             reading = drive.read(address) if "r" in info.access else None
@@ -84,7 +84,7 @@ def test_each_function_accepts_its_own_value_as_a_write(model):
 
 
 def test_write_outside_the_limits_is_refused_with_code_80():
-    _, _, drive = meet()
+    _, _, drive = inverter_on_a_line()
     plain = drive._bus.drive("fuji", 1)
     for parameter, value in (("H30", 4), ("S08", 36001), ("C05", 40001), ("S07", 32)):
         with pytest.raises(RefusedError) as caught:
@@ -95,14 +95,14 @@ def test_write_outside_the_limits_is_refused_with_code_80():
 
 
 def test_write_of_a_word_outside_its_format_is_refused_with_code_80():
-    _, _, drive = meet()
+    _, _, drive = inverter_on_a_line()
     with pytest.raises(RefusedError) as caught:
         drive._bus.drive("fuji", 1).write("F07", 0x7000, store=True)
     assert caught.value.code == 80
 
 
 def test_unknown_function_is_refused_with_code_78():
-    _, _, drive = meet()
+    _, _, drive = inverter_on_a_line()
     for verb in (lambda: drive.read("F99"), lambda: drive.write("F99", 1, store=True)):
         with pytest.raises(RefusedError) as caught:
             verb()
@@ -110,7 +110,7 @@ def test_unknown_function_is_refused_with_code_78():
 
 
 def test_function_outside_the_generation_is_refused_with_code_78():
-    inverter, _, drive = meet("e11s", number_check=False)
+    inverter, _, drive = inverter_on_a_line("e11s", number_check=False)
     with pytest.raises(RefusedError) as caught:
         drive.read("F47")
     assert caught.value.code == 78
@@ -118,12 +118,12 @@ def test_function_outside_the_generation_is_refused_with_code_78():
 
 
 def test_write_to_a_read_only_function_is_refused_with_code_79():
-    inverter, _, _ = meet()
+    inverter, _, _ = inverter_on_a_line()
     assert heard(inverter, frame(b"\x0101\x05WM09 0001\x03")) == [frame(b"\x0101\x15WM09   4F\x03")]
 
 
 def test_some_functions_are_not_written_while_running():
-    _, line, drive = meet()
+    _, line, drive = inverter_on_a_line()
     drive.set_reference(hz=30)
     drive.start()
     line.advance(1.0)
@@ -150,7 +150,7 @@ def test_only_the_addressed_inverter_answers():
 
 
 def test_poked_values_are_read_and_unknown_functions_are_refused():
-    inverter, line, drive = meet()
+    inverter, line, drive = inverter_on_a_line()
     inverter.poke("F18", -20)
     assert inverter.peek("F18", line.time) == 0xFFEC
     assert drive.read("bias_frequency").value == -20
@@ -171,7 +171,7 @@ def test_poked_values_are_read_and_unknown_functions_are_refused():
 @pytest.mark.parametrize("short", [False, True])
 @pytest.mark.parametrize("model", ["frenic", "g11s", "e11s"])
 def test_motor_ramps_up_reverses_and_stops(model, short):
-    inverter, line, drive = meet(model)
+    inverter, line, drive = inverter_on_a_line(model)
     drive = drive._bus.drive("fuji", 1, model=model, short_frames=short)
     assert drive.status().state is DriveState.READY
     drive.set_reference(hz=30)
@@ -205,7 +205,7 @@ def test_motor_ramps_up_reverses_and_stops(model, short):
 
 
 def test_vector_inverter_reports_the_frequency_without_a_sign():
-    _, line, drive = meet("vg", maximum_frequency_hz=50)
+    _, line, drive = inverter_on_a_line("vg", maximum_frequency_hz=50)
     drive.set_reference(hz=25)
     drive.start(reverse=True)
     line.advance(20.0)
@@ -215,7 +215,7 @@ def test_vector_inverter_reports_the_frequency_without_a_sign():
 
 
 def test_output_frequency_is_limited_to_the_maximum_frequency():
-    _, line, drive = meet()
+    _, line, drive = inverter_on_a_line()
     with pytest.raises(ValueRefusedError, match=r"above 50\.0 Hz, the maximum frequency of fuji:1"):
         drive.set_reference(hz=400)
     drive.write("S05", 400)
@@ -226,7 +226,7 @@ def test_output_frequency_is_limited_to_the_maximum_frequency():
 
 
 def test_s01_overrides_s05():
-    _, line, drive = meet()
+    _, line, drive = inverter_on_a_line()
     drive.write("S05", 10)
     drive.write("S01", 16000)
     drive.start()
@@ -241,7 +241,7 @@ def test_s01_overrides_s05():
 
 
 def test_set_reference_replaces_the_reference_of_another_master():
-    inverter, line, drive = meet()
+    inverter, line, drive = inverter_on_a_line()
     drive.set_reference(hz=10)
     drive.start()
     for foreign in (16000, 0):
@@ -253,7 +253,7 @@ def test_set_reference_replaces_the_reference_of_another_master():
 
 
 def test_terminal_write_does_not_undo_the_stop_of_another_master():
-    inverter, line, drive = meet()
+    inverter, line, drive = inverter_on_a_line()
     drive.set_reference(hz=30)
     drive.start()
     line.advance(20.0)
@@ -267,7 +267,7 @@ def test_terminal_write_does_not_undo_the_stop_of_another_master():
 
 
 def test_ramp_time_of_s08_is_used():
-    _, line, drive = meet()
+    _, line, drive = inverter_on_a_line()
     drive.write("S08", 50)
     drive.set_reference(hz=50)
     drive.start()
@@ -276,7 +276,7 @@ def test_ramp_time_of_s08_is_used():
 
 
 def test_motor_coasts_by_its_terminal_and_starts_again():
-    inverter, line, drive = meet(coast_terminal="X3")
+    inverter, line, drive = inverter_on_a_line(coast_terminal="X3")
     drive.set_reference(hz=30)
     drive.start()
     line.advance(20.0)
@@ -290,7 +290,7 @@ def test_motor_coasts_by_its_terminal_and_starts_again():
 
 
 def test_run_command_with_both_directions_stops_the_motor():
-    inverter, line, drive = meet()
+    inverter, line, drive = inverter_on_a_line()
     drive.set_reference(hz=30)
     drive.start()
     line.advance(20.0)
@@ -300,7 +300,7 @@ def test_run_command_with_both_directions_stops_the_motor():
 
 
 def test_unknown_bit_of_s06_is_refused_with_code_80():
-    inverter, _, _ = meet("e11s")
+    inverter, _, _ = inverter_on_a_line("e11s")
     assert heard(inverter, frame(b"\x0101\x05WS06 0080\x03")) == [frame(b"\x0101\x15WS06 0050\x03")]
 
 
@@ -308,7 +308,7 @@ def test_unknown_bit_of_s06_is_refused_with_code_80():
     ("link", "frequency", "run"), [(0, False, False), (1, True, False), (2, False, True), (3, True, True)]
 )
 def test_link_function_h30_decides_which_writes_are_allowed(link, frequency, run):
-    inverter, _, drive = meet()
+    inverter, _, drive = inverter_on_a_line()
     inverter.poke("H30", link)
     for parameter, allowed in (("S05", frequency), ("S01", frequency), ("S06", run)):
         if allowed:
@@ -321,7 +321,7 @@ def test_link_function_h30_decides_which_writes_are_allowed(link, frequency, run
 
 
 def test_e11s_ignores_references_and_commands_that_h30_forbids():
-    inverter, line, drive = meet("e11s")
+    inverter, line, drive = inverter_on_a_line("e11s")
     inverter.poke("H30", 1)
     drive.set_reference(hz=30)
     drive.start()
@@ -340,7 +340,7 @@ def test_e11s_ignores_references_and_commands_that_h30_forbids():
 
 @pytest.mark.parametrize("model", MODELS)
 def test_trip_stores_the_values_measured_before_it(model):
-    inverter, line, drive = meet(model, maximum_frequency_hz=50)
+    inverter, line, drive = inverter_on_a_line(model, maximum_frequency_hz=50)
     drive.set_reference(hz=30)
     drive.start()
     line.advance(20.0)
@@ -352,14 +352,14 @@ def test_trip_stores_the_values_measured_before_it(model):
 
 
 def test_poked_measured_value_is_overwritten():
-    inverter, line, drive = meet()
+    inverter, line, drive = inverter_on_a_line()
     inverter.poke("M09", 1234)
     assert drive.read("M09").value == inverter.peek("M09", line.time) == 0
 
 
 @pytest.mark.parametrize("model", MODELS)
 def test_alarm_is_logged_and_cleared_by_each_kind_of_reset(model):
-    inverter, line, drive = meet(model, maximum_frequency_hz=50)
+    inverter, line, drive = inverter_on_a_line(model, maximum_frequency_hz=50)
     drive.set_reference(hz=30)
     drive.start(reverse=True)
     line.advance(20.0)
@@ -385,7 +385,7 @@ def test_alarm_is_logged_and_cleared_by_each_kind_of_reset(model):
 
 
 def test_reset_under_a_run_command_starts_the_motor():
-    inverter, line, drive = meet()
+    inverter, line, drive = inverter_on_a_line()
     drive.set_reference(hz=30)
     drive.start()
     line.advance(10.0)
@@ -396,7 +396,7 @@ def test_reset_under_a_run_command_starts_the_motor():
 
 
 def test_reset_needs_a_rising_edge():
-    inverter, line, _ = meet()
+    inverter, line, _ = inverter_on_a_line()
     reset = frame(b"\x0101\x05WS06 8000\x03")
     heard(inverter, reset)
     inverter.trip(3, line.time)
@@ -429,14 +429,14 @@ def test_reset_needs_a_rising_edge():
     ],
 )
 def test_malformed_request_is_refused_with_the_code_of_its_fault(request_, answer, code):
-    inverter, _, _ = meet()
+    inverter, _, _ = inverter_on_a_line()
     assert heard(inverter, frame(request_)) == [frame(answer)]
     assert inverter.peek("M26", 0.0) == code
 
 
 @pytest.mark.parametrize("request_", [b"\x0101\x05n0001\x03", b"\x0101\x05n\x03"])
 def test_unknown_short_command_gets_a_standard_refusal(request_):
-    inverter, _, _ = meet()
+    inverter, _, _ = inverter_on_a_line()
     (answer,) = heard(inverter, frame(request_))
     assert (len(answer), answer[3:5], answer[11:13]) == (16, b"\x15R", b"4B")
     assert inverter.codec.measure(request_[:5], "request") in (6, 8)
@@ -444,12 +444,12 @@ def test_unknown_short_command_gets_a_standard_refusal(request_):
 
 
 def test_e11s_refuses_command_a():
-    inverter, _, _ = meet("e11s")
+    inverter, _, _ = inverter_on_a_line("e11s")
     assert heard(inverter, frame(b"\x0101\x05AS05 0000\x03")) == [frame(b"\x0101\x15AS05 004B\x03")]
 
 
 def test_request_with_a_wrong_checksum_is_not_answered():
-    inverter, line, drive = meet()
+    inverter, line, drive = inverter_on_a_line()
     assert heard(inverter, b"\x0101\x05RM09 0000\x0350") == []
     assert inverter.peek("M26", 0.0) == 71
     inverter.poke("M26", 0)
@@ -462,7 +462,7 @@ def test_request_with_a_wrong_checksum_is_not_answered():
 
 
 def test_e11s_repeats_the_written_value_in_its_reply():
-    inverter, _, _ = meet("e11s")
+    inverter, _, _ = inverter_on_a_line("e11s")
     assert heard(inverter, frame(b"\x0101\x05WS05 0BB8\x03")) == [frame(b"\x0101\x06WS05 0BB8\x03")]
 
 
@@ -470,7 +470,7 @@ def test_e11s_repeats_the_written_value_in_its_reply():
 
 
 def test_high_speed_write_makes_the_inverter_busy_for_a_while():
-    inverter, line, drive = meet(high_speed_writes=True)
+    inverter, line, drive = inverter_on_a_line(high_speed_writes=True)
     drive.write("F15", 60, store=True)
     drive.write("C05", "7.00", store=True)
     assert "BUSY" in drive.status().flags
@@ -482,7 +482,7 @@ def test_high_speed_write_makes_the_inverter_busy_for_a_while():
 
 
 def test_vector_inverter_treats_command_a_as_w():
-    inverter, line, drive = meet("vg", high_speed_writes=True)
+    inverter, line, drive = inverter_on_a_line("vg", high_speed_writes=True)
     before = line.time
     drive.write("F15", 60, store=True)
     assert line.time - before > 0.1
@@ -494,7 +494,7 @@ def test_vector_inverter_treats_command_a_as_w():
 
 
 def test_initialising_by_h03_restores_the_start_values():
-    inverter, line, drive = meet()
+    inverter, line, drive = inverter_on_a_line()
     drive.write("F15", 60, store=True)
     drive.write("P01", 2, store=True)
     drive.write("H03", 2, store=True)
@@ -507,7 +507,7 @@ def test_initialising_by_h03_restores_the_start_values():
 
 
 def test_tuning_is_acknowledged_when_it_is_finished():
-    inverter, line, drive = meet()
+    inverter, line, drive = inverter_on_a_line()
     before = line.time
     drive.write("P04", 0x0101, store=True)
     assert line.time - before > 10
@@ -515,7 +515,7 @@ def test_tuning_is_acknowledged_when_it_is_finished():
 
 
 def test_response_interval_delays_the_reply():
-    _, line, drive = meet(response_interval_s=0.4)
+    _, line, drive = inverter_on_a_line(response_interval_s=0.4)
     drive.read("M09")
     assert 0.4 < line.time < 0.6
 
@@ -549,14 +549,14 @@ def test_broadcast_reference_run_and_stop_reach_all_stations():
     ],
 )
 def test_broadcast_outside_the_allowed_functions_is_ignored(request_):
-    inverter, _, _ = meet()
+    inverter, _, _ = inverter_on_a_line()
     held = {name: inverter.peek(name, 0.0) for name in ("S05", "S08", "F15")}
     assert heard(inverter, frame(request_)) == []
     assert {name: inverter.peek(name, 0.0) for name in held} == held
 
 
 def test_vector_inverter_obeys_every_s_code_as_broadcast():
-    inverter, _, _ = meet("vg")
+    inverter, _, _ = inverter_on_a_line("vg")
     assert heard(inverter, frame(b"\x0199\x05WS08 0001\x03")) == []
     assert inverter.peek("S08", 0.0) == 1
     assert heard(inverter, frame(b"\x0199\x05e0BB8\x03")) == []
@@ -630,7 +630,7 @@ def test_foreign_telegrams_are_ignored():
 
 
 def test_codec_of_the_inverter_reads_a_reply_as_the_protocol_codec():
-    inverter, _, _ = meet()
+    inverter, _, _ = inverter_on_a_line()
     find = Framer(inverter.codec, "reply").feed(frame(b"\x0101\x06f\x03"))[0]
     assert isinstance(find, Framed)
     assert protocol.codec(FujiOptions()).decode(find.data, "reply") == find.message

@@ -16,18 +16,18 @@ from drivecomm.errors import (
     StateError,
     ValueRefusedError,
 )
-from drivecomm.protocol import Command, Stop
-from drivecomm.testing import Overheard
+from drivecomm.protocol import MotorCommand, Stop
+from drivecomm.testing import InterceptedDrive
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 RUN, STOP, ALL_STOP = b"\x020100130\r", b"\x020100031\r", b"\x02FF00030\r"
 
 
-class Talk:
+class DriveBench:
     """A virtual drive, its line and its master."""
 
     def __init__(self, model="sj700"):
-        self.virtual = Overheard(virtual_drive("hitachi", 1, model=model))
+        self.virtual = InterceptedDrive(virtual_drive("hitachi", 1, model=model))
         self.line = VirtualLine([self.virtual])
         self.bus = drivecomm.open_bus(self.line.port)
         self.drive = self.bus.drive("hitachi", 1, model=model)
@@ -48,7 +48,7 @@ class Talk:
 
 @pytest.fixture
 def talk():
-    made = Talk()
+    made = DriveBench()
     with made.bus:
         yield made
 
@@ -56,7 +56,7 @@ def talk():
 @pytest.mark.parametrize("model", ["sj300", "sj700", "l300p"])
 @pytest.mark.parametrize("reverse", [False, True])
 def test_start_runs_the_motor_and_stop_stops_it(model, reverse):
-    talk = Talk(model)
+    talk = DriveBench(model)
     with talk.bus:
         talk.drive.set_reference(hz=20)
         talk.drive.start(reverse=reverse)
@@ -77,7 +77,7 @@ def test_coast_sets_frs_and_the_next_start_clears_it(talk):
     talk.drive.set_reference(hz=20)
     talk.drive.start()
     talk.drive.stop(Stop.COAST)
-    assert talk.motor.command is Command.OFF
+    assert talk.motor.command is MotorCommand.OFF
     assert talk.sent(b"\x020102")[-1] == b"\x0201020000000000000800" + b"0B\r"
     talk.drive.start()
     assert talk.motor.running
@@ -97,7 +97,7 @@ def test_stop_without_a_reply_is_sent_again(talk):
     with pytest.raises(NoReplyError):
         talk.drive.stop()
     assert len(talk.sent(STOP)) == 3
-    assert not talk.motor.running or talk.motor.command is Command.RAMP_STOP
+    assert not talk.motor.running or talk.motor.command is MotorCommand.RAMP_STOP
 
 
 def test_start_is_refused_unsent_if_a002_selects_another_source(talk):
@@ -161,7 +161,7 @@ def test_reset_without_a_fault_sends_no_command(talk):
 def test_status_08_is_a_trip_of_sj300_and_a_retry_of_l300p():
     """SJ300 manual, p. B-10; L300P manual, p. 4-67; V3000 manual, p. 154."""
     for model, fault in (("sj300", True), ("l300p", False)):
-        talk = Talk(model)
+        talk = DriveBench(model)
         with talk.bus:
             codec = talk.virtual.codec
             said = codec.encode(drivecomm.protocol.installed["hitachi"].message(
@@ -225,7 +225,7 @@ def test_terminal_image_is_written_once_and_cannot_be_read(talk):
 
 
 def test_late_reply_to_another_parameter_is_ignored():
-    talk = Talk()
+    talk = DriveBench()
     with talk.bus:
         drive = talk.bus.drive("hitachi", 1, model="sj700", attempts=1)
         talk.virtual.between = lambda heard, reply: (
@@ -240,7 +240,7 @@ def test_late_reply_to_another_parameter_is_ignored():
 @settings(max_examples=25, deadline=None)
 @given(delay_s=st.floats(0.25, 1.3), nexts=st.lists(st.sampled_from(["A001", "C078", "04-A"]), min_size=1))
 def test_late_replies_never_give_a_wrong_value(delay_s, nexts):
-    talk = Talk()
+    talk = DriveBench()
     held = {"A001": 3, "C078": 0, "04-A": 2}
     with talk.bus:
         drive = talk.bus.drive("hitachi", 1, model="sj700", attempts=1)
@@ -273,7 +273,7 @@ def test_drive_without_a_model_can_be_stopped(talk):
     talk.drive.start()
     with drivecomm.open_bus(talk.line.port) as bus:
         bus.drive("hitachi", 1).stop()
-    assert talk.motor.command is not Command.RUN
+    assert talk.motor.command is not MotorCommand.RUN
 
 
 def test_scan_finds_drives_at_neighbouring_addresses():
@@ -298,7 +298,7 @@ def test_watchdog_carries_out_its_policy_in_silence(talk, policy, fault):
 
 
 def test_drive_without_a_documented_watchdog_offers_hold_at_most():
-    talk = Talk("sj300")
+    talk = DriveBench("sj300")
     with talk.bus:
         assert set(policies(talk.drive.model)) <= {"hold"}
         assert "not documented" in talk.drive.capabilities.link_loss

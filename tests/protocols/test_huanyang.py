@@ -13,7 +13,7 @@ from drivecomm.errors import (
     StateError,
     ValueRefusedError,
 )
-from drivecomm.protocol import Command, DriveState
+from drivecomm.protocol import DriveState, MotorCommand
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 ECHOES = pytest.mark.parametrize(
@@ -49,7 +49,7 @@ def test_stop_as_the_first_request_on_a_port_is_sent_first_and_confirmed(hy, mod
     with drivecomm.open_bus(line.port, echo=mode, trace=heard.append) as bus:
         drive = bus.drive("huanyang", 1, model="hy")
         drive.stop()
-        assert hy.motor.command is Command.RAMP_STOP
+        assert hy.motor.command is MotorCommand.RAMP_STOP
         assert sent_by(heard)[0] == STOP
         line.advance(20)
         # The stop must not have misled echo detection: this reply equals its request as well.
@@ -97,7 +97,7 @@ def test_echo_does_not_confirm_a_command_that_the_drive_missed(hy, mode, call):
         hy.hear = lambda find, now: None if find.data[1] == 3 else hears(find, now)
         with pytest.raises(ReplyError):
             call(drive)
-    assert hy.motor.command is not Command.RUN
+    assert hy.motor.command is not MotorCommand.RUN
 
 
 @pytest.mark.parametrize("echo", [False, True])
@@ -133,7 +133,7 @@ def test_lost_first_stop_is_resent_without_waiting_for_a_late_reply(hy):
     hy.hear = hear
     with drivecomm.open_bus(line.port) as bus:
         bus.drive("huanyang", 1, model="hy").stop()
-    assert hy.motor.command is Command.RAMP_STOP
+    assert hy.motor.command is MotorCommand.RAMP_STOP
     # The limit covers the reply timeout and the silence between telegrams.
     assert heard_at[1] - heard_at[0] < 0.7
 
@@ -152,7 +152,7 @@ def test_stop_does_not_wait_for_a_late_reply_to_a_start(hy):
         hy.hear = lambda find, now: heard_at.append(now) or hears(find, now)
         began = line.time
         drive.stop()
-        assert hy.motor.command is not Command.RUN
+        assert hy.motor.command is not MotorCommand.RUN
         assert heard_at[0] - began < 0.2
 
 
@@ -250,9 +250,9 @@ def test_drive_without_a_model_is_started_and_stopped(hy):
             drive.start()
         hy.poke("PD001", 2)
         drive.start()
-        assert hy.motor.command is Command.RUN
+        assert hy.motor.command is MotorCommand.RUN
         drive.stop()
-        assert hy.motor.command is Command.RAMP_STOP
+        assert hy.motor.command is MotorCommand.RAMP_STOP
 
 
 def test_broadcast_stops_all_drives():
@@ -266,4 +266,4 @@ def test_broadcast_stops_all_drives():
         everybody = bus.broadcast("huanyang")
         everybody.stop()
         line.advance(0.1)
-        assert [each.motor.command for each in drives] == [Command.RAMP_STOP] * 2
+        assert [each.motor.command for each in drives] == [MotorCommand.RAMP_STOP] * 2

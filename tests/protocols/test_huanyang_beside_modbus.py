@@ -10,7 +10,7 @@ import drivecomm
 from drivecomm.capture import Piece
 from drivecomm.errors import TelegramError
 from drivecomm.models import load_model, model_names
-from drivecomm.protocol import Command, Framed, Framer, Noise, installed
+from drivecomm.protocol import Framed, Framer, MotorCommand, Noise, installed
 from drivecomm.protocol.schema import crc16
 from drivecomm.traffic.sniffer import AmbiguousTelegram, HeardTelegram, Sniffer
 from drivecomm.virtual import VirtualLine, virtual_drive
@@ -25,13 +25,13 @@ def closed(data):
     return data + crc16(data)
 
 
-def taken(plugin, data):
+def framed_requests(plugin, data):
     """Return the requests that a codec of this protocol finds in these bytes, for any address."""
     framer = Framer(plugin.codec(plugin.options()), "request")
     return [find.message for find in (*framer.feed(data), *framer.flush()) if isinstance(find, Framed)]
 
 
-def tell(drive, data):
+def replies_to(drive, data):
     """Pass bytes and a following silence to a virtual drive; return its replies."""
     framer = Framer(drive.codec, "request")
     finds = [find for find in (*framer.feed(data), *framer.flush()) if not isinstance(find, Noise)]
@@ -47,7 +47,7 @@ def test_no_register_read_starts_with_valid_control_data():
     """Register and count of such a read would be LEN 1, CNTR and their CRC; that CRC is never a valid count."""
     for address, word in product(HUANYANG.addresses, range(256)):
         control = closed(bytes((address, 0x03, 0x01, word)))
-        assert taken(HUANYANG, control)[0].kind == "control"
+        assert framed_requests(HUANYANG, control)[0].kind == "control"
         assert int.from_bytes(control[4:]) not in range(1, MOST_REGISTERS + 1)
 
 
@@ -65,21 +65,21 @@ def test_register_read_contains_no_control_data(address):
     for start in (*range(0x400), *range(0x400, 0x10000, 0x101)):
         for count in (1, 2, 49, MOST_REGISTERS):
             data = closed(bytes((address, 0x03)) + start.to_bytes(2) + count.to_bytes(2))
-            assert not any(message.kind == "control" for message in taken(HUANYANG, data))
+            assert not any(message.kind == "control" for message in framed_requests(HUANYANG, data))
 
 
 def test_read_of_register_0301h_neither_starts_the_drive_nor_is_answered():
     """The read has LEN 3 and a valid CRC. No page says how a real drive reacts, so a virtual one ignores it."""
     data = closed(bytes.fromhex("010303010001"))
     drive = virtual_drive("huanyang", 1)
-    assert tell(drive, data) == []
-    assert drive.motor.command is not Command.RUN
+    assert replies_to(drive, data) == []
+    assert drive.motor.command is not MotorCommand.RUN
 
 
 @pytest.mark.parametrize(("number", "count"), [(5, 1), (1, 2), (183, MOST_BITS)])
 def test_read_of_discrete_inputs_from_0300h_is_a_parameter_write(number, count):
     data = closed(bytes((1, 0x02, 0x03, number)) + count.to_bytes(2))
-    (message,) = taken(HUANYANG, data)
+    (message,) = framed_requests(HUANYANG, data)
     assert (message.kind, message.parameter, message.value) == ("write", number, count)
     assert drivecomm.decode("modbus", data, direction="request").kind == "read_inputs"
 
@@ -88,14 +88,14 @@ def test_read_of_discrete_inputs_changes_a_huanyang_parameter():
     """The write makes the terminals the command source: if one of them is closed, the motor may start."""
     drive = virtual_drive("huanyang", 1)
     assert drive.peek("PD001", 1.0) == 2
-    assert tell(drive, closed(bytes.fromhex("010203010001")))
+    assert replies_to(drive, closed(bytes.fromhex("010203010001")))
     assert drive.peek("PD001", 1.0) == 1
 
 
 def test_coil_write_may_be_a_frequency_by_chance():
     """A drive that follows LEN reads the first seven of eight bytes as 197.11 Hz; this starts no motor."""
     data = closed(bytes.fromhex("0405024CFF00"))
-    (message,) = taken(HUANYANG, data)
+    (message,) = framed_requests(HUANYANG, data)
     assert (message.kind, message.value) == ("frequency", 0x4CFF)
     assert drivecomm.decode("modbus", data, direction="request").kind == "write_coil"
 
@@ -121,7 +121,7 @@ def every_huanyang_request(address):
 
 @pytest.mark.parametrize("address", [1, 5, 247])
 def test_huanyang_request_is_at_most_a_read_for_a_modbus_drive(address):
-    found = [message for data in every_huanyang_request(address) for message in taken(MODBUS, closed(data))]
+    found = [message for data in every_huanyang_request(address) for message in framed_requests(MODBUS, closed(data))]
     assert found
     assert {message.function for message in found} <= READS
     assert {MODBUS.intent(message).access for message in found} == {"read"}
@@ -134,8 +134,8 @@ def test_huanyang_requests_do_not_change_a_modbus_drive_at_the_same_address(mode
     names = [info.address for info in load_model(MODBUS.package, "modbus", model).parameters.values()]
     before = {each: drive.peek(each, 1.0) for each in names}
     for data in every_huanyang_request(5):
-        tell(drive, closed(data))
-    assert drive.motor.command is not Command.RUN
+        replies_to(drive, closed(data))
+    assert drive.motor.command is not MotorCommand.RUN
     assert {each: drive.peek(each, 1.0) for each in names} == before
 
 
@@ -151,7 +151,7 @@ def scanned(protocols, *drives, addresses=None):
     line, sent = VirtualLine(list(drives)), []
     with drivecomm.open_bus(line.port, trace=sent.append) as bus:
         found = list(bus.scan(protocols, addresses))
-    assert not any(drive.motor.running or drive.motor.command is Command.RUN for drive in drives)
+    assert not any(drive.motor.running or drive.motor.command is MotorCommand.RUN for drive in drives)
     return found, [event.data for event in sent if event.what == "sent"]
 
 
@@ -167,7 +167,7 @@ def test_modbus_scan_sends_no_huanyang_control_data():
     assert {data[0] for data in sent} == set(MODBUS.scan_addresses)
     answered = {drive.address for drive in drives}
     for data in sent:
-        assert not any(HUANYANG.intent(message).commands for message in taken(HUANYANG, data))
+        assert not any(HUANYANG.intent(message).commands for message in framed_requests(HUANYANG, data))
         assert data[1] not in (0x02, 0x05)
         assert data[0] in answered or data[1] != 0x03 or data[2:4] == b"\0\0"
 
@@ -177,19 +177,19 @@ def test_full_scan_identifies_each_protocol_and_starts_no_motor(name):
     drive = virtual_drive("huanyang", 5) if name == "huanyang" else modbus_drive(5, "delta")
     found, sent = scanned(None, drive, addresses=range(4, 7))
     assert [each.name for each in found if each.sound] == [f"{name}:5"]
-    assert not any(HUANYANG.intent(message).commands for data in sent for message in taken(HUANYANG, data))
+    assert not any(HUANYANG.intent(message).commands for data in sent for message in framed_requests(HUANYANG, data))
 
 
 def test_huanyang_scan_sends_no_valid_modbus_request():
     _, sent = scanned(["huanyang"], virtual_drive("modbus", 5, model="delta"))
     assert len(sent) >= len(HUANYANG.scan_addresses)
-    assert [message for data in sent for message in taken(MODBUS, data)] == []
+    assert [message for data in sent for message in framed_requests(MODBUS, data)] == []
 
 
 # Telegrams as the sniffer reads them
 
 
-def told(*telegrams, names=("danfoss-fc", "fuji", "huanyang", "modbus", "uss", "vabus", "vlt3500")):
+def sniffed(*telegrams, names=("danfoss-fc", "fuji", "huanyang", "modbus", "uss", "vabus", "vlt3500")):
     sniffer = Sniffer([installed[name] for name in names])
     pieces = [Piece(time_s=1.0 + place / 10, data=bytes.fromhex(data)) for place, data in enumerate(telegrams)]
     return [item for piece in pieces for item in sniffer.feed(piece)] + sniffer.finish()
@@ -200,7 +200,7 @@ WRITE, STATUS, VALUE = "010203050001A98F", "010401018049", "010403010000A18E"
 
 def test_sniffer_reports_a_telegram_of_both_protocols_as_ambiguous():
     """A write of PD005 and its reply are two reads of inputs as well; a status value fits one protocol only."""
-    heard = told(WRITE, WRITE, STATUS, VALUE)
+    heard = sniffed(WRITE, WRITE, STATUS, VALUE)
     assert [type(item) for item in heard] == [AmbiguousTelegram] * 2 + [HeardTelegram] * 2
     assert [item.protocol for item in heard[2:]] == ["huanyang"] * 2
 
@@ -213,12 +213,12 @@ def test_sniffer_reports_a_telegram_of_both_protocols_as_ambiguous():
     ],
 )
 def test_sniffer_of_one_protocol_reads_the_telegrams_as_that_protocol(name, telegrams, kinds):
-    heard = told(*telegrams, names=(name,))
+    heard = sniffed(*telegrams, names=(name,))
     assert [(item.protocol, item.message.kind) for item in heard] == [(name, kind) for kind in kinds]
 
 
 def test_sniffer_reads_control_data_as_huanyang_only():
-    heard = told("010301013188", "01030109304E", "01030108F18E", "01030108F18E")
+    heard = sniffed("010301013188", "01030109304E", "01030108F18E", "01030108F18E")
     assert {item.protocol for item in heard if isinstance(item, HeardTelegram)} == {"huanyang"}
 
 

@@ -37,7 +37,7 @@ class Bench:
 
     def hears(self, **fields):
         """Return the reply of each drive to a request."""
-        data = asked(**fields)
+        data = request_bytes(**fields)
         framed = drivecomm.protocol.Framed(data, PLUGIN.codec(None).decode(data, "request"))
         return [drive.hear(framed, 0.0) for drive in self.drives]
 
@@ -56,11 +56,11 @@ def replies(*data):
     return Replies()
 
 
-def told(**fields):
+def reply_bytes(**fields):
     return drivecomm.encode("lecom", fields, direction="reply")
 
 
-def asked(**fields):
+def request_bytes(**fields):
     return drivecomm.encode("lecom", fields, direction="request")
 
 
@@ -92,7 +92,7 @@ def test_scan_skips_group_addresses():
 
 def test_value_in_another_format_is_an_unexpected_reply():
     bench = Bench()
-    bench.line.disturbances.append(replies(told(kind="value", code=11, data="H0032")))
+    bench.line.disturbances.append(replies(reply_bytes(kind="value", code=11, data="H0032")))
     with pytest.raises(UnexpectedReplyError, match=r"C0011 is H0032, in another format; read it with type=u16"):
         bench.drive.read("C0011")
     assert bench.drive.read("C0011").value == Decimal("50.0")
@@ -100,14 +100,14 @@ def test_value_in_another_format_is_an_unexpected_reply():
 
 def test_status_in_another_format_is_an_unexpected_reply():
     bench = Bench()
-    bench.line.disturbances.append(replies(told(kind="value", code=68, data="2304")))
+    bench.line.disturbances.append(replies(reply_bytes(kind="value", code=68, data="2304")))
     with pytest.raises(UnexpectedReplyError):
         bench.drive.status()
 
 
 def test_read_by_another_type_keeps_the_scale_of_the_code():
     bench = Bench()
-    bench.line.disturbances.append(replies(told(kind="value", code=68, data="2304")))
+    bench.line.disturbances.append(replies(reply_bytes(kind="value", code=68, data="2304")))
     assert bench.drive.read("C0068", type="s32").value == 2304
 
 
@@ -125,13 +125,13 @@ def test_read_by_another_type_keeps_the_scale_of_the_code():
 )
 def test_unlisted_code_is_read_by_the_given_type(data, type, value):
     bench = Bench()
-    bench.line.disturbances.append(replies(told(kind="value", code=300, data=data)))
+    bench.line.disturbances.append(replies(reply_bytes(kind="value", code=300, data=data)))
     assert bench.drive.read("C300", type=type).value == value
 
 
 def test_word_of_32_bits_is_not_truncated_to_16():
     bench = Bench()
-    bench.line.disturbances.append(replies(told(kind="value", code=68, data="H00010900")))
+    bench.line.disturbances.append(replies(reply_bytes(kind="value", code=68, data="H00010900")))
     with pytest.raises(UnexpectedReplyError, match="type=u32"):
         bench.drive.read("C0068")
 
@@ -158,7 +158,7 @@ def test_subcodes_and_high_codes_use_extended_addressing():
 def test_reply_for_another_subcode_is_rejected():
     bench = Bench()
     bench.line.disturbances.append(
-        replies(*[told(kind="value", code=410, subcode=4, extended=True, data="1")] * 3),
+        replies(*[reply_bytes(kind="value", code=410, subcode=4, extended=True, data="1")] * 3),
     )
     with pytest.raises(drivecomm.ReplyError, match="subcode"):
         bench.drive.read("C0410/3")
@@ -166,14 +166,14 @@ def test_reply_for_another_subcode_is_rejected():
 
 def test_request_that_arrived_damaged_is_resent():
     bench = Bench()
-    bench.line.disturbances.append(replies(told(kind="fault", code=11)))
+    bench.line.disturbances.append(replies(reply_bytes(kind="fault", code=11)))
     assert bench.drive.read("C0011").value == 50
     assert len(bench.sent) == 2
 
 
 def test_request_that_always_arrives_damaged_is_sent_three_times():
     bench = Bench()
-    bench.line.disturbances.append(replies(*[told(kind="fault", code=11)] * 9))
+    bench.line.disturbances.append(replies(*[reply_bytes(kind="fault", code=11)] * 9))
     with pytest.raises(DamagedReplyError):
         bench.drive.read("C0011")
     assert len(bench.sent) == 3
@@ -189,7 +189,7 @@ def test_refused_write_lists_the_possible_causes():
 
 def test_damaged_write_gets_a_nak_from_the_addressed_drive_only():
     bench = Bench(1, 2)
-    telegram = bytearray(asked(kind="send", address=1, code=11, data="42"))
+    telegram = bytearray(request_bytes(kind="send", address=1, code=11, data="42"))
     telegram[-1] ^= 1
     (damaged, *_) = drivecomm.protocol.Framer(PLUGIN.codec(None), "request").feed(bytes(telegram))
     first, second = (drive.hear(damaged, 0.0) for drive in bench.drives)
@@ -204,7 +204,7 @@ def test_write_with_more_decimals_than_the_model_allows_is_refused():
         bench.drive.write("C0011", "42.25")
     bench.drive.write("C0011", "42.5")
     assert bench.drives[0].peek("C0011", 0.0) == 425
-    assert bench.sent == [asked(kind="send", address=1, code=11, data="42.5")]
+    assert bench.sent == [request_bytes(kind="send", address=1, code=11, data="42.5")]
 
 
 @pytest.mark.parametrize("name", ["lenze-82xx", "lenze-9200", "lenze-smv"])
@@ -249,7 +249,7 @@ def test_setpoint_write_is_refused_unsent():
 )
 def test_operating_state_is_read_as_in_the_manual(word, state, fault, reverse):
     bench = Bench()
-    bench.line.disturbances.append(replies(*[told(kind="value", code=68, data=word)] * 4))
+    bench.line.disturbances.append(replies(*[reply_bytes(kind="value", code=68, data=word)] * 4))
     status = bench.drive.status()
     assert (status.state, status.fault) == (state, fault)
     assert not status.running or status.reverse == reverse

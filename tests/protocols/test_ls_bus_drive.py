@@ -16,8 +16,8 @@ from drivecomm.errors import (
     StateError,
     ValueRefusedError,
 )
-from drivecomm.protocol import Command, Framer, VirtualReply, installed
-from drivecomm.testing import Overheard
+from drivecomm.protocol import Framer, MotorCommand, VirtualReply, installed
+from drivecomm.testing import InterceptedDrive
 from drivecomm.virtual import VirtualLine, virtual_drive
 from drivecomm_ls_bus.telegrams import CODEC
 
@@ -27,11 +27,11 @@ COMMANDS, REFERENCES = b"\x0501W0006", b"\x0501W0005"
 ALL_STOP, ALL_ENABLE = b"\x05FFW0006100019B\x04", b"\x05FFW00041000199\x04"
 
 
-class Talk:
+class DriveBench:
     """A virtual drive, its line and its master."""
 
     def __init__(self, model="ig5a", address=1):
-        self.virtual = Overheard(virtual_drive("ls-bus", address, model=model))
+        self.virtual = InterceptedDrive(virtual_drive("ls-bus", address, model=model))
         self.line = VirtualLine([self.virtual])
         self.bus = drivecomm.open_bus(self.line.port)
         self.drive = self.bus.drive("ls-bus", address, model=model)
@@ -66,7 +66,7 @@ class Talk:
 
 @pytest.fixture
 def talk():
-    made = Talk()
+    made = DriveBench()
     with made.bus:
         yield made
 
@@ -136,7 +136,7 @@ def test_stop_without_a_reply_is_sent_again(talk):
     with pytest.raises(NoReplyError):
         talk.drive.stop()
     assert len(talk.sent(STOP)) > 2
-    assert talk.motor.command is not Command.RUN
+    assert talk.motor.command is not MotorCommand.RUN
 
 
 def test_reset_is_sent_once_and_only_in_a_fault(talk):
@@ -205,7 +205,7 @@ def test_reply_with_another_number_of_words_is_rejected(talk, words):
 
 
 def test_next_request_waits_for_a_late_reply():
-    virtual, events = Overheard(virtual_drive("ls-bus", 1)), []
+    virtual, events = InterceptedDrive(virtual_drive("ls-bus", 1)), []
     virtual.poke("0x0007", 123)
     virtual.between = lambda heard, usual: delayed(usual, 0.3 if heard.data[4:8] == b"0007" else 0.15)
     with drivecomm.open_bus(VirtualLine([virtual]).port, trace=events.append) as bus:
@@ -224,7 +224,7 @@ def test_next_request_waits_for_a_late_reply():
     nexts=st.lists(st.sampled_from(["0x0000", "0x0001", "0x0005"]), min_size=1),
 )
 def test_late_replies_never_give_a_wrong_value(late_s, usual_s, nexts):
-    talk, held = Talk(), {"0x0000": 10, "0x0001": 11, "0x0005": 2500}
+    talk, held = DriveBench(), {"0x0000": 10, "0x0001": 11, "0x0005": 2500}
     with talk.bus:
         for parameter, raw in {**held, "0x0007": 123}.items():
             talk.virtual.poke(parameter, raw)
@@ -238,7 +238,7 @@ def test_late_replies_never_give_a_wrong_value(late_s, usual_s, nexts):
 
 
 def test_station_number_is_sent_in_hexadecimal():
-    talk = Talk(address=16)
+    talk = DriveBench(address=16)
     with talk.bus:
         assert talk.drive.read("0x0000").raw == 10
         assert talk.sent(b"\x0510R")
@@ -342,7 +342,7 @@ def test_no_verb_sends_command_x_or_y(talk):
 
 
 def test_broadcast_stop_stops_both_drives():
-    drives = [Overheard(virtual_drive("ls-bus", address)) for address in (1, 250)]
+    drives = [InterceptedDrive(virtual_drive("ls-bus", address)) for address in (1, 250)]
     line = VirtualLine(drives)
     with drivecomm.open_bus(line.port) as bus:
         for each in drives:
@@ -372,7 +372,7 @@ def test_watchdog_of_a_drive_without_one_cannot_be_set(talk):
 
 @pytest.mark.parametrize("call", ["start", "stop", "reset"])
 def test_s100_is_read_and_refuses_commands_and_writes(call):
-    talk = Talk("s100")
+    talk = DriveBench("s100")
     with talk.bus:
         with pytest.raises(NotSupported, match="monitoring only"):
             getattr(talk.drive, call)()

@@ -16,7 +16,7 @@ from drivecomm.errors import (
     ValueRefusedError,
 )
 from drivecomm.models import link_loss_of, load_model
-from drivecomm.plant import Fault, FaultPlan
+from drivecomm.plant import FaultPlan, LineFault
 from drivecomm.protocol import Framed, Framer, Noise, Stop, installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 
@@ -358,7 +358,7 @@ def test_late_replies_never_give_a_wrong_value():
     virtual.poke("HED", 1234)
     right = {"H6F": "0.00", "1": "120.00", "240": "1", "H7B": "0"}
     for seed in range(6):
-        faults = FaultPlan(rate=0.3, kinds=[Fault.DELAY], delay_s=1.5, seed=seed)
+        faults = FaultPlan(rate=0.3, kinds=[LineFault.DELAY], delay_s=1.5, seed=seed)
         with Line(virtual_drive("mitsubishi", 1, model="fr700"), faults=faults) as line:
             drive = line.bus.drive("mitsubishi", 1, model="fr700")
             for name in 15 * [*right]:

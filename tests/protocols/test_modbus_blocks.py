@@ -7,7 +7,7 @@ from extents import some
 from hypothesis import given, settings, strategies as st
 
 from drivecomm.models import load_model, model_names
-from drivecomm.protocol import Framed, answered as carried_out, installed, resolve_options
+from drivecomm.protocol import Framed, installed, resolve_options, run_with_answers as carried_out
 from drivecomm.virtual import virtual_drive
 from drivecomm_modbus.messages import Request
 

@@ -31,7 +31,7 @@ def drive_of():
         bus.close()
 
 
-def told(virtual, line, drive, *, backwards):
+def reported_directions(virtual, line, drive, *, backwards):
     """Run a motor in a direction; return the direction in its status while it runs and when it stands."""
     turns = drive.capabilities.reverse
     drive.set_reference(percent=-40 if backwards and not turns else 40)
@@ -47,7 +47,7 @@ def told(virtual, line, drive, *, backwards):
 @pytest.mark.parametrize("model", BY_SIGN)
 @pytest.mark.parametrize("backwards", [False, True])
 def test_status_shows_the_direction_while_the_motor_turns(drive_of, model, backwards):
-    assert told(*drive_of("modbus", model), backwards=backwards) == (backwards, None)
+    assert reported_directions(*drive_of("modbus", model), backwards=backwards) == (backwards, None)
 
 
 @pytest.mark.parametrize(
@@ -56,8 +56,8 @@ def test_status_shows_the_direction_while_the_motor_turns(drive_of, model, backw
 )
 @pytest.mark.parametrize("backwards", [False, True])
 def test_direction_is_the_same_over_the_other_protocol_of_the_drive(drive_of, model, other, backwards):
-    over_modbus = told(*drive_of("modbus", model), backwards=backwards)
-    assert over_modbus == told(*drive_of(*other), backwards=backwards)
+    over_modbus = reported_directions(*drive_of("modbus", model), backwards=backwards)
+    assert over_modbus == reported_directions(*drive_of(*other), backwards=backwards)
 
 
 @pytest.mark.parametrize("model", BY_SIGN)

@@ -11,7 +11,7 @@ from drivecomm.protocol.schema import crc16
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 
-def told(drive, request, now=1.0):
+def reply_to(drive, request, now=1.0):
     """Pass a telegram without its CRC to a drive; return the reply, also without it, or None for silence."""
     data = bytes.fromhex(request)
     data += crc16(data)
@@ -81,21 +81,21 @@ def drive_of(model):
     ],
 )
 def test_request_gets_the_documented_reply(model, request_, answer):
-    assert told(drive_of(model), request_) == answer.strip()
+    assert reply_to(drive_of(model), request_) == answer.strip()
 
 
 def test_danfoss_drive_is_commanded_by_coils():
     drive = drive_of("danfoss-fc")
     # REF 4000H and CTW 047C as coils, the lowest bit in the first coil
-    assert told(drive, "01 0F 00 10 00 10 02 00 40") == "01 0F 00 10 00 10"
-    assert told(drive, "01 0F 00 00 00 10 02 7C 04") == "01 0F 00 00 00 10"
+    assert reply_to(drive, "01 0F 00 10 00 10 02 00 40") == "01 0F 00 10 00 10"
+    assert reply_to(drive, "01 0F 00 00 00 10 02 7C 04") == "01 0F 00 00 00 10"
     drive.follow(60.0)
     assert drive.motor.output_hz == drive.motor.maximum_hz
-    assert told(drive, "01 03 C3 4F 00 01", 60.0) == "01 03 02 04 7C"
-    assert told(drive, "01 03 C4 21 00 01", 60.0) == "01 03 02 40 00"
-    assert told(drive, "01 01 00 30 00 10", 60.0) == "01 01 02 00 40"
+    assert reply_to(drive, "01 03 C3 4F 00 01", 60.0) == "01 03 02 04 7C"
+    assert reply_to(drive, "01 03 C4 21 00 01", 60.0) == "01 03 02 40 00"
+    assert reply_to(drive, "01 01 00 30 00 10", 60.0) == "01 01 02 00 40"
     # coil 7 alone is bit 6: 0 is a ramp stop
-    told(drive, "01 05 00 06 00 00", 60.0)
+    reply_to(drive, "01 05 00 06 00 00", 60.0)
     drive.follow(120.0)
     assert not drive.motor.running
 
@@ -118,12 +118,12 @@ def test_danfoss_drive_counts_its_telegrams():
     finds = [*framer.feed(bytes.fromhex("01 03 C3 4F 00 01 00 00")), *framer.flush()]
     assert drive.hear(next(find for find in finds if isinstance(find, Damaged)), 1.0) is None
     for request in ("01 03 C3 4F 00 01", "02 03 C3 4F 00 01", "01 03 00 50 00 01", "01 03 C3 4F 00 01"):
-        told(drive, request)
+        reply_to(drive, request)
     for number, count in ((11, 5), (13, 1), (14, 6), (12, 1)):
-        assert told(drive, f"01 08 00 {number:02X} 00 00") == f"01 08 00 {number:02X} 00 {count:02X}", number
-    assert told(drive, "01 0B") == "01 0B 00 00 00 06"
-    assert told(drive, "01 08 00 0A 00 00") == "01 08 00 0A 00 00"
-    assert told(drive, "01 08 00 0D 00 00") == "01 08 00 0D 00 00"
+        assert reply_to(drive, f"01 08 00 {number:02X} 00 00") == f"01 08 00 {number:02X} 00 {count:02X}", number
+    assert reply_to(drive, "01 0B") == "01 0B 00 00 00 06"
+    assert reply_to(drive, "01 08 00 0A 00 00") == "01 08 00 0A 00 00"
+    assert reply_to(drive, "01 08 00 0D 00 00") == "01 08 00 0D 00 00"
 
 
 @pytest.mark.parametrize(
@@ -137,7 +137,7 @@ def test_danfoss_drive_counts_its_telegrams():
 def test_yaskawa_drive_accepts_broadcasts_to_two_registers_only(request_, runs):
     drive = drive_of("yaskawa")
     drive.poke("0x0003", 200)
-    assert told(drive, request_) is None
+    assert reply_to(drive, request_) is None
     assert drive.motor.running is runs
     assert drive.peek("0x0003", 1.0) == 200
 
@@ -163,16 +163,16 @@ def test_bonfiglioli_parameter_has_four_data_sets():
 def test_v20_obeys_both_sets_of_registers():
     drive = drive_of("siemens-v20")
     for request in ("01 06 00 64 20 00", "01 06 00 63 04 7E", "01 06 00 63 04 7F"):
-        assert told(drive, request) == request
+        assert reply_to(drive, request) == request
     drive.follow(60.0)
     assert drive.motor.output_hz == pytest.approx(drive.motor.maximum_hz / 2)
-    assert told(drive, "01 03 00 6E 00 01", 60.0) == "01 03 02 20 00"
-    assert told(drive, "01 03 00 05 00 01", 60.0) == "01 03 02 00 01"
+    assert reply_to(drive, "01 03 00 6E 00 01", 60.0) == "01 03 02 20 00"
+    assert reply_to(drive, "01 03 00 05 00 01", 60.0) == "01 03 02 00 01"
     assert drive.peek("40342", 60.0) == drive.peek("40024", 60.0) != 0
-    told(drive, "01 06 00 63 0C 7F", 60.0)
+    reply_to(drive, "01 06 00 63 0C 7F", 60.0)
     drive.follow(120.0)
     assert drive.motor.output_hz < 0
-    told(drive, "01 06 00 63 04 7E", 120.0)
+    reply_to(drive, "01 06 00 63 04 7E", 120.0)
     drive.follow(180.0)
     assert not drive.motor.running
 

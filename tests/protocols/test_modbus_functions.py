@@ -5,7 +5,7 @@ from serving_threads import served_in_thread
 
 import drivecomm
 from drivecomm.errors import DriveError, ParameterAddressError, RefusedError
-from drivecomm.protocol import Command, Stop, VirtualReply
+from drivecomm.protocol import MotorCommand, Stop, VirtualReply
 from drivecomm.protocol.schema import crc16
 from drivecomm.virtual import Server, VirtualLine, parse_listen, virtual_drive
 
@@ -41,7 +41,7 @@ def test_stop_uses_the_other_write_function_and_remembers_it(model, lacks, first
         drive.motor.run(20, line.time)
         one.stop()
         assert functions(sent)[:2] == [first, works]
-        assert drive.motor.command is not Command.RUN
+        assert drive.motor.command is not MotorCommand.RUN
         del sent[:]
         one.stop()
         bus.drive("modbus", 1, model=model).stop()
@@ -64,9 +64,9 @@ def test_stop_over_a_network_port_falls_back_to_function_06():
         one = bus.drive("modbus", 1, model="optidrive-e3")
         one.set_reference(hz=20)
         one.start()
-        assert drive.motor.command is Command.RUN
+        assert drive.motor.command is MotorCommand.RUN
         one.stop()
-    assert drive.motor.command is not Command.RUN
+    assert drive.motor.command is not MotorCommand.RUN
 
 
 @pytest.mark.parametrize(("model", "running"), [("fuji-frenic", {"hz": 20}), ("danfoss-fc", {"percent": 40})])
@@ -82,7 +82,7 @@ def test_stop_uses_coils_if_no_function_writes_registers(model, running):
         del sent[:]
         one.stop()
     assert set(functions(sent)[-1:]) == {15}
-    assert drive.motor.command is not Command.RUN
+    assert drive.motor.command is not MotorCommand.RUN
 
 
 def test_start_and_reference_use_the_function_that_the_drive_has():

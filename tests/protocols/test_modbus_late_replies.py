@@ -13,7 +13,7 @@ REPLY_TIMEOUT_S = 0.1
 WRITES = {6, 16}
 
 
-class Deaf:
+class PartlyDeafDrive:
     """A drive that misses the second write after counting begins."""
 
     def __init__(self, model):
@@ -47,7 +47,7 @@ def opened(deaf):
 
 @pytest.mark.parametrize(("model", "parameter"), [("fuji-frenic", "0x0007"), ("abb-acs355", "42202")])
 def test_write_is_not_confirmed_by_the_late_reply_to_another(model, parameter):
-    deaf = Deaf(model)
+    deaf = PartlyDeafDrive(model)
     with opened(deaf) as bus:
         drive = bus.drive("modbus", 5, model=model, reply_timeout_s=REPLY_TIMEOUT_S, attempts=1)
         drive.write(parameter, 7, store=True)
@@ -69,7 +69,7 @@ def test_write_is_not_confirmed_by_the_late_reply_to_another(model, parameter):
     ],
 )
 def test_stop_is_not_confirmed_by_the_late_reply_to_a_start(model, reference):
-    deaf = Deaf(model)
+    deaf = PartlyDeafDrive(model)
     with opened(deaf) as bus:
         drive = bus.drive("modbus", 5, model=model, reply_timeout_s=REPLY_TIMEOUT_S, attempts=1)
         drive.set_reference(**reference)

@@ -11,7 +11,7 @@ from drivecomm.virtual import VirtualLine, virtual_drive
 from drivecomm_modbus.control import control_of
 
 
-def told(drive, request, now=1.0):
+def reply_to(drive, request, now=1.0):
     """Pass a telegram without its CRC to a drive; return the reply, also without it, or None for silence."""
     data = bytes.fromhex(request)
     data += crc16(data)
@@ -19,7 +19,7 @@ def told(drive, request, now=1.0):
     return reply and reply.data[:-2].hex(" ").upper()
 
 
-def heard(drive, request, now=1.0):
+def reply_to_any_bytes(drive, request, now=1.0):
     """Pass bytes that may be no known telegram to a drive, without their CRC; return the reply without its CRC."""
     data = bytes.fromhex(request)
     framer = Framer(drive.codec, "request")
@@ -35,10 +35,10 @@ def gs2():
 
 def test_refused_block_write_changes_no_register(gs2):
     # 25 Hz, and 2 where only 0 and 1 are allowed
-    assert told(gs2, "01 10 09 1A 00 02 04 00 FA 00 02") == "01 90 03"
+    assert reply_to(gs2, "01 10 09 1A 00 02 04 00 FA 00 02") == "01 90 03"
     assert [gs2.peek(each, 1.0) for each in ("0x091A", "0x091B")] == [0, 0]
     assert not gs2.motor.running
-    assert told(gs2, "01 10 09 1A 00 02 04 00 FA 00 01") == "01 10 09 1A 00 02"
+    assert reply_to(gs2, "01 10 09 1A 00 02 04 00 FA 00 01") == "01 10 09 1A 00 02"
     assert gs2.motor.running
 
 
@@ -53,7 +53,7 @@ def test_refused_block_write_changes_no_register(gs2):
     ],
 )
 def test_refusal_has_the_exception_code_of_its_cause(gs2, request_, answer):
-    assert told(gs2, request_) == answer
+    assert reply_to(gs2, request_) == answer
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_refusal_has_the_exception_code_of_its_cause(gs2, request_, answer):
     ],
 )
 def test_each_series_refuses_with_its_own_codes(model, request_, answer):
-    assert heard(virtual_drive("modbus", 1, model=model), request_) == answer
+    assert reply_to_any_bytes(virtual_drive("modbus", 1, model=model), request_) == answer
 
 
 @pytest.mark.parametrize(
@@ -84,7 +84,7 @@ def test_each_series_refuses_with_its_own_codes(model, request_, answer):
 )
 def test_device_identification_returns_the_requested_objects(asked, ids):
     drive = virtual_drive("modbus", 1, model="schneider-atv")
-    answer = heard(drive, f"01 2B 0E {asked}")
+    answer = reply_to_any_bytes(drive, f"01 2B 0E {asked}")
     if ids is None:
         assert answer == "01 AB 02"
         return
@@ -99,12 +99,12 @@ def test_device_identification_returns_the_requested_objects(asked, ids):
 )
 def test_abb_drive_ignores_the_unused_bits_of_the_control_word(words, stop):
     drive = virtual_drive("modbus", 1, model="abb-acs355")
-    heard(drive, "01 06 00 01 20 00")
+    reply_to_any_bytes(drive, "01 06 00 01 20 00")
     for word in (*words[:-1], words[0], *words):
         assert drive.motor.target_hz == 0
-        heard(drive, f"01 06 00 00 {word:04X}")
+        reply_to_any_bytes(drive, f"01 06 00 00 {word:04X}")
     assert drive.motor.target_hz > 0
-    heard(drive, f"01 06 00 00 {stop:04X}", now=2.0)
+    reply_to_any_bytes(drive, f"01 06 00 00 {stop:04X}", now=2.0)
     drive.follow(60.0)
     assert not drive.motor.running
 
@@ -279,7 +279,7 @@ def test_fault_is_cleared_by_a_rising_edge_of_the_reset_bit_only(model, place, a
         now += 15.0
 
     def write(word):
-        told(drive, f"01 06 {place:04X} {word:04X}", now=now)
+        reply_to(drive, f"01 06 {place:04X} {word:04X}", now=now)
         return bool(drive.motor.fault)
 
     for _ in range(2):
@@ -299,7 +299,7 @@ def test_fault_is_cleared_by_a_rising_edge_of_the_reset_bit_only(model, place, a
 def test_reset_makes_an_edge_even_if_the_bit_was_left_set(model, place, acknowledge):
     drive = virtual_drive("modbus", 1, model=model)
     line = VirtualLine([drive])
-    told(drive, f"01 06 {place:04X} {acknowledge:04X}", now=0.0)
+    reply_to(drive, f"01 06 {place:04X} {acknowledge:04X}", now=0.0)
     drive.trip(7, 0.0)
     line.advance(15)
     with drivecomm.open_bus(line.port) as bus:
@@ -343,23 +343,23 @@ def test_reset_waits_for_a_drive_that_restarts():
 
 def test_fuji_shows_the_direction_in_status_and_sign_of_the_frequency():
     drive = virtual_drive("modbus", 1, model="fuji-frenic")
-    told(drive, "01 06 07 05 07 D0")
+    reply_to(drive, "01 06 07 05 07 D0")
     for command, now, frequency in ((1, 100.0, "07 D0"), (2, 200.0, "F8 30")):
-        told(drive, f"01 06 07 06 00 0{command}", now)
-        status = int(told(drive, "01 03 08 0E 00 01", now + 50)[9:].replace(" ", ""), 16)
+        reply_to(drive, f"01 06 07 06 00 0{command}", now)
+        status = int(reply_to(drive, "01 03 08 0E 00 01", now + 50)[9:].replace(" ", ""), 16)
         assert status & 3 == command
-        assert told(drive, "01 03 08 09 00 01", now + 50) == f"01 03 02 {frequency}"
+        assert reply_to(drive, "01 03 08 09 00 01", now + 50) == f"01 03 02 {frequency}"
 
 
 def test_toshiba_runs_only_if_the_command_bits_are_set():
     drive = virtual_drive("modbus", 1, model="toshiba-vfs11")
-    told(drive, "01 06 FA 01 07 D0")
-    told(drive, "01 06 FA 00 04 00")
+    reply_to(drive, "01 06 FA 01 07 D0")
+    reply_to(drive, "01 06 FA 00 04 00")
     assert not drive.motor.running
-    told(drive, "01 06 FA 00 C4 00")
+    reply_to(drive, "01 06 FA 00 C4 00")
     assert drive.motor.running
     # The LinuxCNC driver of this series uses functions 03 and 06 only.
-    assert told(drive, "01 10 FA 00 00 02 04 C0 00 07 D0") == "01 90 01"
+    assert reply_to(drive, "01 10 FA 00 00 02 04 C0 00 07 D0") == "01 90 01"
 
 
 @pytest.mark.parametrize("model", ["delta", "delta-vfd-b", "delta-vfd-e"])

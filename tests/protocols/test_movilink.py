@@ -19,7 +19,7 @@ from drivecomm.errors import (
     ValueRefusedError,
 )
 from drivecomm.models import load_model
-from drivecomm.protocol import Command, Damaged, DriveState, Framed, Stop, installed
+from drivecomm.protocol import Damaged, DriveState, Framed, MotorCommand, Stop, installed
 from drivecomm.testing import packaged_vectors
 from drivecomm.traffic.sniffer import Sniffer
 from drivecomm.virtual import DriveProxy, VirtualLine, virtual_drive
@@ -29,7 +29,7 @@ CODEC = MOVILINK.codec(MOVILINK.options())
 RUN, RAMP, RAPID, INHIBIT = 0x0006, 0x0002, 0x0000, 0x0001
 
 
-class Heard(DriveProxy):
+class RecordingDrive(DriveProxy):
     """A virtual drive that records the requests it receives, and whose replies a test may change."""
 
     def __init__(self, drive):
@@ -58,7 +58,7 @@ class Bench:
 
 @contextmanager
 def on_bench(**options):
-    line = VirtualLine([Heard(virtual_drive("movilink", 0, model="movidrive-b", **options))])
+    line = VirtualLine([RecordingDrive(virtual_drive("movilink", 0, model="movidrive-b", **options))])
     with drivecomm.open_bus(line.port) as bus:
         yield Bench(bus, line, options)
 
@@ -140,9 +140,9 @@ def test_start_sends_the_printed_telegram_of_3000_rpm():
 @pytest.mark.parametrize(
     ("how", "word", "command"),
     [
-        (Stop.RAMP, RAMP, Command.RAMP_STOP),
-        (Stop.QUICK, RAPID, Command.QUICK_STOP),
-        (Stop.COAST, INHIBIT, Command.OFF),
+        (Stop.RAMP, RAMP, MotorCommand.RAMP_STOP),
+        (Stop.QUICK, RAPID, MotorCommand.QUICK_STOP),
+        (Stop.COAST, INHIBIT, MotorCommand.OFF),
     ],
 )
 def test_stop_sends_its_word_before_anything_else(how, word, command):
@@ -217,7 +217,7 @@ def test_word_with_inhibit_and_enable_coasts_and_is_never_encoded():
     with on_bench() as on:
         started(on)
         another_master_sends(on, "02 00 03 00 07 00 00 06")
-        assert on.virtual.motor.command is Command.OFF
+        assert on.virtual.motor.command is MotorCommand.OFF
 
 
 # References
@@ -339,7 +339,7 @@ def test_drive_without_a_readable_status_can_be_started_and_stopped():
         on.drive.start()
         assert on.virtual.motor.running
         on.drive.stop()
-        assert on.virtual.motor.command is Command.RAMP_STOP
+        assert on.virtual.motor.command is MotorCommand.RAMP_STOP
 
 
 def test_warning_of_a_running_motor_is_not_a_fault():

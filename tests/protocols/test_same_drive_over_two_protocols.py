@@ -36,7 +36,7 @@ Fuji protocol.
 """
 
 
-class One:
+class PairedDrive:
     """A virtual drive with one of its protocols, and the drive object of its master."""
 
     def __init__(self, protocol, model, stack):
@@ -76,7 +76,7 @@ class One:
 @pytest.fixture
 def pair(name):
     with ExitStack() as stack:
-        made = [One(protocol, model, stack) for protocol, model in PAIRS[name]]
+        made = [PairedDrive(protocol, model, stack) for protocol, model in PAIRS[name]]
         for one in made:
             one.set_reference(20)
         yield made
@@ -189,7 +189,7 @@ def test_writes_are_refused_equally(running, pair):
 
 def test_bonfiglioli_start_is_refused_over_both_protocols_by_412():
     with ExitStack() as stack:
-        pair = [One(protocol, model, stack) for protocol, model in PAIRS["bonfiglioli"]]
+        pair = [PairedDrive(protocol, model, stack) for protocol, model in PAIRS["bonfiglioli"]]
         refused = []
         for one in pair:
             one.set_reference(20)
@@ -202,7 +202,7 @@ def test_bonfiglioli_start_is_refused_over_both_protocols_by_412():
 @pytest.mark.parametrize("word", [0x0000, 0x0001, 0x0002, 0x0006, 0x0007, 0x000F, 0x0080])
 def test_bonfiglioli_control_word_acts_as_contacts_over_both_protocols_by_412(word):
     with ExitStack() as stack:
-        pair = [One(protocol, model, stack) for protocol, model in PAIRS["bonfiglioli"]]
+        pair = [PairedDrive(protocol, model, stack) for protocol, model in PAIRS["bonfiglioli"]]
         for one in pair:
             one.set_reference(20)
             one.virtual.poke("412", 0)

@@ -17,8 +17,8 @@ from drivecomm.errors import (
     ValueRefusedError,
 )
 from drivecomm.models import load_model
-from drivecomm.protocol import Command, Damaged, Framed, Framer, Stop, installed
-from drivecomm.testing import Overheard
+from drivecomm.protocol import Damaged, Framed, Framer, MotorCommand, Stop, installed
+from drivecomm.testing import InterceptedDrive
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 PLUGIN = installed["toshiba"]
@@ -26,11 +26,11 @@ CODEC = PLUGIN.codec(PLUGIN.options())
 RUN, STOP = b"(01PFA00C400&BD)\r", b"(01PFA00C000&B9)\r"
 
 
-class Talk:
+class DriveBench:
     """A virtual drive, its line and its master."""
 
     def __init__(self, model="vf-s11", **options):
-        self.virtual = Overheard(virtual_drive("toshiba", 1, model=model))
+        self.virtual = InterceptedDrive(virtual_drive("toshiba", 1, model=model))
         self.line = VirtualLine([self.virtual])
         self.bus = drivecomm.open_bus(self.line.port)
         self.drive = self.bus.drive("toshiba", 1, model=model, **options)
@@ -51,7 +51,7 @@ class Talk:
 
 @pytest.fixture
 def talk():
-    made = Talk()
+    made = DriveBench()
     with made.bus:
         yield made
 
@@ -117,7 +117,7 @@ def test_stored_write_of_a_command_is_refused(talk):
 
 
 def test_write_without_a_model_goes_to_ram():
-    talk = Talk()
+    talk = DriveBench()
     with talk.bus:
         talk.bus.drive("toshiba", 1).write("0012", 4500)
         assert talk.heard[-1].startswith(b"(01P0012")
@@ -141,7 +141,7 @@ def test_start_that_is_not_obeyed_is_taken_back(talk):
     with pytest.raises(drivecomm.DriveCommError):
         talk.drive.start()
     assert STOP in talk.heard[talk.heard.index(RUN) :]
-    assert talk.motor.command is not Command.RUN
+    assert talk.motor.command is not MotorCommand.RUN
 
 
 def test_stop_without_a_reply_is_sent_again(talk):
@@ -150,7 +150,7 @@ def test_stop_without_a_reply_is_sent_again(talk):
     with pytest.raises(NoReplyError):
         talk.drive.stop()
     assert talk.heard.count(STOP) == 3
-    assert talk.motor.command is not Command.RUN
+    assert talk.motor.command is not MotorCommand.RUN
 
 
 def test_first_stop_is_followed_by_one_read_and_resent(talk):
@@ -247,7 +247,7 @@ def test_malformed_communication_number_is_refused(talk, parameter):
 
 def test_parameter_may_be_named_as_on_the_panel():
     """F829 has the communication number 0829 (VF-S15 manual E6581913 p. 5)."""
-    talk = Talk("vf-s15")
+    talk = DriveBench("vf-s15")
     with talk.bus:
         assert talk.drive.read("F829").text == "Toshiba"
         assert talk.heard == [b"(01R0829&D4)\r"]
@@ -257,7 +257,7 @@ def test_parameter_may_be_named_as_on_the_panel():
 @given(delay_s=st.floats(0.08, 0.6), nexts=st.lists(st.sampled_from(["1234", "FD01", "FE70"]), min_size=1))
 def test_late_refusal_is_not_taken_for_that_of_the_next_request(delay_s, nexts):
     """A refusal names no number, so a late one could match the next request."""
-    talk = Talk(attempts=1)
+    talk = DriveBench(attempts=1)
     talk.virtual.between = lambda heard, reply: (
         type(reply)(data=reply.data, delay_s=delay_s) if heard.data.startswith(b"(01R1234") else reply
     )
@@ -353,7 +353,7 @@ def test_scan_finds_number_00_and_others():
 
 
 def test_number_above_99_is_refused():
-    with Talk().bus as bus, pytest.raises(AddressError):
+    with DriveBench().bus as bus, pytest.raises(AddressError):
         bus.drive("toshiba", 100)
 
 
@@ -369,7 +369,7 @@ def test_number_above_99_is_refused():
     ],
 )
 def test_command_to_a_vf_s15_is_refused_unsent(command):
-    talk = Talk("vf-s15")
+    talk = DriveBench("vf-s15")
     with talk.bus:
         with pytest.raises(NotSupported, match="monitoring only"):
             command(talk.drive)
@@ -377,7 +377,7 @@ def test_command_to_a_vf_s15_is_refused_unsent(command):
 
 
 def test_vf_s15_has_no_status_but_shows_a_trip():
-    talk = Talk("vf-s15")
+    talk = DriveBench("vf-s15")
     with talk.bus:
         with pytest.raises(NotSupported, match="has no status, so"):
             talk.drive.status()

@@ -13,7 +13,7 @@ from drivecomm_uss.tasks import error_text
 PLUGIN = installed["uss"]
 
 
-class Talk:
+class DriveBench:
     """A drive on a line, and the telegrams of its master."""
 
     def __init__(self, model="micromaster4"):
@@ -36,7 +36,7 @@ class Talk:
 
 @pytest.fixture
 def talk():
-    with Talk() as talk:
+    with DriveBench() as talk:
         yield talk
 
 
@@ -166,7 +166,7 @@ def test_start_of_a_running_motor_does_not_interrupt_it(talk):
 
 
 def test_reads_of_a_g120_carry_the_running_control_word():
-    with Talk("g120") as talk:
+    with DriveBench("g120") as talk:
         talk.drive.set_reference(percent=50)
         talk.drive.start()
         talk.line.advance(20)
@@ -191,7 +191,7 @@ def test_start_during_a_quick_stop_waits_until_the_drive_is_ready(talk):
 
 def test_negative_word_of_a_nord_drive_has_a_high_word_of_ones():
     """BU 0050 p. 42."""
-    with Talk("nord") as talk:
+    with DriveBench("nord") as talk:
         assert talk.drive.write("400", -100).value == -100
         assert talk.requests[-1].pwe == (0xFFFF, 0xFF9C)
         talk.drive.write("400", 100)
@@ -217,7 +217,7 @@ def test_drive_starts_a_new_telegram_after_two_characters_of_silence(given, char
 
 
 def test_start_takes_over_the_reference_that_the_drive_holds():
-    with Talk("v20") as talk:
+    with DriveBench("v20") as talk:
         talk.drive.set_reference(percent=-25)
         talk.drive.start()
         talk.line.advance(20)
@@ -232,7 +232,7 @@ def test_start_takes_over_the_reference_that_the_drive_holds():
 
 def test_index_number_or_set_beyond_the_telegram_is_refused_unsent():
     options = PLUGIN.options()
-    with Talk("nord") as nord, Talk() as siemens:
+    with DriveBench("nord") as nord, DriveBench() as siemens:
         for talk, parameter, further in (
             (nord, "400[64]", {}),
             (nord, "2048", {}),
@@ -250,7 +250,7 @@ def test_index_number_or_set_beyond_the_telegram_is_refused_unsent():
 
 def test_nord_drive_turns_clockwise_without_a_direction_bit():
     """BU 0050 p. 46: 047F and 2000H turn clockwise at 50 %, and the drive replies 0F37."""
-    with Talk("nord") as talk:
+    with DriveBench("nord") as talk:
         for word in (0x047E, 0x047F):
             talk.drive.set_reference(percent=50)
             talk.drive.call("control_word", word=word)

@@ -42,7 +42,7 @@ def answer_to(virtual, *area):
     return tuple(int.from_bytes(content[at : at + 2], "big") for at in range(0, len(content) - 4, 2))
 
 
-class Reporting:
+class ReportingDrive:
     """A drive that sends parameter change reports instead of replies until they are acknowledged (C-16, C-17)."""
 
     def __init__(self, virtual, reports):
@@ -73,7 +73,7 @@ class Reporting:
 class TestReports:
     @pytest.fixture
     def reporting(self):
-        virtual = Reporting(drive_of(), [400, 401, 402])
+        virtual = ReportingDrive(drive_of(), [400, 401, 402])
         line = VirtualLine([virtual])
         with drivecomm.open_bus(line.port) as bus:
             yield virtual, bus.drive("uss", ADDRESS, model="micromaster4"), line
@@ -102,7 +102,7 @@ class TestReports:
         assert virtual.acknowledged
 
     def test_endless_reports_raise_unexpected_reply_error(self):
-        virtual = Reporting(drive_of(), list(range(1000)))
+        virtual = ReportingDrive(drive_of(), list(range(1000)))
         with (
             drivecomm.open_bus(VirtualLine([virtual]).port) as bus,
             pytest.raises(UnexpectedReplyError, match="report"),
@@ -110,7 +110,7 @@ class TestReports:
             bus.drive("uss", ADDRESS).read("700")
 
 
-class Working:
+class SlowDrive:
     """A drive that needs time for each new task (C-15).
 
     Meanwhile it sends the reply to the previous task, or to no task.
@@ -145,7 +145,7 @@ class TestTasksThatTakeTime:
     @pytest.mark.parametrize("before", [True, False])
     @pytest.mark.parametrize("replies", [1, 2, 7])
     def test_slow_task_is_repeated_until_it_is_done(self, before, replies):
-        virtual = Working(drive_of(pkw_words=4), replies, before=before)
+        virtual = SlowDrive(drive_of(pkw_words=4), replies, before=before)
         line = VirtualLine([virtual])
         with drivecomm.open_bus(line.port) as bus:
             drive = bus.drive("uss", ADDRESS, model="micromaster4", pkw_words=4, attempts=1)
@@ -156,7 +156,7 @@ class TestTasksThatTakeTime:
             assert drive.status().state is drivecomm.DriveState.NOT_READY
 
     def test_slow_task_is_repeated_without_waiting_for_the_reply_timeout(self):
-        virtual = Working(drive_of(pkw_words=4), 1, before=False)
+        virtual = SlowDrive(drive_of(pkw_words=4), 1, before=False)
         line = VirtualLine([virtual])
         with drivecomm.open_bus(line.port) as bus:
             drive = bus.drive("uss", ADDRESS, model="micromaster4", pkw_words=4)
@@ -167,7 +167,7 @@ class TestTasksThatTakeTime:
             assert bus.now() - began < 0.1
 
     def test_task_that_is_never_done_raises_unexpected_reply_error(self):
-        virtual = Working(drive_of(pkw_words=4), 1000, before=False)
+        virtual = SlowDrive(drive_of(pkw_words=4), 1000, before=False)
         with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
             drive = bus.drive("uss", ADDRESS, model="micromaster4", pkw_words=4)
             drive.read("1082")
@@ -200,7 +200,7 @@ class TestLengths:
         assert not [find for find in Framer(drive.codec, "request").feed(short) if isinstance(find, Framed)]
 
 
-class TestStrangeTasks:
+class TestUnusualTasks:
     def test_parameter_number_beyond_the_page_is_refused(self):
         """PNU ends at 1999; the page is in IND."""
         assert answer_to(drive_of(), 0x17D0, 0, 0) == (0x77D0, 0, 0)

@@ -44,29 +44,29 @@ def select(parameter, data, dataset=0):
     return Select(address=1, dataset=dataset, parameter=parameter, data=data)
 
 
-def asked(parameter, data, dataset=0):
+def read_steps(parameter, data, dataset=0):
     return [(enquiry(parameter, dataset), value(parameter, data, dataset)), EOT]
 
 
-def told(parameter, data, dataset=0):
+def write_steps(parameter, data, dataset=0):
     return [(select(parameter, data, dataset), Ack(address=1)), EOT]
 
 
 def refused(telegram, code):
-    return [(telegram, Nak(address=1)), EOT, *asked(11, f"{code:04X}")]
+    return [(telegram, Nak(address=1)), EOT, *read_steps(11, f"{code:04X}")]
 
 
 def standing(word, *, percent="0000", hz="000003E8", shown="000003E8"):
     """Return the reads that a start makes before it commands anything."""
     return [
-        *asked(411, word), *asked(412, "0001"),
-        *asked(520, percent), *asked(480, hz), *asked(283, shown),
+        *read_steps(411, word), *read_steps(412, "0001"),
+        *read_steps(520, percent), *read_steps(480, hz), *read_steps(283, shown),
     ]  # fmt: skip
 
 
 class TestRead:
     def test_read_without_a_type_returns_the_characters_with_a_note(self):
-        reading = play(operations().read("481"), asked(481, "000003E8"))
+        reading = play(operations().read("481"), read_steps(481, "000003E8"))
         assert (reading.value, reading.raw, reading.type) == ("000003E8", "000003E8", "")
         assert "type not known" in reading.note
 
@@ -75,22 +75,22 @@ class TestRead:
         [("uint", "FFFF", 65535), ("int", "FFFF", -1), ("long", "FFFFD120", -12000), ("string", "FC  ", "FC  ")],
     )
     def test_read_with_a_type_returns_the_number(self, type, data, expected):
-        assert play(operations().read("480", type=type), asked(480, data)).value == expected
+        assert play(operations().read("480", type=type), read_steps(480, data)).value == expected
 
     def test_read_with_a_model_returns_the_physical_value(self):
-        reading = play(operations(model=AGILE).read("fixed_frequency_2"), asked(481, "000003E8"))
+        reading = play(operations(model=AGILE).read("fixed_frequency_2"), read_steps(481, "000003E8"))
         assert reading.value == Decimal("10.00")
         assert (str(reading), reading.unit, reading.parameter) == ("10.00 Hz", "Hz", "481")
 
     def test_option_value_has_its_text(self):
-        assert play(operations(model=AGILE).read("412"), asked(412, "0001")).text == "state machine"
+        assert play(operations(model=AGILE).read("412"), read_steps(412, "0001")).text == "state machine"
 
     @pytest.mark.parametrize(
         ("text", "number", "dataset"),
         [("520[2]", 520, 2), ("C00", 1200, 0), ("A07[1]", 1007, 1), ("1599", 1599, 0), ("7", 7, 0)],
     )
     def test_parameter_address_is_read_in_every_form(self, text, number, dataset):
-        play(operations().read(text), asked(number, "0000", dataset))
+        play(operations().read(text), read_steps(number, "0000", dataset))
 
     @pytest.mark.parametrize(
         "text", ["48x", "", "1600", "G00", "480[", "480[10]", "-1", "²", "481[5]", "fixed_frequency_2"]
@@ -103,7 +103,7 @@ class TestRead:
         drive = operations()
         with pytest.raises(NoReplyError):
             play(drive.read("999"), [(enquiry(999), NoReplyError("silence"))])
-        assert play(drive.read("481"), [*refused(enquiry(481), 11), *asked(481, "000003E8")]).raw == "000003E8"
+        assert play(drive.read("481"), [*refused(enquiry(481), 11), *read_steps(481, "000003E8")]).raw == "000003E8"
         with pytest.raises(RefusedError):
             play(drive.read("481"), refused(enquiry(481), 11))
 
@@ -119,7 +119,7 @@ class TestRead:
             operations().read("480[1]", dataset=2)
 
     def test_data_set_may_be_given_as_an_argument(self):
-        play(operations().read("480", dataset=3), asked(480, "0000", 3))
+        play(operations().read("480", dataset=3), read_steps(480, "0000", 3))
         with pytest.raises(ParameterAddressError):
             operations().read("480", dataset=11)
 
@@ -129,7 +129,7 @@ class TestRead:
 
     def test_value_that_does_not_fit_its_type_is_an_unexpected_reply(self):
         with pytest.raises(UnexpectedReplyError):
-            play(operations().read("480", type="long"), asked(480, "0000"))
+            play(operations().read("480", type="long"), read_steps(480, "0000"))
 
     def test_read_of_a_system_bus_node_carries_its_number(self):
         script = [(enquiry(210, sys=7), value(210, "0001", sys=7)), EOT]
@@ -142,7 +142,7 @@ class TestRead:
     def test_only_reads_are_closed_by_the_next_request(self):
         vabus = operations(trailing_eot="after writes")
         play(vabus.read("210", type="uint"), [(enquiry(210), value(210, "0001"))])
-        play(vabus.write("480", 1, type="uint"), told(480, "0001", 5))
+        play(vabus.write("480", 1, type="uint"), write_steps(480, "0001", 5))
         play(vabus.probe(), [(enquiry(411), value(411, "0040"))])
 
     def test_refusal_is_closed_by_eot_and_the_error_register_read_is_not(self):
@@ -159,9 +159,9 @@ class TestRead:
             protocol_options(protocol, {"trailing_eot": "sometimes"})
 
     def test_lower_case_value_needs_the_option(self):
-        assert play(operations(lower_case_hex=True).read("1", type="uint"), asked(1, "00ff")).value == 255
+        assert play(operations(lower_case_hex=True).read("1", type="uint"), read_steps(1, "00ff")).value == 255
         with pytest.raises(UnexpectedReplyError):
-            play(operations().read("1", type="uint"), asked(1, "00ff"))
+            play(operations().read("1", type="uint"), read_steps(1, "00ff"))
 
 
 class TestRefusal:
@@ -171,7 +171,7 @@ class TestRefusal:
         assert caught.value.code == 11
 
     def test_refusal_for_a_line_fault_is_retried(self):
-        script = [*refused(enquiry(480), 12), *asked(480, "0001")]
+        script = [*refused(enquiry(480), 12), *read_steps(480, "0001")]
         assert play(operations().read("480", type="uint"), script).value == 1
 
     def test_refusal_for_a_line_fault_is_retried_only_once(self):
@@ -190,13 +190,13 @@ class TestRefusal:
         assert caught.value.code is None
 
     def test_error_register_of_eight_digits_is_read(self):
-        script = [(enquiry(480), Nak(address=1)), EOT, *asked(11, "00000009")]
+        script = [(enquiry(480), Nak(address=1)), EOT, *read_steps(11, "00000009")]
         with pytest.raises(RefusedError, match="differ"):
             play(operations().read("480"), script)
 
     @pytest.mark.parametrize("data", ["0000", "zz"])
     def test_invalid_error_register_gives_no_code(self, data):
-        script = [(enquiry(480), Nak(address=1)), EOT, *asked(11, data)]
+        script = [(enquiry(480), Nak(address=1)), EOT, *read_steps(11, data)]
         with pytest.raises(RefusedError) as caught:
             play(operations().read("480"), script)
         assert caught.value.code is None
@@ -206,42 +206,42 @@ class TestRefusal:
         script = [(select(480, "0001", 5), Nak(address=1)), EOT, (enquiry(11), NoReplyError("silence"))]
         with pytest.raises(RefusedError):
             play(drive.write("480", 1, type="uint"), script)
-        play(drive.write("480", 2, type="uint"), [*asked(11, "0001"), *told(480, "0002", 5)])
-        play(drive.write("480", 3, type="uint"), told(480, "0003", 5))
+        play(drive.write("480", 2, type="uint"), [*read_steps(11, "0001"), *write_steps(480, "0002", 5)])
+        play(drive.write("480", 3, type="uint"), write_steps(480, "0003", 5))
 
     def test_error_register_is_read_before_a_write_after_a_missing_reply(self):
         drive = operations()
         with pytest.raises(NoReplyError):
             play(drive.write("480", 1, type="uint"), [(select(480, "0001", 5), NoReplyError("silence"))])
-        play(drive.write("480", 2, type="uint"), [*asked(11, "0000"), *told(480, "0002", 5)])
+        play(drive.write("480", 2, type="uint"), [*read_steps(11, "0000"), *write_steps(480, "0002", 5)])
 
 
 class TestWrite:
     def test_write_goes_to_ram_by_default(self):
-        assert play(operations(model=AGILE).write("480", Decimal("-120.00")), told(480, "FFFFD120", 5)) is None
+        assert play(operations(model=AGILE).write("480", Decimal("-120.00")), write_steps(480, "FFFFD120", 5)) is None
 
     def test_stored_write_goes_to_the_eeprom_data_set(self):
-        play(operations(model=AGILE).write("480[4]", "1.5", store=True), told(480, "00000096", 4))
+        play(operations(model=AGILE).write("480[4]", "1.5", store=True), write_steps(480, "00000096", 4))
 
     def test_ram_data_set_may_be_named_but_not_stored(self):
-        play(operations(model=AGILE).write("480[9]", 1), told(480, "00000064", 9))
+        play(operations(model=AGILE).write("480[9]", 1), write_steps(480, "00000064", 9))
         with pytest.raises(UsageError):
             operations(model=AGILE).write("480[9]", 1, store=True)
 
     def test_control_word_is_written_without_a_data_set(self):
-        play(operations().write("410", 6, type="uint"), told(410, "0006"))
+        play(operations().write("410", 6, type="uint"), write_steps(410, "0006"))
 
     def test_write_without_ram_data_sets_needs_store(self):
         with pytest.raises(NotSupported, match="store=True"):
             operations(model=ACT, ram_datasets=False).write("480", 1)
-        play(operations(model=ACT, ram_datasets=False).write("480", 1, store=True), told(480, "00000064"))
+        play(operations(model=ACT, ram_datasets=False).write("480", 1, store=True), write_steps(480, "00000064"))
 
     def test_refused_write_raises_refused_error(self):
         with pytest.raises(RefusedError, match="runs"):
             play(operations().write("372", 1, type="uint"), refused(select(372, "0001", 5), 8))
 
     def test_text_is_written_as_given(self):
-        play(operations().write("29", "PUMP", type="string"), told(29, "PUMP", 5))
+        play(operations().write("29", "PUMP", type="string"), write_steps(29, "PUMP", 5))
 
     @pytest.mark.parametrize(
         ("text", "type"),
@@ -258,7 +258,7 @@ class TestWrite:
             operations(model=AGILE).write("419", given)
 
     def test_float_is_written_with_its_shown_digits(self):
-        play(operations(model=AGILE).write("480", 10.1), told(480, "000003F2", 5))
+        play(operations(model=AGILE).write("480", 10.1), write_steps(480, "000003F2", 5))
 
     def test_write_without_a_known_type_is_refused(self):
         with pytest.raises(UsageError, match="type="):
@@ -298,29 +298,29 @@ class TestControl:
     def test_start_goes_through_the_states(self):
         script = [
             *standing("0250"),
-            *told(410, "0006"), *asked(411, "0250"), *asked(411, "0231"),
-            *told(410, "0007"), *asked(411, "0233"),
-            *told(410, "000F"), *asked(411, "0237"),
+            *write_steps(410, "0006"), *read_steps(411, "0250"), *read_steps(411, "0231"),
+            *write_steps(410, "0007"), *read_steps(411, "0233"),
+            *write_steps(410, "000F"), *read_steps(411, "0237"),
         ]  # fmt: skip
         play(operations().start(), script)
 
     def test_start_begins_at_the_present_state(self):
-        play(operations().start(), [*standing("0023"), *told(410, "000F"), *asked(411, "0027")])
+        play(operations().start(), [*standing("0023"), *write_steps(410, "000F"), *read_steps(411, "0027")])
         play(operations().start(), standing("0627"))
 
     @pytest.mark.parametrize(("word", "reason"), [("0008", "fault"), ("0007", "quick stop")])
     def test_start_in_a_fault_or_quick_stop_is_refused(self, word, reason):
-        script = asked(411, word) + (asked(260, "0003") if reason == "fault" else [])
+        script = read_steps(411, word) + (read_steps(260, "0003") if reason == "fault" else [])
         with pytest.raises(StateError, match=reason):
             play(operations().start(), script)
 
     def test_start_fails_if_a_state_is_not_reached_in_time(self):
         script = [
             *standing("0040"),
-            *told(410, "0006"),
-            *asked(411, "0040"),
-            *asked(411, "0040"),
-            *asked(411, "0040"),
+            *write_steps(410, "0006"),
+            *read_steps(411, "0040"),
+            *read_steps(411, "0040"),
+            *read_steps(411, "0040"),
         ]
         with pytest.raises(StateError, match="come to 'ready to switch on' within"):
             play(operations(state_timeout_s=0.1).start(), script)
@@ -328,11 +328,11 @@ class TestControl:
     def test_start_that_is_not_obeyed_is_taken_back(self):
         script = [
             *standing("0023"),
-            *told(410, "000F"),
-            *asked(411, "0023"),
-            *asked(411, "0023"),
-            *asked(411, "0023"),
-            *told(410, "0007"),
+            *write_steps(410, "000F"),
+            *read_steps(411, "0023"),
+            *read_steps(411, "0023"),
+            *read_steps(411, "0023"),
+            *write_steps(410, "0007"),
         ]
         with pytest.raises(StateError, match="taken back; after 0x000F"):
             play(operations(state_timeout_s=0.1).start(), script)
@@ -341,34 +341,46 @@ class TestControl:
         play(
             operations().start(reverse=True),
             [
-                *asked(411, "0627"), *asked(412, "0001"),
-                *asked(520, "0BB8"), *told(520, "F448", 5),
-                *asked(480, "FFFFFC18"), *asked(283, "FFFFF254"),
+                *read_steps(411, "0627"), *read_steps(412, "0001"),
+                *read_steps(520, "0BB8"), *write_steps(520, "F448", 5),
+                *read_steps(480, "FFFFFC18"), *read_steps(283, "FFFFF254"),
             ],
         )  # fmt: skip
         play(
             operations().start(),
             [
-                *asked(411, "0627"), *asked(412, "0001"),
-                *asked(520, "F448"), *told(520, "0BB8", 5),
-                *asked(480, "FFFFFC18"), *told(480, "000003E8", 5), *asked(283, "00000DAC"),
+                *read_steps(411, "0627"), *read_steps(412, "0001"),
+                *read_steps(520, "F448"), *write_steps(520, "0BB8", 5),
+                *read_steps(480, "FFFFFC18"), *write_steps(480, "000003E8", 5), *read_steps(283, "00000DAC"),
             ],
         )  # fmt: skip
 
     def test_references_are_negated_in_each_data_set_that_differs(self):
         script = [
-            *asked(411, "0627"), *asked(412, "0001"), *asked(520, "0000"),
-            *refused(enquiry(480), 9), *asked(480, "000003E8", 1), *asked(480, "FFFFFC18", 2),
-            *asked(480, "00000000", 3), *asked(480, "000007D0", 4),
-            *told(480, "000003E8", 7), *asked(283, "000003E8"),
+            *read_steps(411, "0627"), *read_steps(412, "0001"), *read_steps(520, "0000"),
+            *refused(enquiry(480), 9), *read_steps(480, "000003E8", 1), *read_steps(480, "FFFFFC18", 2),
+            *read_steps(480, "00000000", 3), *read_steps(480, "000007D0", 4),
+            *write_steps(480, "000003E8", 7), *read_steps(283, "000003E8"),
         ]  # fmt: skip
         play(operations().start(), script)
 
     def test_reference_of_zero_becomes_minus_one_step_for_a_reverse_start(self):
-        script = [*asked(411, "0627"), *asked(412, "0001"), *asked(520, "0000"), *asked(480, "00000000")]
-        play(operations().start(reverse=True), [*script, *told(480, "FFFFFFFF", 5), *asked(283, "FFFFFFFF")])
-        script = [*asked(411, "0627"), *asked(412, "0001"), *asked(520, "0000"), *asked(480, "FFFFFFFF")]
-        play(operations().start(), [*script, *told(480, "00000000", 5), *asked(283, "00000000")])
+        script = [
+            *read_steps(411, "0627"),
+            *read_steps(412, "0001"),
+            *read_steps(520, "0000"),
+            *read_steps(480, "00000000"),
+        ]
+        play(
+            operations().start(reverse=True), [*script, *write_steps(480, "FFFFFFFF", 5), *read_steps(283, "FFFFFFFF")]
+        )
+        script = [
+            *read_steps(411, "0627"),
+            *read_steps(412, "0001"),
+            *read_steps(520, "0000"),
+            *read_steps(480, "FFFFFFFF"),
+        ]
+        play(operations().start(), [*script, *write_steps(480, "00000000", 5), *read_steps(283, "00000000")])
 
     @pytest.mark.parametrize(
         ("reverse", "hz", "shown"), [(False, "000003E8", "FFFFFC18"), (True, "FFFFFC18", "000003E8")]
@@ -378,7 +390,7 @@ class TestControl:
             play(operations().start(reverse=reverse), standing("0250", hz=hz, shown=shown))
 
     def test_drive_without_readable_references_can_be_started(self):
-        script = [*asked(411, "0627"), *asked(412, "0001")]
+        script = [*read_steps(411, "0627"), *read_steps(412, "0001")]
         for number in (520, 480, 283):
             script += refused(enquiry(number), 11)
         play(operations().start(), script)
@@ -386,23 +398,28 @@ class TestControl:
         play(operations(reference_shown_parameter=0).start(), script)
 
     def test_start_with_a_negative_reference_is_refused_without_ram_data_sets(self):
-        script = [*asked(411, "0250"), *asked(412, "0001"), *asked(520, "0000"), *asked(480, "FFFFFC18")]
+        script = [
+            *read_steps(411, "0250"),
+            *read_steps(412, "0001"),
+            *read_steps(520, "0000"),
+            *read_steps(480, "FFFFFC18"),
+        ]
         with pytest.raises(StateError, match=r"480 is -10\.00 Hz now, which turns the motor the other way"):
             play(operations(ram_datasets=False).start(), script)
 
     @pytest.mark.parametrize("mode", ["0000", "0002", "0005", "FFFF"])
     def test_start_is_refused_if_the_control_word_may_act_as_contacts(self, mode):
         with pytest.raises(StateError, match="write 412 = 1"):
-            play(operations().start(), [*asked(411, "0250"), *asked(412, mode)])
+            play(operations().start(), [*read_steps(411, "0250"), *read_steps(412, mode)])
 
     def test_start_is_refused_if_the_control_mode_differs_by_data_set(self):
-        script = [*asked(411, "0250"), *refused(enquiry(412), 9)]
+        script = [*read_steps(411, "0250"), *refused(enquiry(412), 9)]
         for dataset, mode in enumerate(("0001", "0002", "0001", "0001"), 1):
-            script += asked(412, mode, dataset)
+            script += read_steps(412, mode, dataset)
         with pytest.raises(StateError, match="is 1, 2, 1, 1 in data sets 1 to 4"):
             play(operations().start(), script)
         with pytest.raises(StateError, match="not known to the drive"):
-            play(operations().start(), [*asked(411, "0250"), *refused(enquiry(412), 11)])
+            play(operations().start(), [*read_steps(411, "0250"), *refused(enquiry(412), 11)])
 
     def test_reverse_start_without_ram_data_sets_is_refused(self):
         assert not operations(ram_datasets=False).capabilities.reverse
@@ -416,27 +433,27 @@ class TestControl:
 
     @pytest.mark.parametrize(("how", "word"), [(Stop.RAMP, "0007"), (Stop.QUICK, "0002")])
     def test_stop_checks_the_control_mode_and_sends_its_word(self, how, word):
-        play(operations().stop(how), [*asked(412, "0001"), *told(410, word)])
+        play(operations().stop(how), [*read_steps(412, "0001"), *write_steps(410, word)])
 
     def test_coast_is_sent_without_a_read(self):
-        play(operations().stop(Stop.COAST), told(410, "0000"))
+        play(operations().stop(Stop.COAST), write_steps(410, "0000"))
 
     @pytest.mark.parametrize("how", [Stop.RAMP, Stop.QUICK])
     @pytest.mark.parametrize("mode", ["0000", "0002", "0005", "FFFF"])
     def test_stop_sends_0000_if_the_control_word_may_act_as_contacts(self, how, mode):
-        play(operations().stop(how), [*asked(412, mode), *told(410, "0000")])
+        play(operations().stop(how), [*read_steps(412, mode), *write_steps(410, "0000")])
 
     def test_stop_sends_0000_if_the_control_mode_is_unreadable(self):
-        play(operations().stop(), [*refused(enquiry(412), 11), *told(410, "0000")])
-        play(operations().stop(), [*refused(enquiry(412), 3), *told(410, "0000")])
+        play(operations().stop(), [*refused(enquiry(412), 11), *write_steps(410, "0000")])
+        play(operations().stop(), [*refused(enquiry(412), 3), *write_steps(410, "0000")])
         script = refused(enquiry(412), 9)
         for dataset, mode in enumerate(("0001", "0001", "0001", "0002"), 1):
-            script += asked(412, mode, dataset)
-        play(operations().stop(), [*script, *told(410, "0000")])
+            script += read_steps(412, mode, dataset)
+        play(operations().stop(), [*script, *write_steps(410, "0000")])
 
     def test_stop_of_a_silent_drive_sends_0000_after_one_read(self):
         silence = enquiry(412), NoReplyError("silence")
-        play(operations().stop(), [silence, *told(410, "0000")])
+        play(operations().stop(), [silence, *write_steps(410, "0000")])
         with pytest.raises(NoReplyError):
             play(operations().stop(), [silence, (select(410, "0000"), NoReplyError("silence"))])
 
@@ -460,7 +477,7 @@ class TestControl:
 
     def test_stop_of_a_motor_started_here_sends_its_word_in_silence(self):
         drive = VabusOperations(1, VabusOptions(), None, VabusMemory(runs=True))
-        play(drive.stop(), [(enquiry(412), NoReplyError("silence")), *told(410, "0007")])
+        play(drive.stop(), [(enquiry(412), NoReplyError("silence")), *write_steps(410, "0007")])
 
     @pytest.mark.parametrize("forget", ["nothing", "forget", "stop", "write"])
     def test_first_stop_word_depends_on_a_start_made_here(self, forget):
@@ -468,39 +485,50 @@ class TestControl:
         drive = VabusOperations(1, VabusOptions(), None, memory)
         play(drive.start(), standing("0627"))
         if forget == "stop":
-            play(drive.stop(Stop.COAST), told(410, "0000"))
+            play(drive.stop(Stop.COAST), write_steps(410, "0000"))
         elif forget == "write":
-            play(drive.write("410", 7, type="uint"), told(410, "0007"))
+            play(drive.write("410", 7, type="uint"), write_steps(410, "0007"))
         elif forget != "nothing":
             getattr(memory, forget)()
         with pytest.raises(NoReplyError):
             play(drive.write("480", 1, type="uint"), [(select(480, "0001", 5), NoReplyError("silence"))])
         at_once = (select(410, "0007" if forget == "nothing" else "0000"), None)
-        play(drive.stop(), [at_once, *asked(412, "0001"), *asked(11, "0000"), *told(410, "0007")])
+        play(drive.stop(), [at_once, *read_steps(412, "0001"), *read_steps(11, "0000"), *write_steps(410, "0007")])
 
     def test_operations_of_the_same_drive_share_their_memory(self):
         memory = VabusMemory()
         one, other = (VabusOperations(1, VabusOptions(), None, memory) for _ in range(2))
         with pytest.raises(NoReplyError):
             play(one.write("480", 1, type="uint"), [(select(480, "0001", 5), NoReplyError("silence"))])
-        play(other.write("480", 2, type="uint"), [*asked(11, "0000"), *told(480, "0002", 5)])
+        play(other.write("480", 2, type="uint"), [*read_steps(11, "0000"), *write_steps(480, "0002", 5)])
 
     def test_error_register_is_read_before_a_write_after_a_cancelled_one(self):
         drive = operations()
         exchange = drive.write("480", 1, type="uint")
         next(exchange)
         exchange.close()
-        play(drive.write("480", 2, type="uint"), [*asked(11, "0000"), *told(480, "0002", 5)])
+        play(drive.write("480", 2, type="uint"), [*read_steps(11, "0000"), *write_steps(480, "0002", 5)])
 
     def test_reset_sends_a_rising_edge(self):
-        script = [*asked(411, "0008"), *told(410, "0000"), *told(410, "0080"), *asked(411, "0040"), *told(410, "0000")]
+        script = [
+            *read_steps(411, "0008"),
+            *write_steps(410, "0000"),
+            *write_steps(410, "0080"),
+            *read_steps(411, "0040"),
+            *write_steps(410, "0000"),
+        ]
         play(operations().reset(), script)
 
     def test_reset_without_a_fault_sends_no_control_word(self):
-        play(operations().reset(), asked(411, "0027"))
+        play(operations().reset(), read_steps(411, "0027"))
 
     def test_reset_within_15_seconds_of_a_trip_raises_state_error(self):
-        script = [*asked(411, "0008"), *told(410, "0000"), *told(410, "0080"), *asked(411, "0008")]
+        script = [
+            *read_steps(411, "0008"),
+            *write_steps(410, "0000"),
+            *write_steps(410, "0080"),
+            *read_steps(411, "0008"),
+        ]
         with pytest.raises(StateError, match="15 s"):
             play(operations(state_timeout_s=0).reset(), script)
 
@@ -520,81 +548,127 @@ class TestControl:
         with pytest.raises(NoReplyError):
             play(drive.write("480", 1, type="uint"), [(select(480, "0001", 5), NoReplyError("silence"))])
         at_once = (select(410, "0000"), None)
-        play(drive.stop(), [at_once, *asked(412, "0001"), *asked(11, "0000"), *told(410, "0007")])
+        play(drive.stop(), [at_once, *read_steps(412, "0001"), *read_steps(11, "0000"), *write_steps(410, "0007")])
 
     def test_no_reply_error_after_the_last_start_word_mentions_the_start(self):
         silence = (enquiry(411), NoReplyError("silence"))
         with pytest.raises(NoReplyError, match="silence; the drive had been told to run before"):
-            play(operations().start(), [*standing("0023"), *told(410, "000F"), silence])
+            play(operations().start(), [*standing("0023"), *write_steps(410, "000F"), silence])
         with pytest.raises(NoReplyError) as caught:
-            play(operations().start(), [*standing("0031"), *told(410, "0007"), silence])
+            play(operations().start(), [*standing("0031"), *write_steps(410, "0007"), silence])
         assert "told to run" not in str(caught.value)
 
     def test_raw_control_word_is_written(self):
-        play(operations().extra["control_word"](word=0x0F), told(410, "000F"))
+        play(operations().extra["control_word"](word=0x0F), write_steps(410, "000F"))
 
 
 class TestReference:
     def test_reference_in_hz_clears_the_percentage_and_is_read_back(self):
-        script = [*asked(480, "000003E8"), *asked(520, "0BB8"), *told(520, "0000", 5), *told(480, "000004D2", 5)]
+        script = [
+            *read_steps(480, "000003E8"),
+            *read_steps(520, "0BB8"),
+            *write_steps(520, "0000", 5),
+            *write_steps(480, "000004D2", 5),
+        ]
         for model in (None, AGILE):
-            play(operations(model=model).set_reference_hz("12.34"), [*script, *asked(283, "000004D2")])
+            play(operations(model=model).set_reference_hz("12.34"), [*script, *read_steps(283, "000004D2")])
 
     def test_reference_in_percent_clears_the_frequency_and_is_read_back(self):
         script = [
-            *asked(520, "0000"), *asked(480, "000003E8"), *asked(419, "00001770"),
-            *told(480, "00000000", 5), *told(520, "1388", 5), *asked(283, "00000BB8"),
+            *read_steps(520, "0000"), *read_steps(480, "000003E8"), *read_steps(419, "00001770"),
+            *write_steps(480, "00000000", 5), *write_steps(520, "1388", 5), *read_steps(283, "00000BB8"),
         ]  # fmt: skip
         for model in (None, AGILE):
             play(operations(model=model).set_reference_percent(50), script)
 
     def test_reference_in_percent_may_be_shown_rounded(self):
-        script = [*asked(520, "0000"), *asked(480, "00000000"), *asked(419, "00001388"), *told(520, "0D05", 5)]
+        script = [
+            *read_steps(520, "0000"),
+            *read_steps(480, "00000000"),
+            *read_steps(419, "00001388"),
+            *write_steps(520, "0D05", 5),
+        ]
         for shown in ("00000682", "00000683"):
-            play(operations().set_reference_percent("33.33"), [*script, *asked(283, shown)])
+            play(operations().set_reference_percent("33.33"), [*script, *read_steps(283, shown)])
 
     @pytest.mark.parametrize("shown", ["00000BB8", "FFFFFC18", "000003EA"])
     def test_reference_that_the_drive_does_not_adopt_raises_state_error(self, shown):
-        script = [*asked(480, "000003E8"), *asked(520, "0000"), *told(480, "000003E8", 5), *asked(283, shown)]
+        script = [
+            *read_steps(480, "000003E8"),
+            *read_steps(520, "0000"),
+            *write_steps(480, "000003E8", 5),
+            *read_steps(283, shown),
+        ]
         with pytest.raises(StateError, match=r"with 10\.00 Hz in parameter 480 the reference of the drive was"):
             play(operations().set_reference_hz(10), script)
 
     @pytest.mark.parametrize("standing", ["0031", "0023", "0040"])
     def test_final_reference_of_zero_in_standstill_is_accepted(self, standing):
-        script = [*asked(480, "000003E8"), *asked(520, "0000"), *told(480, "000003E8", 5), *asked(283, "00000000")]
-        play(operations().set_reference_hz(10), [*script, *asked(411, standing)])
+        script = [
+            *read_steps(480, "000003E8"),
+            *read_steps(520, "0000"),
+            *write_steps(480, "000003E8", 5),
+            *read_steps(283, "00000000"),
+        ]
+        play(operations().set_reference_hz(10), [*script, *read_steps(411, standing)])
 
     @pytest.mark.parametrize("turning", ["0027", "0007"])
     def test_final_reference_of_zero_while_turning_is_an_error(self, turning):
-        script = [*asked(480, "000003E8"), *asked(520, "0000"), *told(480, "000003E8", 5), *asked(283, "00000000")]
+        script = [
+            *read_steps(480, "000003E8"),
+            *read_steps(520, "0000"),
+            *write_steps(480, "000003E8", 5),
+            *read_steps(283, "00000000"),
+        ]
         with pytest.raises(StateError, match="the reference of the drive was 0"):
-            play(operations().set_reference_hz(10), [*script, *asked(411, turning)])
+            play(operations().set_reference_hz(10), [*script, *read_steps(411, turning)])
 
     def test_references_are_restored_if_the_new_one_is_not_adopted(self):
-        script = [*asked(520, "0000"), *asked(480, "000003E8"), *asked(419, "00001388"), *told(480, "00000000", 5)]
-        script += [*told(520, "1388", 5), *asked(283, "000007D0"), *told(520, "0000", 5), *told(480, "000003E8", 5)]
+        script = [
+            *read_steps(520, "0000"),
+            *read_steps(480, "000003E8"),
+            *read_steps(419, "00001388"),
+            *write_steps(480, "00000000", 5),
+        ]
+        script += [
+            *write_steps(520, "1388", 5),
+            *read_steps(283, "000007D0"),
+            *write_steps(520, "0000", 5),
+            *write_steps(480, "000003E8", 5),
+        ]
         with pytest.raises(StateError, match=r"was 20\.00 Hz \(parameter 283\), so the references were set back"):
             play(operations().set_reference_percent(50), script)
 
     def test_unreadable_final_reference_needs_the_option_to_skip_it(self):
-        script = [*asked(480, "000003E8"), *asked(520, "0000"), *told(480, "000003E8", 5)]
+        script = [*read_steps(480, "000003E8"), *read_steps(520, "0000"), *write_steps(480, "000003E8", 5)]
         with pytest.raises(StateError, match="reference_shown_parameter=0"):
             play(operations().set_reference_hz(10), [*script, *refused(enquiry(283), 11)])
         play(operations(reference_shown_parameter=0).set_reference_hz(10), script)
-        script = [*asked(520, "0BB8"), *asked(480, "00000000"), *told(520, "03E8", 5)]
+        script = [*read_steps(520, "0BB8"), *read_steps(480, "00000000"), *write_steps(520, "03E8", 5)]
         play(operations(reference_shown_parameter=0).set_reference_percent(10), script)
 
     def test_reference_in_percent_without_a_maximum_is_refused_unsent(self):
-        script = [*asked(520, "0000"), *asked(480, "000003E8"), *refused(enquiry(419), 11)]
+        script = [*read_steps(520, "0000"), *read_steps(480, "000003E8"), *refused(enquiry(419), 11)]
         with pytest.raises(StateError, match="419"):
             play(operations().set_reference_percent(50), script)
 
     def test_reference_keeps_the_sign_of_a_reverse_start(self):
-        script = [*asked(480, "FFFFFC18"), *asked(520, "0000")]
-        play(operations().set_reference_hz(20), [*script, *told(480, "FFFFF830", 5), *asked(283, "FFFFF830")])
-        play(operations().set_reference_hz(0), [*script, *told(480, "FFFFFFFF", 5), *asked(283, "FFFFFFFF")])
-        script = [*asked(480, "FFFFFC18"), *asked(520, "0BB8"), *asked(283, "000001F4"), *told(520, "0000", 5)]
-        play(operations().set_reference_hz(20), [*script, *told(480, "000007D0", 5), *asked(283, "000007D0")])
+        script = [*read_steps(480, "FFFFFC18"), *read_steps(520, "0000")]
+        play(
+            operations().set_reference_hz(20), [*script, *write_steps(480, "FFFFF830", 5), *read_steps(283, "FFFFF830")]
+        )
+        play(
+            operations().set_reference_hz(0), [*script, *write_steps(480, "FFFFFFFF", 5), *read_steps(283, "FFFFFFFF")]
+        )
+        script = [
+            *read_steps(480, "FFFFFC18"),
+            *read_steps(520, "0BB8"),
+            *read_steps(283, "000001F4"),
+            *write_steps(520, "0000", 5),
+        ]
+        play(
+            operations().set_reference_hz(20), [*script, *write_steps(480, "000007D0", 5), *read_steps(283, "000007D0")]
+        )
 
     def test_invalid_reference_is_refused_unsent(self):
         with pytest.raises(NotSupported):
@@ -621,11 +695,11 @@ class TestStatus:
         ],
     )
     def test_state_word_gives_the_drive_state(self, word, state, running):
-        status = play(operations().status(), asked(411, word))
+        status = play(operations().status(), read_steps(411, word))
         assert (status.state, status.running, status.fault) == (state, running, False)
 
     def test_status_reports_the_bits_of_the_state_word(self):
-        status = play(operations().status(), asked(411, "8EA7"))
+        status = play(operations().status(), read_steps(411, "8EA7"))
         assert status.flags == (
             "operation enabled",
             "warning",
@@ -639,28 +713,28 @@ class TestStatus:
         assert status.warning
 
     def test_status_of_a_fault_has_its_code(self):
-        status = play(operations().status(), [*asked(411, "000F"), *asked(260, "0102")])
+        status = play(operations().status(), [*read_steps(411, "000F"), *read_steps(260, "0102")])
         assert (status.state, status.fault_code, status.fault) == (DriveState.FAULT, 0x0102, True)
 
     def test_status_of_a_fault_with_an_unreadable_code_has_none(self):
-        status = play(operations().status(), [*asked(411, "0008"), *refused(enquiry(260), 11)])
+        status = play(operations().status(), [*read_steps(411, "0008"), *refused(enquiry(260), 11)])
         assert status.fault_code is None
 
     def test_malformed_state_word_is_an_unexpected_reply(self):
         with pytest.raises(UnexpectedReplyError):
-            play(operations().status(), asked(411, "xx"))
+            play(operations().status(), read_steps(411, "xx"))
 
 
 class TestPresence:
     def test_probe_is_sent_once(self):
         exchange = operations().probe()
         assert next(exchange).attempts == 1
-        play(operations().probe(), asked(411, "0040"))
+        play(operations().probe(), read_steps(411, "0040"))
 
     def test_refused_probe_succeeds_and_reads_the_error_register(self):
         play(operations().probe(), refused(enquiry(411), 11))
 
     def test_identify_reports_the_state(self):
-        assert play(operations().identify(), asked(411, "0637")) == {"state": "operation enabled"}
-        assert play(operations().identify(), asked(411, "0002")) == {"state": "0x0002"}
+        assert play(operations().identify(), read_steps(411, "0637")) == {"state": "operation enabled"}
+        assert play(operations().identify(), read_steps(411, "0002")) == {"state": "0x0002"}
         assert play(operations().identify(), refused(enquiry(411), 11)) == {}

@@ -18,7 +18,7 @@ from drivecomm.errors import (
 )
 from drivecomm.models import load_model
 from drivecomm.protocol import Damaged, Framed, Framer, installed
-from drivecomm.testing import Overheard
+from drivecomm.testing import InterceptedDrive
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 WEG = installed["weg"]
@@ -27,11 +27,11 @@ END, STATE = b"\x04", b"\x04A00702\x05"
 NAK, ACK = b"A\x15", b"A\x06"
 
 
-class Talk:
+class DriveBench:
     """A virtual drive, its line and its master."""
 
     def __init__(self, model="cfw-08", **options):
-        self.virtual = Overheard(virtual_drive("weg", 1, model=model))
+        self.virtual = InterceptedDrive(virtual_drive("weg", 1, model=model))
         self.line = VirtualLine([self.virtual])
         self.sent = []
         self.bus = drivecomm.open_bus(self.line.port, trace=self._trace)
@@ -56,12 +56,12 @@ class Talk:
 
 @pytest.fixture
 def talk():
-    made = Talk()
+    made = DriveBench()
     with made.bus:
         yield made
 
 
-def told(code, value):
+def data_reply(code, value):
     return CODEC.encode(WEG.message({"kind": "data", "address": 1, "code": code, "value": value}, "reply"))
 
 
@@ -71,9 +71,9 @@ def told(code, value):
 )
 def test_current_has_the_scale_and_the_code_of_its_series(model, asked, raw, value):
     """CFW-08 manual p. 181, CFW-09 manual p. 307."""
-    talk = Talk(model)
+    talk = DriveBench(model)
     with talk.bus:
-        talk.answer(asked, told(asked[2:7].decode(), raw))
+        talk.answer(asked, data_reply(asked[2:7].decode(), raw))
         reading = talk.drive.read("output_current")
         assert (str(reading.value), reading.unit) == (value, "A")
         assert talk.sent == [asked, END]
@@ -81,7 +81,7 @@ def test_current_has_the_scale_and_the_code_of_its_series(model, asked, raw, val
 
 @pytest.mark.parametrize(("model", "value", "unit"), [("cfw-08", 6, "Hz"), ("cfw-09", 600, "rpm")])
 def test_minimum_has_the_unit_of_its_series(model, value, unit):
-    talk = Talk(model)
+    talk = DriveBench(model)
     with talk.bus:
         talk.drive.write("P133", value)
         assert talk.virtual.peek("P133", 0.0) == 600
@@ -134,7 +134,7 @@ def test_nak_to_a_read_of_v02_reads_no_reason(talk):
 
 
 def test_late_ack_does_not_confirm_another_write():
-    talk = Talk(attempts=1)
+    talk = DriveBench(attempts=1)
     with talk.bus:
         talk.answer(b"\x04A\x0202733", ACK, delay_s=0.3)
         with pytest.raises(NoReplyError):
@@ -147,7 +147,7 @@ def test_late_ack_does_not_confirm_another_write():
 @settings(max_examples=25, deadline=None)
 @given(delay_s=st.floats(0.08, 0.6), nexts=st.lists(st.sampled_from(["P133", "P313", "V00"]), min_size=1))
 def test_late_nak_is_not_taken_for_that_of_the_next_request(delay_s, nexts):
-    talk = Talk(attempts=1)
+    talk = DriveBench(attempts=1)
     held = {"P133": 300, "P313": 1, "V00": 7}
     talk.virtual.between = lambda heard, reply: (
         type(reply)(data=reply.data, delay_s=delay_s) if heard.data.startswith(b"\x04A07799") else reply
@@ -178,7 +178,7 @@ def test_late_nak_is_not_taken_for_that_of_the_next_request(delay_s, nexts):
 )
 def test_command_is_refused_unsent(model, command):
     """No page gives the position of the mask of V03."""
-    talk = Talk(model)
+    talk = DriveBench(model)
     with talk.bus:
         with pytest.raises(NotSupported, match="monitoring only"):
             command(talk.drive)
@@ -193,16 +193,16 @@ def test_status_is_refused_as_its_bits_are_unconfirmed(talk):
 
 
 def test_error_code_and_logical_state_are_halves_of_v02(talk):
-    talk.answer(STATE, told("00702", 0x031C), told("00702", 0x031C))
+    talk.answer(STATE, data_reply("00702", 0x031C), data_reply("00702", 0x031C))
     assert talk.drive.read("V02.low").raw == 28
     assert talk.drive.read("V02.high").raw == 3
 
 
 def test_series_is_identified_by_its_type():
-    talk = Talk("cfw-08")
+    talk = DriveBench("cfw-08")
     with talk.bus:
         assert talk.drive.identify() == {"drive_type": "7 (CFW-08)"}
-    talk = Talk("cfw-08")
+    talk = DriveBench("cfw-08")
     with talk.bus:
         talk.virtual.poke("V00", 8)
         with pytest.raises(WrongDriveError):

@@ -5,7 +5,7 @@ from collections import Counter
 import drivecomm
 from drivecomm.models import load_model, packaged_models, read_model
 from drivecomm.protocol import Framed, installed
-from drivecomm.proving import Proving, Subject
+from drivecomm.proving import ProofSubject, Proving
 from drivecomm.virtual import DriveProxy, VirtualLine, virtual_drive
 
 
@@ -51,7 +51,7 @@ def proved(protocol, honest, drive, **options):
     line = VirtualLine([drive])
     with drivecomm.open_bus(line.port) as bus:
         one = bus.drive(protocol, drive.address, model=honest, read_only=True)
-        proving = Proving(one, Subject.of(protocol, honest, {}), **options)
+        proving = Proving(one, ProofSubject.of(protocol, honest, {}), **options)
         proving.run()
     return proving
 

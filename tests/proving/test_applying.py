@@ -11,7 +11,7 @@ from drivecomm.bus import policies
 from drivecomm.cli import main
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.models import check_model, contradicted, model_text, read_model
-from drivecomm.proving import Finding, Proof, apply_proof, proof_text, read_proof
+from drivecomm.proving import Proof, ProofFinding, apply_proof, proof_text, read_proof
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 MODEL = """\
@@ -71,14 +71,14 @@ def file(tmp_path):
 
 
 def said(file, address):
-    from drivecomm.proving.parameters import said_by_model
+    from drivecomm.proving.parameters import model_facts
 
-    return said_by_model(read_model(file, "modbus", "").parameters[address])
+    return model_facts(read_model(file, "modbus", "").parameters[address])
 
 
 def finding(file, address, verdict="agrees", shows=("scale",), **keys):
     given = {"about": f"parameter {address}", "addresses": (address,), "model": said(file, address), **keys}
-    return Finding(kind="parameter", verdict=verdict, shows=shows, **given)
+    return ProofFinding(kind="parameter", verdict=verdict, shows=shows, **given)
 
 
 def proof_of(*findings):
@@ -116,7 +116,9 @@ def test_proof_of_existence_alone_raises_no_fact(file):
 
 def test_contradiction_outweighs_agreement_and_later_proofs(file):
     said_then = {"4": said(file, "4")}
-    plate = Finding(kind="name plate", verdict="contradicts", about="x", addresses=("4",), model=said_then, why="5 Hz")
+    plate = ProofFinding(
+        kind="name plate", verdict="contradicts", about="x", addresses=("4",), model=said_then, why="5 Hz"
+    )
     assert apply_proof(proof_of(finding(file, "4"), plate), "p.toml", file).contradicted == ["4"]
     assert apply_proof(proof_of(finding(file, "4")), "q.toml", file).kept == ["4"]
     assert marks(file) == {"4": "contradicted"}
@@ -157,7 +159,7 @@ def test_contradicted_command_is_reported_and_refused(file):
 
 
 def test_contradicted_watchdog_offers_no_policy(file):
-    loss = Finding(
+    loss = ProofFinding(
         kind="link loss",
         verdict="contradicts",
         about="x",

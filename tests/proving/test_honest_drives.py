@@ -6,7 +6,7 @@ from proved_drives import all_models, contradictions, drive_of, proved
 import drivecomm
 from drivecomm.errors import DriveCommError, UsageError
 from drivecomm.protocol import Refusal, installed
-from drivecomm.proving import Proving, Subject
+from drivecomm.proving import ProofSubject, Proving
 from drivecomm.virtual import VirtualLine
 
 MODELS = all_models()
@@ -52,5 +52,5 @@ def test_drive_that_is_not_read_only_is_not_proved():
     with drivecomm.open_bus(line.port) as bus:
         armed = bus.drive("vabus", 1, model=known)
         with pytest.raises(UsageError, match="only a read-only drive is proved"):
-            Proving(armed, Subject.of("vabus", known, {})).run()
+            Proving(armed, ProofSubject.of("vabus", known, {})).run()
     assert line.time == 0.0

@@ -94,6 +94,6 @@ def stops_sent(core, name="yard"):
     return sent
 
 
-def said(core, *kinds):
+def event_texts(core, *kinds):
     """Return the texts of the events of these kinds."""
     return [each.text for each in core.table.events() if each.kind in kinds]

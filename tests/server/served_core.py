@@ -5,8 +5,8 @@ from contextlib import asynccontextmanager, closing, contextmanager
 from functools import wraps
 
 from drivecomm.plant import read_plant
-from drivecomm.server import Caller, Command, Role
-from drivecomm.server.commands import Commands
+from drivecomm.server import Caller, CommandRequest, Role
+from drivecomm.server.commands import CommandExecutor
 from drivecomm.server.core import Core
 from drivecomm.testing import ServingThread
 from drivecomm.virtual import ControlClient, PlantServer, VirtualPlant
@@ -62,7 +62,7 @@ class NoteBook:
         self.asked_for.append((str(caller), command.drive, command.verb))
         return len(self.asked_for)
 
-    def stop_asked(self, _caller, command):
+    def record_stop(self, _caller, command):
         self.stops.append((command.drive, command.arguments.get("how", "ramp")))
         return 0
 
@@ -118,7 +118,7 @@ async def until(condition, seconds=5.0):
 
 async def asked(core, caller, drive, verb, **further):
     """Carry out a command, and return its result."""
-    return await Commands(core).carry_out(caller, Command(drive=drive, verb=verb, **further))
+    return await CommandExecutor(core).carry_out(caller, CommandRequest(drive=drive, verb=verb, **further))
 
 
 def awaited(test):

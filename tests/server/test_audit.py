@@ -22,12 +22,12 @@ from drivecomm.server import audit as audit_module
 from drivecomm.server.audit import Audit
 from drivecomm.server.audit_lines import AuditFile
 from drivecomm.server.callers import Caller, Role
-from drivecomm.server.door import Answer, Command
+from drivecomm.server.door import CommandAnswer, CommandRequest
 from drivecomm.server.leases import Lease
 
 ANNA = Caller(name="anna", role=Role.OPERATE, door="http 127.0.0.1:8080")
 KEY = "a-key-of-22-characters"
-START = Command(drive="pump", verb="start", id="17", lease=KEY, arguments={"reverse": False})
+START = CommandRequest(drive="pump", verb="start", id="17", lease=KEY, arguments={"reverse": False})
 LEASE = Lease(drive="pump", holder=ANNA, until_s=0.0, key=KEY)
 WALL_S = 1_790_000_000.1239
 
@@ -76,10 +76,10 @@ def test_audit_records_a_command_and_its_outcome(tmp_path):
         number = await audit.asked(ANNA, START, LEASE)
         assert [each["record"] for each in lines_of(path)] == ["asked"], "the record must precede the command"
         error = StateError("the drive\nis not ready")
-        audit.outcome(ANNA, START, number, Answer(id="17", outcome="failed", error=error))
+        audit.outcome(ANNA, START, number, CommandAnswer(id="17", outcome="failed", error=error))
         audit.refused(ANNA, replace(START, verb="write", arguments={"value": Decimal("10.00")}), "no right")
-        number = audit.stop_asked(ANNA, Command(drive="pump", verb="stop", arguments={"how": Stop.COAST}))
-        audit.outcome(ANNA, Command(drive="pump", verb="stop"), number, Answer(id="", outcome="done"))
+        number = audit.record_stop(ANNA, CommandRequest(drive="pump", verb="stop", arguments={"how": Stop.COAST}))
+        audit.outcome(ANNA, CommandRequest(drive="pump", verb="stop"), number, CommandAnswer(id="", outcome="done"))
 
     assert not with_audit(path, use, session="s1")
     who = {"who": "anna", "role": "operate", "door": "http 127.0.0.1:8080", "drive": "pump"}
@@ -127,7 +127,7 @@ def test_full_disk_refuses_every_command_except_a_stop(tmp_path):
         )
         begun = time.perf_counter()
         for _ in range(1000):
-            audit.stop_asked(ANNA, Command(drive="pump", verb="stop"))
+            audit.record_stop(ANNA, CommandRequest(drive="pump", verb="stop"))
         assert time.perf_counter() - begun < 1, "a stop must not wait"
         with pytest.raises(NotAllowedError):
             await audit.asked(ANNA, START, LEASE)
@@ -170,7 +170,7 @@ def test_hanging_disk_refuses_commands_and_counts_missing_stops(tmp_path, monkey
             with pytest.raises(NotAllowedError, match="the disk does not answer; a stop is carried out all the same"):
                 await audit.asked(ANNA, START)
         for number in range(20):
-            audit.stop_asked(ANNA, Command(drive=f"fan{number}", verb="stop"))
+            audit.record_stop(ANNA, CommandRequest(drive=f"fan{number}", verb="stop"))
         with pytest.raises(NotAllowedError, match="the disk does not answer"):
             await audit.asked(ANNA, START)
         assert time.perf_counter() - begun < 5
@@ -225,7 +225,7 @@ VALUES = st.recursive(
 def test_any_command_is_one_line_without_its_lease_key(tmp_path, arguments, lease):
     path = tmp_path / "audit.jsonl"
     path.unlink(missing_ok=True)
-    command = Command(drive="pump", verb="write", lease=lease, arguments={**arguments, "again": lease})
+    command = CommandRequest(drive="pump", verb="write", lease=lease, arguments={**arguments, "again": lease})
 
     async def use(audit):
         await audit.asked(ANNA, command)

@@ -13,8 +13,8 @@ from drivecomm.bus import AsyncDrive
 from drivecomm.errors import UsageError
 from drivecomm.protocol import Stop
 from drivecomm.server import CurrentValue
-from drivecomm.server.commands import Commands
-from drivecomm.server.table import Table
+from drivecomm.server.commands import CommandExecutor
+from drivecomm.server.table import ValueTable
 
 QUICK_S = 0.2
 
@@ -45,13 +45,13 @@ def breaks(monkeypatch):
     return let_break
 
 
-class Tearing(NoteBook):
+class FailingAudit(NoteBook):
     """An audit whose record of a stop raises an unexpected exception."""
 
-    def stop_asked(self, *_):
+    def record_stop(self, *_):
         raise RuntimeError("a mistake")
 
-    refused = outcome = stop_asked
+    refused = outcome = record_stop
 
 
 class Journal:
@@ -61,7 +61,7 @@ class Journal:
     add_events = add_command = add_fault_log = add_values
 
 
-class TestABrokenPackage:
+class TestBrokenPackage:
     @pytest.mark.parametrize(("verb", "outcome"), [("set_reference", "open"), ("read", "failed"), ("stop", "open")])
     @awaited
     async def test_broken_verb_is_answered_and_recorded(self, core, breaks, verb, outcome):
@@ -78,7 +78,7 @@ class TestABrokenPackage:
     async def test_stop_of_all_reaches_the_other_drives(self, core, breaks):
         async with core() as (served, _):
             breaks("stop", "danfoss-fc:3")
-            answers = await Commands(served).stop_all(VIEWER, Stop.RAMP)
+            answers = await CommandExecutor(served).stop_all(VIEWER, Stop.RAMP)
             assert {each.drive: each.answer.outcome for each in answers if "*" not in each.drive} == {
                 "pump": "done",
                 "fan": "open",
@@ -133,17 +133,17 @@ class TestABrokenPackage:
             assert (await asked(served, VIEWER, "fan", "status")).outcome == "done"
 
 
-class TestABrokenAudit:
+class TestBrokenAudit:
     @awaited
     async def test_stop_is_sent_despite_a_broken_audit(self, core):
-        async with core(audit=Tearing()) as (served, _):
+        async with core(audit=FailingAudit()) as (served, _):
             assert (await asked(served, VIEWER, "pump", "stop")).outcome == "done"
             answer = await asked(served, ENGINEER, "pump", "set_reference", arguments={"percent": 5})
             assert answer.outcome == "done"
             assert (await asked(served, VIEWER, "pump", "start")).outcome == "refused"
 
 
-class TestABrokenJournal:
+class TestBrokenJournal:
     @awaited
     async def test_broken_journal_does_not_affect_other_listeners(self, core):
         async with core(journal=Journal()) as (served, control):
@@ -158,7 +158,7 @@ class TestABrokenJournal:
             await until(lambda: told)
 
 
-class TestALineThatCannotBePolled:
+class TestUnpollableLine:
     @pytest.mark.soak
     @awaited
     async def test_polling_error_marks_values_bad_and_polling_restarts(self, core, monkeypatch):
@@ -204,7 +204,7 @@ class TestALineThatCannotBePolled:
             assert await served.changed(replace(served.plant, drives=served.plant.drives[:1])) == []
 
 
-class TestReadFromThreads:
+class TestReadsFromThreads:
     @awaited
     async def test_leases_can_be_listed_by_a_thread_while_they_change(self, core):
         async with core() as (served, _):
@@ -232,7 +232,7 @@ class TestReadFromThreads:
             assert failed == []
 
     def test_listeners_added_concurrently_are_all_called(self):
-        table, heard = Table(lambda *_: None), set()
+        table, heard = ValueTable(lambda *_: None), set()
 
         def begin(number):
             for each in range(50):

@@ -7,21 +7,21 @@ import sys
 import pytest
 from hypothesis import given, strategies as st
 
-from drivecomm.server import LOCAL_BOUNDS, Bounds, allotted, needed
-from drivecomm.server.capacity import OF_DOOR, OF_LINE, OF_SERVER, System, memory_limit
+from drivecomm.server import LOCAL_BOUNDS, Bounds, needed_descriptors, share_connections
+from drivecomm.server.capacity import OF_DOOR, OF_LINE, OF_SERVER, SystemLimits, memory_limit
 
 HTTP, OPCUA, MODBUS = Bounds(4000, 1000), Bounds(200, 50), Bounds(64, 32)
 
 
 def test_doors_get_their_wished_limits_if_the_system_allows():
     wishes = [HTTP, OPCUA, MODBUS]
-    enough = needed(wishes, lines=10, doors=3)
-    assert allotted(System(enough), wishes, lines=10, doors=3) == (LOCAL_BOUNDS, wishes)
-    assert allotted(System(), wishes, lines=10, doors=3) == (LOCAL_BOUNDS, wishes)
+    enough = needed_descriptors(wishes, lines=10, doors=3)
+    assert share_connections(SystemLimits(enough), wishes, lines=10, doors=3) == (LOCAL_BOUNDS, wishes)
+    assert share_connections(SystemLimits(), wishes, lines=10, doors=3) == (LOCAL_BOUNDS, wishes)
 
 
 def test_small_wish_of_a_door_leaves_more_for_the_others():
-    local, (http, opcua, modbus) = allotted(System(1024), [HTTP, OPCUA, MODBUS], lines=2, doors=3)
+    local, (http, opcua, modbus) = share_connections(SystemLimits(1024), [HTTP, OPCUA, MODBUS], lines=2, doors=3)
     assert (local, opcua, modbus) == (Bounds(114, 114), OPCUA, MODBUS)
     assert http == Bounds(1024 - OF_SERVER - 2 * OF_LINE - 4 * OF_DOOR - 114 - 200 - 64, 133)
 
@@ -29,14 +29,14 @@ def test_small_wish_of_a_door_leaves_more_for_the_others():
 @given(st.integers(256, 5000), st.integers(0, 4), st.lists(st.sampled_from([HTTP, OPCUA, MODBUS]), max_size=4))
 def test_connection_limits_leave_descriptors_for_lines_and_files(descriptors, lines, wishes):
     doors = len(wishes)
-    local, shares = allotted(System(descriptors), wishes, lines=lines, doors=doors)
+    local, shares = share_connections(SystemLimits(descriptors), wishes, lines=lines, doors=doors)
     rest = OF_SERVER + OF_LINE * lines + OF_DOOR * (doors + 1)
     assert local.most + sum(each.most for each in shares) + rest <= descriptors
     assert all(1 <= each.of_address <= each.most for each in shares)
 
 
 def test_little_memory_bounds_connections_as_well():
-    local, (http,) = allotted(System(100_000, 64 * 2**20), [HTTP], lines=1, doors=1)
+    local, (http,) = share_connections(SystemLimits(100_000, 64 * 2**20), [HTTP], lines=1, doors=1)
     assert local.most + http.most == 128
 
 

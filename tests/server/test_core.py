@@ -15,7 +15,7 @@ from served_core import ANOTHER, ENGINEER, OPERATOR, PLANT, VIEWER, NoteBook, as
 import drivecomm
 from drivecomm.errors import NotAllowedError
 from drivecomm.protocol import Stop
-from drivecomm.server.commands import Commands
+from drivecomm.server.commands import CommandExecutor
 
 
 @pytest.fixture
@@ -35,7 +35,7 @@ def leased(core, caller, drive, seconds, key=""):
     return core.leases.take(caller, drive, seconds, now=time.monotonic(), time_s=time.time(), key=key)
 
 
-class TestKnowing:
+class TestDriveKnowledge:
     @awaited
     async def test_values_have_quality_and_source_time(self, core):
         async with core() as (served, _):
@@ -143,7 +143,7 @@ class TestCommands:
             assert (await asked(served, ENGINEER, "mixer", "set_reference", arm=True, **order)).outcome == "done"
 
 
-class TestKept:
+class TestKeptMotors:
     async def start(self, served, caller=OPERATOR, drive="pump"):
         lease = leased(served, caller, drive, 1.0)
         answer = await asked(served, caller, drive, "keep", lease=lease.key, arguments={"percent": 50})
@@ -253,7 +253,7 @@ async def test_stop_all_sends_broadcasts_first(core):
         await until(lambda: all(each.reachability == "answers" for each in served.drives()))
         sent = []
         served.lines["yard"].bus.listen(sent.append)
-        told = await Commands(served).stop_all(OPERATOR, Stop.RAMP)
+        told = await CommandExecutor(served).stop_all(OPERATOR, Stop.RAMP)
         assert [(each.line, each.drive, each.how, each.answer.outcome) for each in told] == [
             ("hall", "pump", Stop.RAMP, "done"),
             ("yard", "danfoss-fc:*", Stop.RAMP, "open"),
@@ -265,7 +265,7 @@ async def test_stop_all_sends_broadcasts_first(core):
         # After the broadcast each drive is stopped singly; a late reply leads to a retry.
         assert [*dict.fromkeys(order[first + 1 :])][:2] == ["danfoss-fc:3", "danfoss-fc:4"]
         assert book.stops == [("pump", "ramp"), ("danfoss-fc:*", "ramp"), ("fan", "ramp"), ("mixer", "ramp")]
-        told = await Commands(served).stop_all(OPERATOR, Stop.COAST, ["hall"])
+        told = await CommandExecutor(served).stop_all(OPERATOR, Stop.COAST, ["hall"])
         assert [each.drive for each in told] == ["vabus:*", "pump"]
 
 
@@ -273,7 +273,7 @@ async def test_stop_all_sends_broadcasts_first(core):
 async def test_anonymous_caller_may_not_stop_all(core):
     book, nobody = NoteBook(), replace(VIEWER, name="anonymous")
     async with core(audit=book) as (served, _):
-        told = await Commands(served).stop_all(nobody, Stop.COAST)
+        told = await CommandExecutor(served).stop_all(nobody, Stop.COAST)
         assert {each.answer.outcome for each in told} == {"refused"}
         assert book.stops == []
 

@@ -11,10 +11,10 @@ from statistics import median
 import pytest
 from served_core import ENGINEER, asked, awaited, core_of, until
 
-from drivecomm.server.for_doors import PlantForDoors
 from drivecomm.server.http import HttpDoor
+from drivecomm.server.plant_service import PlantForDoors
 from drivecomm.server.supervision import OpenDoor
-from drivecomm.tomlfile import Table
+from drivecomm.tomlfile import TomlTable
 
 pytestmark = pytest.mark.soak
 
@@ -146,7 +146,7 @@ def crowd(port):
 async def test_crowd_of_clients_does_not_delay_polls_or_stops(tmp_path):
     """Compare with a run without clients; on a busy machine the measurement is repeated up to twice."""
     async with core_of(tmp_path, PLANT, status_period_s=1.0) as (core, _):
-        door = HttpDoor(Table({"kind": "http", "listen": "127.0.0.1:0"}, "hall.toml"))
+        door = HttpDoor(TomlTable({"kind": "http", "listen": "127.0.0.1:0"}, "hall.toml"))
         opened = OpenDoor(door, PlantForDoors(core, "hall"), print)
         await until(lambda: all(each.reachability == "answers" for each in core.drives()), 20)
         await until(opened.opened.is_set)

@@ -7,8 +7,8 @@ import pytest
 from served_core import OPERATOR, awaited, core_of, runs, until
 
 from drivecomm.protocol import Stop
-from drivecomm.server import Command
-from drivecomm.server.commands import Commands
+from drivecomm.server import CommandRequest
+from drivecomm.server.commands import CommandExecutor
 
 PLANT = """\
 format = 1
@@ -33,8 +33,8 @@ FAN = PLANT + DRIVE.format(name="fan", address=3)
 async def keep(core, drive):
     """Keep a motor running, and return its lease."""
     lease = core.leases.take(OPERATOR, drive, 30, now=time.monotonic(), time_s=time.time())
-    command = Command(drive=drive, verb="keep", lease=lease.key, arguments={"percent": 50}, valid_s=10)
-    answer = await Commands(core).carry_out(OPERATOR, command)
+    command = CommandRequest(drive=drive, verb="keep", lease=lease.key, arguments={"percent": 50}, valid_s=10)
+    answer = await CommandExecutor(core).carry_out(OPERATOR, command)
     assert answer.outcome == "done", answer.error
     return lease
 
@@ -87,7 +87,7 @@ async def test_retries_of_an_earlier_stop_end_with_a_later_stop(tmp_path):
         control.order("power", drive="fan", state="on")
         await until(lambda: core.drive("fan").reachability == "answers")
         del hows[:]
-        quick = Command(drive="fan", verb="stop", arguments={"how": "quick"})
-        assert (await Commands(core).carry_out(OPERATOR, quick)).outcome == "done"
+        quick = CommandRequest(drive="fan", verb="stop", arguments={"how": "quick"})
+        assert (await CommandExecutor(core).carry_out(OPERATOR, quick)).outcome == "done"
         await until(lambda: "fan" not in core.kept)
         assert set(hows) == {Stop.QUICK}

@@ -13,7 +13,7 @@ from served_core import simulated
 
 from drivecomm.plant import read_plant
 from drivecomm.server import DoorHealth, serving
-from drivecomm.server.mqtt import catching_up
+from drivecomm.server.mqtt import value_backfill
 from drivecomm.server.supervision import OpenDoor
 
 PLANT = """\
@@ -90,7 +90,7 @@ def of(scrape, what, kind):
 @pytest.mark.soak
 @pytest.mark.parametrize("kind", ["mqtt", "sparkplug"])
 def test_backlog_grows_while_the_broker_is_away_and_shrinks_afterwards(tmp_path, served, monkeypatch, kind):
-    monkeypatch.setattr(catching_up, "LOOKED_EVERY_S", 0.1)
+    monkeypatch.setattr(value_backfill, "LOOKED_EVERY_S", 0.1)
     # Values older than two keep-alives count as received by Sparkplug hosts, newer ones do not.
     many, few = {"mqtt": (90, 60), "sparkplug": (250, 200)}[kind]
     keys = 'group = "works"\nnode = "hall"' if kind == "sparkplug" else ""

@@ -7,7 +7,7 @@ from functools import partial
 import pytest
 from served_core import OPERATOR, VIEWER, asked, awaited, core_of, until
 
-from drivecomm.server.examining import examination
+from drivecomm.server.line_examination import examination
 
 
 @pytest.fixture

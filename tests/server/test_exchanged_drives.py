@@ -15,12 +15,12 @@ def core(tmp_path):
     return partial(core_of, tmp_path)
 
 
-def another(plant):
+def with_exchanged_fan(plant):
     """Return the plant with the drive of the mixer under the name fan."""
     return replace(plant, drives=(plant.drives[0], replace(plant.drives[1], address=4)))
 
 
-def asked_less(plant):
+def with_fewer_polls(plant):
     """Return the plant with only the status of the fan polled."""
     return replace(plant, drives=(plant.drives[0], replace(plant.drives[1], poll=()), plant.drives[2]))
 
@@ -33,7 +33,7 @@ async def all_answer(served):
     await until(lambda: all(each.reachability == "answers" for each in served.drives()))
 
 
-def held_up(served):
+def suspend_polling(served):
     """Suspend polling on the line of the fan."""
     served.lines["yard"].start = lambda: None
 
@@ -45,8 +45,8 @@ async def test_exchanged_drive_inherits_no_state_faults_or_lease(core):
         control.order("trip", drive="fan", code=13)
         await until(lambda: served.drive("fan").fault_log and served.drive("fan").fault)
         lease = leased(served, "fan")
-        held_up(served)
-        await served.changed(another(served.plant))
+        suspend_polling(served)
+        await served.changed(with_exchanged_fan(served.plant))
         fan = served.drive("fan")
         assert (fan.config.address, fan.reachability, fan.status, fan.fault) == (4, "asking", None, "")
         assert fan.fault_log == ()
@@ -61,7 +61,7 @@ async def test_fault_log_being_read_is_dropped_when_the_drive_is_exchanged(core)
     async with core(status_period_s=60) as (served, _):
         await all_answer(served)
         served._tripped("fan")
-        await served.changed(another(served.plant))
+        await served.changed(with_exchanged_fan(served.plant))
         await until(lambda: not served._reading_fault_logs)
         assert served.drive("fan").fault_log == ()
 
@@ -74,8 +74,8 @@ async def test_drive_with_changed_settings_keeps_its_state_and_lease(core):
         control.order("trip", drive="fan", code=13)
         await until(lambda: served.drive("fan").fault_log and served.drive("fan").fault)
         lease = leased(served, "fan")
-        held_up(served)
-        await served.changed(asked_less(served.plant))
+        suspend_polling(served)
+        await served.changed(with_fewer_polls(served.plant))
         fan = served.drive("fan")
         assert fan.fault
         assert fan.reachability == "answers"
@@ -83,7 +83,7 @@ async def test_drive_with_changed_settings_keeps_its_state_and_lease(core):
         assert fan.lease == lease
 
 
-@pytest.mark.parametrize("change", [another, asked_less])
+@pytest.mark.parametrize("change", [with_exchanged_fan, with_fewer_polls])
 @awaited
 async def test_listeners_receive_bad_values_after_the_reload(core, change):
     async with core() as (served, _):
@@ -91,7 +91,7 @@ async def test_listeners_receive_bad_values_after_the_reload(core, change):
         await until(lambda: ("fan", "output_frequency") in {(each.drive, each.name) for each in served.table.values()})
         told = {}
         served.table.listen(lambda values, _: told.update({(each.drive, each.name): each for each in values}))
-        held_up(served)
+        suspend_polling(served)
         await served.changed(change(served.plant))
         await until(lambda: ("fan", "output_frequency") in told and told["fan", "output_frequency"].quality == "bad")
         value = told["fan", "output_frequency"]
@@ -105,7 +105,7 @@ async def test_lease_ended_by_a_reload_can_be_acquired_again(core):
     async with core() as (served, _):
         await all_answer(served)
         lease = leased(served, "fan")
-        await served.changed(another(served.plant))
+        await served.changed(with_exchanged_fan(served.plant))
         with pytest.raises(LeaseError, match="is over"):
             served.leases.renew(OPERATOR, "fan", lease.key, 5, now=time.monotonic(), time_s=time.time())
         assert leased(served, "fan").key != lease.key

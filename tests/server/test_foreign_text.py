@@ -12,11 +12,11 @@ from served_core import OPERATOR, awaited, core_of, until
 
 from drivecomm.client import error_content, json_text
 from drivecomm.errors import UsageError, in_one_line, printable
-from drivecomm.server import Answer, Caller, Command, Event, Role
+from drivecomm.server import Caller, CommandAnswer, CommandRequest, Event, Role
 from drivecomm.server.audit import Audit
-from drivecomm.server.for_doors import PlantForDoors
 from drivecomm.server.logs import RotatingFile, WaitingHandler
-from drivecomm.server.table import Table
+from drivecomm.server.plant_service import PlantForDoors
+from drivecomm.server.table import ValueTable
 
 ESCAPES = "4\x1b[2J\x07\x9b31m\u202egnirts\u2028\r\nfake line\x7f\x00\udc80"
 FOREIGN = st.text(st.characters() | st.sampled_from(ESCAPES), max_size=60)
@@ -81,7 +81,7 @@ def test_log_has_plain_lines_for_the_text_of_an_exception(tmp_path):
 
 @given(FOREIGN, FOREIGN, FOREIGN)
 def test_event_text_has_no_control_characters(text, drive, who):
-    event = Table(lambda _, call: call()).happened("door", text, drive=drive, who=who)
+    event = ValueTable(lambda _, call: call()).happened("door", text, drive=drive, who=who)
     assert isinstance(event, Event)
     assert not any(map(commands_a_terminal, (event.text, event.drive, event.who)))
 
@@ -97,9 +97,9 @@ def test_json_text_has_no_control_characters(text):
 async def test_audit_lines_have_no_control_characters(tmp_path):
     audit = Audit(tmp_path / "audit.jsonl", print)
     caller = Caller(name=ESCAPES, role=Role.VIEW, door=ESCAPES)
-    command = Command(drive=ESCAPES, verb=ESCAPES, id=ESCAPES, arguments={ESCAPES: ESCAPES})
-    number = audit.stop_asked(caller, command)
-    audit.outcome(caller, command, number, Answer(id="", outcome="failed", error=UsageError(ESCAPES)))
+    command = CommandRequest(drive=ESCAPES, verb=ESCAPES, id=ESCAPES, arguments={ESCAPES: ESCAPES})
+    number = audit.record_stop(caller, command)
+    audit.outcome(caller, command, number, CommandAnswer(id="", outcome="failed", error=UsageError(ESCAPES)))
     audit.refused(caller, command, ESCAPES)
     await audit.close()
     lines = (tmp_path / "audit.jsonl").read_bytes().decode().split("\n")
@@ -112,9 +112,11 @@ async def test_event_of_a_command_has_no_control_characters(tmp_path):
     async with core_of(tmp_path) as (core, _):
         plant = PlantForDoors(core, "hall", users=FakeUsers())
         await until(lambda: core.drive("pump").reachability == "answers")
-        await plant.command(OPERATOR, Command(drive="pump", verb="set_reference", arguments={"percent": ESCAPES}))
-        await plant.command(OPERATOR, Command(drive="pump", verb="stop", arguments={"how": ESCAPES}))
-        await plant.command(OPERATOR, Command(drive="pump", verb="start", arguments={ESCAPES: ESCAPES}))
+        await plant.command(
+            OPERATOR, CommandRequest(drive="pump", verb="set_reference", arguments={"percent": ESCAPES})
+        )
+        await plant.command(OPERATOR, CommandRequest(drive="pump", verb="stop", arguments={"how": ESCAPES}))
+        await plant.command(OPERATOR, CommandRequest(drive="pump", verb="start", arguments={ESCAPES: ESCAPES}))
         plant.tell(f"a message on {ESCAPES}", who=ESCAPES)
         await until(lambda: any("a message on" in each.text for each in core.table.events()))
         said = [text for each in core.table.events() for text in (each.text, each.drive, each.who)]

@@ -9,12 +9,12 @@ from hypothesis import given, strategies as st
 
 from drivecomm.errors import LeaseError, NotAllowedError, UsageError
 from drivecomm.server.callers import Caller, Role
-from drivecomm.server.door import Answer, Command
+from drivecomm.server.door import CommandAnswer, CommandRequest
 from drivecomm.server.freshness import check_fresh
-from drivecomm.server.repeats import MOST, REMEMBERED_S, Repeats
+from drivecomm.server.repeats import MOST, REMEMBERED_S, AnswerCache
 
 NOW_S = 1_790_000_000.0
-START = Command(drive="pump", verb="start", id="1")
+START = CommandRequest(drive="pump", verb="start", id="1")
 ANNA = Caller(name="anna", role=Role.OPERATE, door="http")
 BEN = Caller(name="ben", role=Role.OPERATE, door="http")
 
@@ -86,7 +86,7 @@ class Acting:
         await self.go_on.wait()
         if self.fails:
             raise self.fails
-        return Answer(id="1", outcome="done", result=mine)
+        return CommandAnswer(id="1", outcome="done", result=mine)
 
 
 def run(test):
@@ -96,7 +96,7 @@ def run(test):
 def test_repeated_command_gets_the_first_result():
     async def test():
         time = [0.0]
-        repeats, act = Repeats(lambda: time[0]), Acting()
+        repeats, act = AnswerCache(lambda: time[0]), Acting()
         assert (await repeats.once(ANNA, START, act)).result == 1
         time[0] = REMEMBERED_S - 1
         assert (await repeats.once(ANNA, START, act)).result == 1
@@ -110,7 +110,7 @@ def test_repeated_command_gets_the_first_result():
 
 def test_commands_without_an_id_all_act():
     async def test():
-        repeats, act = Repeats(), Acting()
+        repeats, act = AnswerCache(), Acting()
         assert [(await repeats.once(ANNA, replace(START, id=""), act)).result for _ in range(3)] == [1, 2, 3]
 
     run(test)
@@ -126,10 +126,10 @@ def test_remembered_error_has_no_traceback():
         try:
             refuse()
         except NotAllowedError as error:
-            return Answer(id="1", outcome="refused", error=error)
+            return CommandAnswer(id="1", outcome="refused", error=error)
 
     async def test():
-        repeats = Repeats()
+        repeats = AnswerCache()
         await repeats.once(ANNA, START, act)
         answer = await repeats.once(ANNA, START, act)
         assert str(answer.error) == "not now"
@@ -141,7 +141,7 @@ def test_remembered_error_has_no_traceback():
 
 def test_repetition_waits_for_the_running_command():
     async def test():
-        repeats, act = Repeats(), Acting()
+        repeats, act = AnswerCache(), Acting()
         act.go_on.clear()
         first, second = (asyncio.create_task(repeats.once(ANNA, START, act)) for _ in range(2))
         await asyncio.sleep(0)
@@ -158,7 +158,7 @@ def test_repetition_waits_for_the_running_command():
 
 def test_id_reused_for_another_command_is_refused():
     async def test():
-        repeats, act = Repeats(), Acting()
+        repeats, act = AnswerCache(), Acting()
         await repeats.once(ANNA, START, act)
         for other in (
             replace(START, drive="fan"),
@@ -178,7 +178,7 @@ def test_id_reused_for_another_command_is_refused():
 
 def test_order_of_arguments_does_not_matter_and_long_ones_are_not_stored():
     async def test():
-        repeats, act = Repeats(), Acting()
+        repeats, act = AnswerCache(), Acting()
         reference = replace(START, arguments={"percent": 40, "junk": "y" * 60_000})
         await repeats.once(ANNA, reference, act)
         again = replace(reference, arguments=dict(reversed(reference.arguments.items())))
@@ -193,7 +193,7 @@ def test_repetition_of_a_refused_command_is_refused():
     """Otherwise a replay of a refused command could be carried out later."""
 
     async def test():
-        repeats, act = Repeats(), Acting()
+        repeats, act = AnswerCache(), Acting()
         act.fails = LeaseError("pump is commanded by ben")
         for _ in range(2):
             with pytest.raises(LeaseError, match="pump is commanded by ben"):
@@ -205,7 +205,7 @@ def test_repetition_of_a_refused_command_is_refused():
 
 def test_internal_error_is_not_remembered_as_a_result():
     async def test():
-        repeats, act = Repeats(), Acting()
+        repeats, act = AnswerCache(), Acting()
         act.fails = RuntimeError("a mistake")
         with pytest.raises(RuntimeError):
             await repeats.once(ANNA, START, act)
@@ -218,7 +218,7 @@ def test_internal_error_is_not_remembered_as_a_result():
 @pytest.mark.soak
 def test_number_of_remembered_commands_is_limited():
     async def test():
-        repeats, act = Repeats(lambda: 0.0), Acting()
+        repeats, act = AnswerCache(lambda: 0.0), Acting()
         for number in range(MOST + 5):
             await repeats.once(ANNA, replace(START, id=str(number)), act)
         await repeats.once(ANNA, replace(START, id="5"), act)

@@ -57,7 +57,7 @@ class Gate(NoteBook):
         return await super().asked(caller, command, lease)
 
 
-class TestWhileItBegins:
+class TestWhileStarting:
     @pytest.mark.soak
     @awaited
     @pytest.mark.parametrize("drive", ["pump", "vabus:1", "vabus:01", "vabus:*"])
@@ -186,7 +186,7 @@ class TestWhileTheAuditIsWritten:
             await stays_stopped(control)
 
 
-class TestTwo:
+class TestConcurrentKeepOrders:
     @pytest.mark.soak
     @awaited
     async def test_only_one_of_concurrent_keep_orders_succeeds(self, core):

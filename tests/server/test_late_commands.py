@@ -13,7 +13,7 @@ from served_core import ANOTHER, ENGINEER, OPERATOR, NoteBook, asked, awaited, c
 from drivecomm.errors import LeaseError, NotAllowedError, UsageError
 from drivecomm.line import Rank
 from drivecomm.protocol import LineSettings
-from drivecomm.server.wanted import Wanted, keeping_takes_s
+from drivecomm.server.pending_command import PendingCommand, keeping_takes_s
 
 
 @pytest.fixture
@@ -81,7 +81,7 @@ class TestTooOld:
     def test_own_exchanges_of_a_keep_order_do_not_count_as_waiting(self):
         told = []
         came_s = time.monotonic() - 3
-        wanted = Wanted(
+        wanted = PendingCommand(
             core=None, lease=None, found=None, config=None, call=None, fresh=lambda **times: told.append(times),
             came_s=came_s, own_s=2,
         )  # fmt: skip

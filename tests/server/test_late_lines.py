@@ -10,8 +10,8 @@ from served_core import awaited, core_of, until
 
 from drivecomm.line import STATUS
 from drivecomm.server import table
-from drivecomm.server.for_doors import PlantForDoors
 from drivecomm.server.http.metrics import Metrics
+from drivecomm.server.plant_service import PlantForDoors
 from drivecomm.server.served_line import LATE_OVER_S
 from drivecomm.server.sparkplug.edge_node import EdgeNode
 from drivecomm.server.sparkplug.metrics import QUALITY
@@ -69,7 +69,7 @@ async def test_late_line_is_reported_once_and_its_drives_stay_alive(tmp_path):
             assert (state.reachability, state.status.state.value) == ("answers", "not_ready")
             assert "was not asked" in state.error
             assert "pump" in plant.answering()
-            messages = node.changed(plant.values(), ["pump"], time.time()) + node.looked_over(time.time())
+            messages = node.changed(plant.values(), ["pump"], time.time()) + node.periodic_messages(time.time())
             of_pump = [each for each in messages if each.device == "pump"]
             assert {each.kind for each in of_pump} == {"DDATA"}
             metrics = [metric for each in of_pump for metric in each.metrics]

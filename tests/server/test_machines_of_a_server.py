@@ -8,8 +8,8 @@ import pytest
 from served_core import OPERATOR, PLANT, asked, awaited, core_of, until
 
 from drivecomm.protocol import MachineUnit
-from drivecomm.server.for_doors import PlantForDoors
 from drivecomm.server.http.content import drive_text
+from drivecomm.server.plant_service import PlantForDoors
 
 BELT = PLANT.replace('drive = "vabus:1"', 'drive = "vabus:1"\nmachine = { unit = "m/min", per_hz = "1.25" }').replace(
     'parameters = ["output_frequency"]', 'parameters = ["output_frequency", "480", "reference_frequency"]', 1

@@ -9,18 +9,18 @@ from served_core import ENGINEER, VIEWER, asked, awaited, core_of, until
 
 from drivecomm.client import error_content, error_of
 from drivecomm.errors import TooOftenError
-from drivecomm.server import Bucket, Command, Rate
-from drivecomm.server.for_doors import PlantForDoors
+from drivecomm.server import Bucket, CommandRequest, Rate
 from drivecomm.server.http import HttpDoor
+from drivecomm.server.plant_service import PlantForDoors
 from drivecomm.server.rates import Rates
 from drivecomm.server.supervision import OpenDoor
-from drivecomm.tomlfile import Table
+from drivecomm.tomlfile import TomlTable
 
 SLOW = Rate(per_s=0.01, burst=3)
 
 
 def reads(number, drive="pump"):
-    return Command(drive=drive, verb="read", id=str(number), arguments={"parameter": "output_frequency"})
+    return CommandRequest(drive=drive, verb="read", id=str(number), arguments={"parameter": "output_frequency"})
 
 
 @given(
@@ -62,7 +62,7 @@ async def test_read_of_many_parameters_counts_each_of_them(tmp_path):
     async with core_of(tmp_path) as (core, _):
         plant = PlantForDoors(core, "hall", read_rate=Rate(per_s=1.0, burst=3))
         await until(lambda: core.drive("pump").reachability == "answers")
-        many = Command(drive="pump", verb="read_many", arguments={"parameters": ["output_frequency"] * 5})
+        many = CommandRequest(drive="pump", verb="read_many", arguments={"parameters": ["output_frequency"] * 5})
         assert (await plant.command(VIEWER, many)).outcome == "done"
         answer = await plant.command(VIEWER, reads(1))
         assert answer.outcome == "refused"
@@ -85,7 +85,7 @@ async def test_rate_limit_does_not_apply_to_local_callers_or_other_lines(tmp_pat
 async def test_http_door_answers_429_to_reads_but_not_to_stops_and_leases(tmp_path):
     async with core_of(tmp_path) as (core, _):
         plant = PlantForDoors(core, "hall", users=FakeUsers(), read_rate=SLOW)
-        door = HttpDoor(Table({"kind": "http", "listen": "127.0.0.1:0"}, "hall.toml"))
+        door = HttpDoor(TomlTable({"kind": "http", "listen": "127.0.0.1:0"}, "hall.toml"))
         opened = OpenDoor(door, plant, print)
         await until(lambda: all(each.reachability == "answers" for each in core.drives()))
         await until(opened.opened.is_set)
@@ -126,5 +126,5 @@ async def test_every_read_verb_counts_against_the_rate(tmp_path, verb):
     async with core_of(tmp_path) as (core, _):
         plant = PlantForDoors(core, "hall", read_rate=Rate(per_s=0.01, burst=1))
         assert (await plant.command(VIEWER, reads(1))).outcome in ("done", "failed")
-        assert isinstance((await plant.command(VIEWER, Command(drive="pump", verb=verb))).error, TooOftenError)
+        assert isinstance((await plant.command(VIEWER, CommandRequest(drive="pump", verb=verb))).error, TooOftenError)
         assert (await asked(core, VIEWER, "pump", "stop")).outcome == "done"

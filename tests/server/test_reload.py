@@ -10,7 +10,7 @@ from served_core import PLANT, NoteBook, awaited, core_of, until
 from drivecomm.errors import UsageError
 from drivecomm.plant import read_plant
 from drivecomm.server.core import Core
-from drivecomm.server.kept import MOST_TOLD, Story
+from drivecomm.server.kept_motor import MOST_TOLD, MotorStory
 from drivecomm.virtual import VirtualPlant
 
 
@@ -70,7 +70,7 @@ async def test_line_without_a_port_can_be_changed_and_removed(tmp_path):
 
 @awaited
 async def test_story_keeps_the_latest_items_in_order():
-    story, heard = Story(), []
+    story, heard = MotorStory(), []
     for number in range(MOST_TOLD + 50):
         story.tell({"number": number})
 

@@ -9,7 +9,7 @@ from drivecomm.bus import AsyncDrive
 from drivecomm.errors import NotAllowedError, ReadOnlyError, UsageError
 from drivecomm.protocol import NETWORK_VERBS, DriveConfig, NetworkAccess
 from drivecomm.server.callers import ANONYMOUS, LOCAL, Caller, Role
-from drivecomm.server.door import Command
+from drivecomm.server.door import CommandRequest
 from drivecomm.server.rights import NEEDS, Rights
 
 RIGHTS = Rights("plant.toml", "users.toml")
@@ -23,7 +23,7 @@ def caller(role, door=HTTP, name="anna"):
 
 
 def command(verb, /, **arguments):
-    return Command(drive="pump", verb=verb, arguments=arguments)
+    return CommandRequest(drive="pump", verb=verb, arguments=arguments)
 
 
 def may(who, what, drive=PUMP):

@@ -28,7 +28,7 @@ def texts(records):
     return [each.msg for each in records]
 
 
-class TestOneLineAThing:
+class TestLogLines:
     def test_line_of_a_log_file_has_time_level_and_text(self):
         made = record("hall: the port is gone")
         made.created = 0
@@ -111,7 +111,7 @@ class TestRepetitions:
         assert len(seen.rest(3)) == 0
 
 
-class TestWhereTo:
+class TestLogDestinations:
     def test_stderr_without_a_journal_has_times(self):
         done = _logging_program("")
         assert re.fullmatch(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d{3}\S+ info    ready\n", done.stderr)
@@ -245,7 +245,7 @@ class TestFullDisk:
         assert "messages are not logged" in capsys.readouterr().err
 
 
-class TestNobodyWaits:
+class TestNonBlockingLog:
     def test_hanging_destination_does_not_block_and_lost_messages_are_counted(self, monkeypatch):
         monkeypatch.setattr(logs, "_WAITING", 10)
         hanging = Hanging()

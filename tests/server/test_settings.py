@@ -8,9 +8,9 @@ import pytest
 from drivecomm.client import identity
 from drivecomm.errors import FileFormatError
 from drivecomm.plant import read_plant
-from drivecomm.server.places import audit_file, history_file, state_folder
 from drivecomm.server.rates import Rate
 from drivecomm.server.settings import HistorySettings, read_settings
+from drivecomm.server.state_paths import audit_file, history_file, state_folder
 from drivecomm.tomlfile import TEXT
 
 PLANT = """\

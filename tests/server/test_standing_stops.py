@@ -5,15 +5,15 @@ from contextlib import suppress
 from dataclasses import replace
 
 import pytest
-from cut_lines import FAN, FAN_AND_MIXER, cut_core, run, said, stops_sent
+from cut_lines import FAN, FAN_AND_MIXER, cut_core, event_texts, run, stops_sent
 from served_core import ENGINEER, OPERATOR, VIEWER, asked, awaited, runs, until
 
 from drivecomm.errors import NoReplyError, OvertakenError, StateError
 from drivecomm.protocol import Stop
 from drivecomm.server import standing_stops
-from drivecomm.server.commands import Commands
+from drivecomm.server.commands import CommandExecutor
 from drivecomm.server.standing_stops import StandingStops
-from drivecomm.server.table import Table
+from drivecomm.server.table import ValueTable
 
 RETRYING = "stop (ramp) not confirmed; retrying until the drive answers: "
 
@@ -35,12 +35,12 @@ class TestOnALine:
             assert isinstance(answer.error, NoReplyError)
             stands = core.drive("fan").standing_stop
             assert (stands.how, stands.who, stands.confirmed) == (Stop.RAMP, str(VIEWER), False)
-            assert [text.startswith(RETRYING) for text in said(core, "warning")] == [True]
+            assert [text.startswith(RETRYING) for text in event_texts(core, "warning")] == [True]
             assert runs(control, "fan")
             cable.deaf = False
             await until(lambda: not runs(control, "fan"), 15)
             await until(lambda: core.drive("fan").standing_stop is None)
-            assert "stop (ramp) confirmed" in said(core, "command")
+            assert "stop (ramp) confirmed" in event_texts(core, "command")
 
     @awaited
     async def test_running_status_sends_the_standing_stop_immediately(self, tmp_path, monkeypatch):
@@ -69,7 +69,7 @@ class TestOnALine:
             await until(lambda: not runs(control, "fan"), 15)
             assert statuses.count(True) > 5
             assert sent == ["danfoss-fc:3"]
-            assert not said(core, "warning")
+            assert not event_texts(core, "warning")
 
     @awaited
     async def test_stop_on_an_unplugged_port_is_sent_when_the_port_returns(self, tmp_path):
@@ -98,7 +98,7 @@ class TestOnALine:
             await stop(core, how="dc_brake")
             cable.pulled = False
             await until(lambda: core.drive("fan").standing_stop is None, 15)
-            assert any(text.endswith("confirmed") for text in said(core, "command"))
+            assert any(text.endswith("confirmed") for text in event_texts(core, "command"))
 
     @pytest.mark.parametrize("how", ["coast", "quick"])
     @awaited
@@ -153,7 +153,7 @@ class TestOnALine:
             # No drive replies to a broadcast, so the failure is not noticed.
             answer = await asked(core, ENGINEER, "danfoss-fc:*", "stop", line="yard")
             assert answer.outcome == "done"
-            await until(lambda: len(said(core, "warning")) == 2)
+            await until(lambda: len(event_texts(core, "warning")) == 2)
             assert [each.standing_stop is not None for each in core.drives()] == [True, True]
             cable.deaf = False
             await until(lambda: [each.standing_stop for each in core.drives()] == [None, None], 15)
@@ -166,14 +166,14 @@ class TestOnALine:
             assert (await asked(core, ENGINEER, "danfoss-fc:*", "stop", line="yard")).outcome == "done"
             await until(lambda: len(sent) == 3)
             await until(lambda: not core.standing_stops.drives)
-            assert not said(core, "warning")
+            assert not event_texts(core, "warning")
 
     @awaited
     async def test_stop_of_all_stands_for_drives_that_did_not_confirm(self, tmp_path):
         async with cut_core(tmp_path, FAN_AND_MIXER) as (core, control, cable):
             await run(core)
             cable.deaf = True
-            told = await Commands(core).stop_all(VIEWER, Stop.RAMP)
+            told = await CommandExecutor(core).stop_all(VIEWER, Stop.RAMP)
             assert {each.answer.outcome for each in told} == {"open"}
             assert all(each.standing_stop for each in core.drives())
             cable.deaf = False
@@ -192,7 +192,7 @@ class TestOnALine:
             sent = stops_sent(core)
             await run(core)
             assert core.drive("fan").standing_stop is None
-            assert any("was started by eva (local)" in text for text in said(core, "warning"))
+            assert any("was started by eva (local)" in text for text in event_texts(core, "warning"))
             assert not sent
             assert runs(control, "fan")
 
@@ -228,7 +228,9 @@ class TestOnALine:
             drives = (mixer,) if change == "gone" else (replace(fan, address=5), mixer)
             await core.changed(replace(core.plant, drives=drives))
             assert core.standing_stops.of("fan") is None
-            assert any("is retried no longer: the plant file was read again" in text for text in said(core, "warning"))
+            assert any(
+                "is retried no longer: the plant file was read again" in text for text in event_texts(core, "warning")
+            )
 
     @awaited
     async def test_shutdown_retries_standing_stops_once_and_names_the_rest(self, tmp_path):
@@ -238,7 +240,9 @@ class TestOnALine:
             sent = stops_sent(core)
             await core.release_all()
             assert sent
-            assert "stop (ramp) was not confirmed, and is retried no longer: the server ends" in said(core, "warning")
+            assert "stop (ramp) was not confirmed, and is retried no longer: the server ends" in event_texts(
+                core, "warning"
+            )
             assert (await asked(core, VIEWER, "fan", "stop")).outcome == "open"
             assert core.standing_stops.of("fan") is None
         assert asyncio.all_tasks() == {asyncio.current_task()}
@@ -249,7 +253,7 @@ class Drive:
 
     def __init__(self, error):
         self.error, self.hows = error, []
-        self.table = Table(lambda *_: None)
+        self.table = ValueTable(lambda *_: None)
         self.stops = StandingStops(self.table, self.send)
 
     async def send(self, drive, how):

@@ -4,14 +4,14 @@ import asyncio
 import time
 
 import pytest
-from cut_lines import cut_core, run, said, stops_sent
+from cut_lines import cut_core, event_texts, run, stops_sent
 from served_core import ENGINEER, OPERATOR, asked, awaited, runs, until
 
 from drivecomm.errors import LeaseError
 from drivecomm.protocol import Stop
-from drivecomm.server.for_doors import PlantForDoors
+from drivecomm.server.plant_service import PlantForDoors
 from drivecomm.server.stop_demands import AGAIN_FIRST_S, StopDemands
-from drivecomm.server.table import Table
+from drivecomm.server.table import ValueTable
 
 
 class Clock:
@@ -33,7 +33,7 @@ def sent():
 
 @pytest.fixture
 def demands(clock, sent):
-    return StopDemands(Table(lambda *_: None), lambda *what: sent.append(what), clock)
+    return StopDemands(ValueTable(lambda *_: None), lambda *what: sent.append(what), clock)
 
 
 class TestRules:
@@ -98,7 +98,7 @@ async def test_drive_started_despite_a_demand_is_stopped_until_its_release(tmp_p
         await core.lines["yard"].drive("fan").start()
         await until(lambda: sent)
         await until(lambda: not runs(control, "fan"), 15)
-        assert any(text.startswith("runs although a stop is demanded") for text in said(core, "warning"))
+        assert any(text.startswith("runs although a stop is demanded") for text in event_texts(core, "warning"))
         release()
         await until(lambda: core.drive("fan").standing_stop is None)
         await run(core)

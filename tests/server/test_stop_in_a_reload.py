@@ -10,7 +10,7 @@ from served_core import ENGINEER, VIEWER, asked, awaited, core_of, runs, until
 
 from drivecomm.line import Rank
 from drivecomm.protocol import Stop
-from drivecomm.server.commands import Commands
+from drivecomm.server.commands import CommandExecutor
 
 
 @pytest.fixture
@@ -110,7 +110,7 @@ async def test_stop_all_works_during_a_reload(core):
     async with turning(core, "pump", "hall") as (served, control, give_back):
         changing = asyncio.create_task(served.changed(faster(served.plant)))
         await asyncio.sleep(0.1)
-        stopping = asyncio.create_task(Commands(served).stop_all(VIEWER, Stop.RAMP))
+        stopping = asyncio.create_task(CommandExecutor(served).stop_all(VIEWER, Stop.RAMP))
         await asyncio.sleep(0.05)
         give_back()
         stopped = {each.drive: each.answer.outcome for each in await stopping}

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drivecomm.server import Command
+from drivecomm.server import CommandRequest
 from drivecomm.server.writes import Write, Writes
 
 NOON_S = 1_795_780_800.0
@@ -13,7 +13,9 @@ def writes():
     known = Writes()
     for number, parameter in enumerate(("420", "ramp_down_time"), 1):
         write = Write("eva (http)", number, NOON_S + 60 * number)
-        known.note("pump", Command(drive="pump", verb="write", arguments={"parameter": parameter}), write, now_s=1.0)
+        known.note(
+            "pump", CommandRequest(drive="pump", verb="write", arguments={"parameter": parameter}), write, now_s=1.0
+        )
     return known
 
 

@@ -8,9 +8,9 @@ from hypothesis import given, strategies as st
 
 from drivecomm import errors
 from drivecomm.errors import FileFormatError
-from drivecomm.testing import Call, ExchangeVector, Expected, WireStep, load_vectors
+from drivecomm.testing import ExchangeVector, Expected, VectorCall, WireStep, load_vectors
 from drivecomm.testing.exchange_vectors import ACTIONS, ERROR_NAMES, read_exchange
-from drivecomm.tomlfile import Table
+from drivecomm.tomlfile import TomlTable
 
 HEAD = 'format = 2\nprotocol = "vabus"\n'
 EXCHANGE = """
@@ -39,7 +39,7 @@ def test_minimal_exchange_is_loaded_with_defaults(load):
     assert (vector.id, vector.source, vector.address) == ("one", "somewhere", 1)
     assert (vector.printed, vector.model, vector.options, vector.note) == (False, "", {}, "")
     assert vector.watched_s is None
-    assert vector.calls == (Call(call="read", arguments={"parameter": "481"}),)
+    assert vector.calls == (VectorCall(call="read", arguments={"parameter": "481"}),)
     assert vector.steps == (WireStep(action="send", data=b"\x04"), WireStep(action="reply", data=b"A\x06"))
 
 
@@ -204,7 +204,7 @@ LISTS = st.lists(
 )
 def test_random_table_is_loaded_or_refused_with_its_name(content):
     try:
-        vector = read_exchange(Table(content, "file", name="exchange x"))
+        vector = read_exchange(TomlTable(content, "file", name="exchange x"))
     except FileFormatError as error:
         where = str(error)
     else:

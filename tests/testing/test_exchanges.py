@@ -7,10 +7,10 @@ from extents import first_of_each, shape_of_exchange
 
 from drivecomm.protocol import installed
 from drivecomm.testing import (
-    Call,
     CheckFailure,
     ExchangeVector,
     Expected,
+    VectorCall,
     WireStep,
     call_blocking,
     packaged_vectors,
@@ -41,7 +41,7 @@ SILENCE = WireStep(action="silence")
 
 def reading(*steps, expected=None, **fields):
     """Return a vector that reads 481 of drive 1, with 10.00 Hz as the default result."""
-    call = Call(
+    call = VectorCall(
         call="read",
         arguments={"parameter": "481"},
         expected=expected or Expected(result={"value": "10.00", "unit": "Hz", "raw": "000003E8"}),
@@ -93,7 +93,7 @@ def test_exchange_with_garbage_before_a_reply_passes(play):
 
 @FACES
 def test_exchange_with_an_expected_error_in_the_middle_passes(play):
-    failing = Call(call="read", arguments={"parameter": "481"}, expected=Expected(error="NoReplyError"))
+    failing = VectorCall(call="read", arguments={"parameter": "481"}, expected=Expected(error="NoReplyError"))
     last = SOUND.calls[0]
     steps = (send(ENQUIRY), SILENCE, send(ENQUIRY), reply(ANSWER), send(EOT))
     play(VABUS, reading(*steps, calls=(failing, last), options={"attempts": 1}))
@@ -101,13 +101,15 @@ def test_exchange_with_an_expected_error_in_the_middle_passes(play):
 
 @FACES
 def test_refused_call_without_steps_passes(play):
-    call = Call(call="write", arguments={"parameter": "481", "value": "fast"}, expected=Expected(error="UsageError"))
+    call = VectorCall(
+        call="write", arguments={"parameter": "481", "value": "fast"}, expected=Expected(error="UsageError")
+    )
     play(VABUS, reading(calls=(call,)))
 
 
 @FACES
 def test_broadcast_exchange_passes(play):
-    stop = Call(call="stop", arguments={"how": "quick"}, expected=Expected(result={}))
+    stop = VectorCall(call="stop", arguments={"how": "quick"}, expected=Expected(result={}))
     data = bytes.fromhex("04 60 02 30 30 34 31 30 30 34 30 30 30 30 03 32")
     play(VABUS, reading(send(data), SILENCE, calls=(stop,), address=32))
 
@@ -157,15 +159,15 @@ WRONG = {
     "an unknown option": (replace(SOUND, options={"colour": 1}), "there is no such drive: .*colour"),
     "an unknown model": (replace(SOUND, model="none"), "there is no such drive: .*none"),
     "no such way to stop": (
-        replace(SOUND, calls=(Call(call="stop", arguments={"how": "gently"}),), steps=()),
+        replace(SOUND, calls=(VectorCall(call="stop", arguments={"how": "gently"}),), steps=()),
         "there is no way of stopping named 'gently'",
     ),
     "not for all drives": (
-        reading(calls=(Call(call="status"),), address=32),
+        reading(calls=(VectorCall(call="status"),), address=32),
         "status raises NotSupported: all drives at once have no verb 'status'",
     ),
     "no such verb for all": (
-        reading(calls=(Call(call="control_word"),), address=32),
+        reading(calls=(VectorCall(call="control_word"),), address=32),
         "all drives at once have no verb 'control_word'",
     ),
 }  # fmt: skip

@@ -11,7 +11,7 @@ from drivecomm.cli.entry import main
 from drivecomm.errors import DriveError
 from drivecomm.models import load_model
 from drivecomm.protocol import Ask, installed, with_each_command
-from drivecomm.testing import QUICK, all_checks, notes_of, packaged_vectors, reported, try_out
+from drivecomm.testing import QUICK, all_checks, make_report, notes_of, packaged_vectors, try_out
 from drivecomm.testing.bench import bench
 from drivecomm.testing.unproven import unproven
 from drivecomm.virtual import virtual_drive
@@ -103,7 +103,7 @@ def test_tell_apart_sets_unique_values_within_their_ranges(name):
     model = load_model(plugin.package, name, plugin.default_model)
     numbers = [each for each in model.parameters.values() if each.access == "rw" and not each.values]
     with bench(plugin, model, addresses=plugin.addresses[:2]) as on:
-        on.tell_apart(model)
+        on.set_unique_values(model)
         masters = [on.drive, on.bus.drive(name, plugin.addresses[1], model=model)]
         held = []
         for info in numbers:
@@ -263,6 +263,6 @@ def test_preparing_request_without_a_printed_exchange_is_unproven():
 
 
 def test_only_a_full_report_lists_unproven_commands():
-    report = reported(installed["huanyang"], [])
+    report = make_report(installed["huanyang"], [])
     assert "unproven: no printed exchange shows reset" in notes_of(report)
-    assert not reported(installed["huanyang"], [], only="contract").unproven
+    assert not make_report(installed["huanyang"], [], only="contract").unproven

@@ -9,7 +9,7 @@ from altered import Altered
 from drivecomm.errors import UsageError
 from drivecomm.profiles import control_profile
 from drivecomm.protocol import Ask, Intent, Pause, Stop, VirtualReply, installed
-from drivecomm.testing import FULL, QUICK, all_checks, first_failure, left_out, results, run_conformance, try_out
+from drivecomm.testing import FULL, QUICK, all_checks, first_failure, results, run_conformance, skipped_checks, try_out
 
 # test_vectors and test_properties run these checks.
 ELSEWHERE = ("/vectors.toml/", "/properties/")
@@ -325,8 +325,12 @@ def test_package_without_intents_skips_their_checks(in_place_of):
 @pytest.mark.parametrize(
     ("take", "kind", "reason"),
     [
-        ("drivecomm_vabus.store.Store.must_allow", "guards its limits", "10 := 0 is taken, and its limits are 1 to 4"),
-        ("drivecomm_vabus.store.Store.power_cycle", "forgets what was not stored", "written without being stored"),
+        (
+            "drivecomm_vabus.store.VabusStore.must_allow",
+            "guards its limits",
+            "10 := 0 is taken, and its limits are 1 to 4",
+        ),
+        ("drivecomm_vabus.store.VabusStore.power_cycle", "forgets what was not stored", "written without being stored"),
     ],
 )
 def test_virtual_drive_without_limits_or_memory_loss_is_found(monkeypatch, take, kind, reason):
@@ -339,7 +343,7 @@ def test_virtual_drive_ignoring_the_sign_of_a_reference_is_found(monkeypatch):
         percent = machine._store.number(516)
         return percent / 2 if percent > 0 else 20.0
 
-    reference = "drivecomm_vlt3500.machine.Machine._reference_hz"
+    reference = "drivecomm_vlt3500.machine.VltMachine._reference_hz"
     monkeypatch.setattr(reference, unsigned)
     kind = "heeds the sign of a reference"
     slow = failed(installed["vlt3500"], kind)
@@ -363,7 +367,7 @@ def test_run_can_be_limited_to_a_part_of_the_checks():
     report = run_conformance(installed["fuji"], QUICK, only="/documents/")
     assert report.ok
     assert len(report.passed) == 7
-    assert report.left_out == left_out() == ()
+    assert report.left_out == skipped_checks() == ()
 
 
 def test_unknown_part_raises_usage_error():

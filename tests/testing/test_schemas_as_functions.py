@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis.strategies import integers, lists, sampled_from, tuples
 
 from drivecomm.protocol.schema import (
-    Check,
+    CheckCharacters,
     Form,
     characters,
     choice,
@@ -29,7 +29,12 @@ class Note:
 
 
 FIXED = Form(
-    Note, constant(b"<"), "value" / hex_number(2), constant(b";"), Check(2, 1, hex_sum, off=b"??"), constant(b">")
+    Note,
+    constant(b"<"),
+    "value" / hex_number(2),
+    constant(b";"),
+    CheckCharacters(2, 1, hex_sum, off=b"??"),
+    constant(b">"),
 )
 OF_ANY_SIZE = Form(
     Note,
@@ -39,7 +44,7 @@ OF_ANY_SIZE = Form(
     "length" / decimal_number(1, range(1, 6)),
     "value" / characters(this.length - 1),
     constant(b";"),
-    Check(2, 1, decimal_sum),
+    CheckCharacters(2, 1, decimal_sum),
     constant(b">"),
     writes={"length": lambda note: len(note.value) + 1},
 )

@@ -17,14 +17,14 @@ from drivecomm.protocol import DriveConfig, Framed, Framer, LineSettings, instal
 from drivecomm.protocol.schema import constant
 from drivecomm.testing import packaged_vectors
 from drivecomm.traffic.cohabitation import (
-    Reader,
     Safety,
+    TelegramFinder,
     arbitrary_telegrams,
     character_map,
     check,
     check_line,
+    line_drives_of,
     listen,
-    partners_of,
     readable,
     try_out,
     wait_for,
@@ -96,7 +96,7 @@ def named(pair):
 def partner():
     """Return a function that gives the partner of a drive; partners share their protocols' data, as on one line."""
     every = {id(each): each for pair in (*TAKEN, *UNHEARD, *SAFE) for each in pair}
-    partners = dict(zip(every, partners_of(every.values()), strict=True))
+    partners = dict(zip(every, line_drives_of(every.values()), strict=True))
     return lambda drive: partners[id(drive)]
 
 
@@ -296,7 +296,7 @@ def test_trial_shows_the_telegram_taken_and_its_place(partner):
     speaker, listener = partner(FC), partner(VABUS)
     settings = LineSettings(baudrate=9600, bytesize=7, parity="N")
     assert character_map(speaker.settings, settings) is None
-    reader = Reader(codec=listener.ear, direction="request", means=lambda message: message.kind == "eot")
+    reader = TelegramFinder(codec=listener.ear, direction="request", means=lambda message: message.kind == "eot")
     proof = try_out(speaker.spoken, speaker, settings, reader, Random(1))
     text = b"".join(each.heard for each in proof.telegrams)
     assert text[proof.offset : proof.offset + len(proof.taken)] == proof.taken == b"\x04"
@@ -354,7 +354,7 @@ def test_protocol_of_another_package_is_checked_like_ours(toy):
     assert len(outcomes) == 6
     assert outcomes[stranger.name, f"{toy.name}:{other}"].outcome is Safety.SAFE
     proof = outcomes[FC_8.name, stranger.name].proof
-    listener, speaker = partners_of([stranger, FC_8])
+    listener, speaker = line_drives_of([stranger, FC_8])
     bystander = Bystander(stranger, speaker)
     bystander.play(each.data for each in proof.telegrams)
     assert proof.taken in bystander.took(listener)

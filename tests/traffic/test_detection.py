@@ -20,7 +20,7 @@ FORMATS = {
 }
 
 
-class Passing:
+class PassingTraffic:
     """Traffic that continues at any settings of the listener, and is never repeated."""
 
     def __init__(self, sent):
@@ -56,7 +56,7 @@ def test_unknown_lines_are_identified_within_two_hundred_telegrams(extent):
     failed = []
     for seed in range(extent):
         protocol, settings, sent = unknown_line(seed)
-        line = Passing(sent)
+        line = PassingTraffic(sent)
         found = detect(line, PROTOCOLS)
         assert line.passed <= 200
         if found is None or (found.protocols[:1], found.settings) != ((protocol,), settings):
@@ -66,7 +66,7 @@ def test_unknown_lines_are_identified_within_two_hundred_telegrams(extent):
 
 def test_all_protocols_of_a_line_are_named_and_stop_bits_stay_open():
     two_stop_bits = {"baudrate": 19200, "bytesize": 8, "parity": "N", "stopbits": 2}
-    found = detect(Passing(plant(600, telegrams=210, seed=1, settings=two_stop_bits).sent), PROTOCOLS)
+    found = detect(PassingTraffic(plant(600, telegrams=210, seed=1, settings=two_stop_bits).sent), PROTOCOLS)
     assert set(found.protocols) == {"vabus", "danfoss-fc", "vlt3500", "fuji"}
     assert found.settings == LineSettings(baudrate=19200)
     assert found.spoilt == 0
@@ -78,7 +78,7 @@ def test_noise_is_not_detected_as_a_protocol(seed):
     random = Random(seed)
     sent = plant(600, telegrams=210, seed=seed, settings={"baudrate": 9600, "bytesize": 8, "parity": "N"}).sent
     noise = [replace(one, data=random.randbytes(len(one.data))) for one in sent]
-    line = Passing(noise)
+    line = PassingTraffic(noise)
     assert detect(line, PROTOCOLS) is None
     assert line.passed <= 200
 

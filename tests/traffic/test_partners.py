@@ -4,11 +4,11 @@ import pytest
 from addressed_requests import ADDRESSED, framed
 
 from drivecomm.protocol import DriveConfig, installed
-from drivecomm.traffic.cohabitation import partners_of
+from drivecomm.traffic.cohabitation import line_drives_of
 
 
 @pytest.mark.parametrize(("protocol", "address", "fields"), ADDRESSED)
 def test_partner_takes_only_messages_for_its_address(protocol, address, fields):
     message = framed(protocol, fields).message
     drives = (DriveConfig(protocol=protocol, address=at) for at in (address, installed[protocol].addresses[-1]))
-    assert [partner.is_meant(message) for partner in partners_of(drives)] == [True, False]
+    assert [partner.is_meant(message) for partner in line_drives_of(drives)] == [True, False]

@@ -11,8 +11,8 @@ from sessions import ADDRESSES, READS, everybody, read_everybody, record, work_w
 import drivecomm
 from drivecomm.capture import Capture, CaptureWriter, Piece, Provenance
 from drivecomm.errors import NoReplyError, NotSupported, TelegramError, UsageError
-from drivecomm.plant import TRANSMISSION_FAULTS, Fault, FaultPlan
-from drivecomm.protocol import Command, Damaged, Framed, Framer, installed
+from drivecomm.plant import TRANSMISSION_FAULTS, FaultPlan, LineFault
+from drivecomm.protocol import Damaged, Framed, Framer, MotorCommand, installed
 from drivecomm.traffic.replay import (
     RecordedCodec,
     RecordedExchange,
@@ -190,7 +190,7 @@ def test_same_program_gets_the_same_results_from_a_replay_of_a_bad_line():
         return results
 
     # A reply that comes seconds late meets a later request, which depends on the timing of the port.
-    kinds = [each for each in TRANSMISSION_FAULTS if each is not Fault.DELAY]
+    kinds = [each for each in TRANSMISSION_FAULTS if each is not LineFault.DELAY]
     for seed in range(5):
         capture, results = record(program, everybody(faults=FaultPlan(seed=seed, rate=0.3, kinds=kinds)))
         assert len(recorded_exchanges(capture)) > len(results) + 40 + 10
@@ -252,14 +252,14 @@ def test_time_of_a_replay_is_virtual_and_equals_the_recorded_one():
 # As a master
 
 
-def asked(capture, line, **options):
+def replay_requests(capture, line, **options):
     """Send the requests of a capture on a virtual line; return their outcomes."""
     return list(ReplayMaster(recorded_exchanges(capture), EVERYBODY, **options).on(line.port()))
 
 
 def test_replayed_requests_get_the_same_replies_from_the_same_drives():
     capture, _ = record(read_everybody)
-    outcomes = asked(capture, everybody())
+    outcomes = replay_requests(capture, everybody())
     assert len(outcomes) == len(recorded_exchanges(capture))
     assert all(outcome.sent and not outcome.differs for outcome in outcomes)
 
@@ -272,14 +272,14 @@ def test_replay_keeps_the_recorded_timing_times_a_factor(faster):
     line = VirtualLine([virtual_drive("vabus", 1)])
     began = []
     line.monitors.append(lambda sent: began.append(sent.began) if sent.source == "master" else None)
-    asked(pieces_of(*said), line, faster=faster)
+    replay_requests(pieces_of(*said), line, faster=faster)
     assert [later - began[0] for later in began] == pytest.approx([n * 0.4 / faster for n in range(5)])
 
 
 def test_fast_replay_sends_no_faster_than_drives_can_receive():
     capture, _ = record(read_everybody)
     line = everybody()
-    outcomes = asked(capture, line, faster=1e6)
+    outcomes = replay_requests(capture, line, faster=1e6)
     assert not any(outcome.differs for outcome in outcomes)
     assert line.time < capture.pieces[-1].time_s + 1
 
@@ -290,7 +290,7 @@ def test_fast_replay_keeps_the_pause_of_each_drive():
         said += [(n * 0.4, "master", READ), (n * 0.4 + 0.04, "drive", VALUE)]
     line, spoken = VirtualLine([virtual_drive("vabus", 1)]), []
     line.monitors.append(spoken.append)
-    asked(pieces_of(*said), line, faster=1e6)
+    replay_requests(pieces_of(*said), line, faster=1e6)
     pauses = [later.began - one.ended for one, later in pairwise(spoken) if later.source == "master"]
     assert len(pauses) == 4
     assert min(pauses) > 0.0099
@@ -301,9 +301,9 @@ def test_replay_leaves_commands_out():
     capture, _ = record(work_with_everybody)
     line = everybody()
     for _ in range(2):
-        outcomes = asked(capture, line, faster=10)
+        outcomes = replay_requests(capture, line, faster=10)
         for drive in line.drives:
-            assert drive.motor.command is Command.OFF
+            assert drive.motor.command is MotorCommand.OFF
             assert drive.motor.output_hz == 0
     assert {outcome.sent for outcome in outcomes} == {True, False}
     assert not any(outcome.differs for outcome in outcomes if not outcome.sent)
@@ -317,9 +317,9 @@ def test_replay_sends_commands_with_sending_everything():
 
     capture, _ = record(start)
     line = everybody()
-    outcomes = asked(capture, line, sending=Sending.EVERYTHING)
+    outcomes = replay_requests(capture, line, sending=Sending.EVERYTHING)
     assert all(outcome.sent for outcome in outcomes)
-    assert line.drives[1].motor.command is Command.RUN
+    assert line.drives[1].motor.command is MotorCommand.RUN
 
 
 def test_changed_values_and_missing_replies_are_named():
@@ -327,7 +327,7 @@ def test_changed_values_and_missing_replies_are_named():
     line = everybody()
     line.drives[0].poke("481", 2000)
     line.power_off(line.drives[2])
-    different = [outcome for outcome in asked(capture, line) if outcome.differs]
+    different = [outcome for outcome in replay_requests(capture, line) if outcome.differs]
     assert [difference(outcome, EVERYBODY) for outcome in different] == [
         "data was 000003E8, is 000007D0",
         "nothing came",
@@ -345,7 +345,7 @@ def test_difference_text_shows_both_replies():
 
 def test_reply_to_a_formerly_unanswered_request_is_a_difference():
     line = VirtualLine([virtual_drive("vabus", 1)])
-    outcomes = asked(pieces_of((0, "master", READ), (1, "master", READ)), line)
+    outcomes = replay_requests(pieces_of((0, "master", READ), (1, "master", READ)), line)
     assert [outcome.differs for outcome in outcomes] == [True, True]
 
 
@@ -355,28 +355,28 @@ def test_surplus_bytes_after_a_reply_are_a_difference():
     capture, _ = record(lambda bus: bus.drive("vabus", 1).read("481"), line)
     line = VirtualLine([virtual_drive("vabus", 1)])
     line.monitors.append(lambda sent: line.inject(b"!!") if sent.source == "drive" else None)
-    outcomes = asked(capture, line)
+    outcomes = replay_requests(capture, line)
     assert outcomes[0].came == recorded_exchanges(capture)[0].reply + b"!!"
     assert outcomes[0].differs
 
 
 def test_echo_is_not_a_difference():
     capture, _ = record(read_everybody)
-    assert not any(outcome.differs for outcome in asked(capture, everybody(echo=True), echo="expect"))
-    assert not any(outcome.differs for outcome in asked(capture, everybody(echo=True), echo="auto"))
+    assert not any(outcome.differs for outcome in replay_requests(capture, everybody(echo=True), echo="expect"))
+    assert not any(outcome.differs for outcome in replay_requests(capture, everybody(echo=True), echo="auto"))
 
 
 def test_replay_uses_line_settings_of_the_capture_or_overrides():
     capture, _ = record(read_everybody)
     slow = {"baudrate": 4800}
     line = VirtualLine([virtual_drive(name, address, **slow) for name, address in ADDRESSES.items()])
-    assert all(outcome.differs for outcome in asked(capture, line) if outcome.then.parts)
-    assert not any(outcome.differs for outcome in asked(capture, line, overrides=slow))
+    assert all(outcome.differs for outcome in replay_requests(capture, line) if outcome.then.parts)
+    assert not any(outcome.differs for outcome in replay_requests(capture, line, overrides=slow))
     # Without settings in the capture, the usual ones of the protocol apply.
     bare = replace(capture, pieces=[replace(piece, settings=None) for piece in capture.pieces])
-    assert not any(outcome.differs for outcome in asked(bare, everybody()))
+    assert not any(outcome.differs for outcome in replay_requests(bare, everybody()))
     with pytest.raises(UsageError, match="line settings"):
-        asked(pieces_of((0, "master", b"?")), everybody(), sending=Sending.EVERYTHING)
+        replay_requests(pieces_of((0, "master", b"?")), everybody(), sending=Sending.EVERYTHING)
 
 
 @pytest.mark.parametrize("faster", [0, -1, float("nan"), float("inf")])
@@ -386,4 +386,4 @@ def test_invalid_speed_factor_is_refused(faster):
 
 
 def test_replay_of_an_empty_capture_sends_nothing():
-    assert asked(pieces_of(), everybody()) == []
+    assert replay_requests(pieces_of(), everybody()) == []

@@ -13,10 +13,10 @@ from drivecomm.errors import NotSupported
 from drivecomm.models import load_model
 from drivecomm.protocol import Ask, Tell, installed
 from drivecomm.testing import packaged_vectors
-from drivecomm.traffic.replay import described, meanings, only_asks
+from drivecomm.traffic.replay import decoded_requests, only_asks, request_as_text
 from drivecomm.virtual import VirtualLine, drive_type, virtual_drive
 from drivecomm_danfoss_fc.messages import ParameterRequest, ProcessRequest, TextRequest
-from drivecomm_fuji.telegrams import Poll, Select as FujiSelect, Standard
+from drivecomm_fuji.telegrams import PollFrame, SelectFrame as FujiSelect, StandardFrame
 from drivecomm_vabus.telegrams import Enquiry, Eot, Select
 from drivecomm_vlt3500.messages import Control, Read, ReadIndex, Update
 
@@ -65,11 +65,11 @@ CASES = [
     ("vlt3500", Control(address=1, control_word=0, control_mask=0x000F), False),
     ("vlt3500", Read(address=1, parameter=516, control_word=0x0400), False),
     ("vlt3500", Update(address=1, parameter=516, value=Decimal(1)), False),
-    ("fuji", Standard(kind="request", address=1, command="R", function="M09"), True),
-    ("fuji", Standard(kind="request", address=1, command="W", function="S06", data=1), False),
-    ("fuji", Standard(kind="request", address=1, command="A", function="S06", data=1), False),
-    ("fuji", Standard(kind="request", address=1, command="E"), False),
-    ("fuji", Poll(kind="request", address=1, command="j"), True),
+    ("fuji", StandardFrame(kind="request", address=1, command="R", function="M09"), True),
+    ("fuji", StandardFrame(kind="request", address=1, command="W", function="S06", data=1), False),
+    ("fuji", StandardFrame(kind="request", address=1, command="A", function="S06", data=1), False),
+    ("fuji", StandardFrame(kind="request", address=1, command="E"), False),
+    ("fuji", PollFrame(kind="request", address=1, command="j"), True),
     ("fuji", FujiSelect(kind="request", address=1, command="m", data=0), False),
 ]
 
@@ -135,7 +135,7 @@ def _packaged_requests():
 
 @pytest.mark.parametrize(("plugin", "vector"), [*_packaged_requests()])
 def test_packaged_requests_are_decoded_and_judged(plugin, vector):
-    found = {each.name: message for each, message in meanings(vector.data, EVERYBODY)}
+    found = {each.name: message for each, message in decoded_requests(vector.data, EVERYBODY)}
     assert plugin.name in found
     assert only_asks(vector.data, EVERYBODY) <= plugin.intent(found[plugin.name]).only_asks
 
@@ -152,6 +152,9 @@ def test_protocol_without_intent_is_not_trusted():
 
 
 def test_described_shows_bytes_drive_and_kind_of_a_request():
-    assert described(bytes.fromhex("04 41 30 30 34 38 31 05"), EVERYBODY) == "04 41 30 30 34 38 31 05 (vabus:1 enquiry)"
-    assert described(bytes.fromhex("04"), EVERYBODY) == "04 (vabus eot)"
-    assert described(b"?!", EVERYBODY) == "3F 21"
+    assert (
+        request_as_text(bytes.fromhex("04 41 30 30 34 38 31 05"), EVERYBODY)
+        == "04 41 30 30 34 38 31 05 (vabus:1 enquiry)"
+    )
+    assert request_as_text(bytes.fromhex("04"), EVERYBODY) == "04 (vabus eot)"
+    assert request_as_text(b"?!", EVERYBODY) == "3F 21"

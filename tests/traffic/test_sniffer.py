@@ -7,7 +7,18 @@ from random import Random
 
 import pytest
 from hypothesis import given, settings, strategies as st
-from traffic import ALL, DIRECTIONS, PROTOCOLS, Meant, Traffic, heard, plant, sniffed, telegrams, told
+from traffic import (
+    ALL,
+    DIRECTIONS,
+    PROTOCOLS,
+    Traffic,
+    Undamaged,
+    counted_telegrams,
+    described_transmission,
+    plant,
+    sniffed,
+    telegrams,
+)
 
 from drivecomm.capture import Piece
 from drivecomm.protocol import LineSettings, encode, installed
@@ -42,7 +53,7 @@ def characters(pieces, size):
 def test_sniffer_finds_telegrams_in_an_hour_of_mixed_noisy_traffic():
     traffic = plant(3600, seed=1, rate=0.01, pauses=(0.0, 0.03, 0.4, 1.5, 3.0))
     found = sniffed(traffic.pieces())
-    sound = heard(found)
+    sound = counted_telegrams(found)
     undamaged = traffic.undamaged
     assert undamaged.total() > 5000
     assert {one.protocol for one in telegrams(found)} == {"vabus", "danfoss-fc", "vlt3500", "fuji"}
@@ -57,7 +68,7 @@ def test_sniffer_finds_telegrams_in_an_hour_of_mixed_noisy_traffic():
 
 def test_all_telegrams_are_found_without_noise(clean):
     found = sniffed(clean.pieces())
-    assert heard(found) == clean.undamaged == clean.on_the_wire
+    assert counted_telegrams(found) == clean.undamaged == clean.on_the_wire
     assert len(telegrams(found)) == len(found)
 
 
@@ -65,8 +76,8 @@ def test_all_telegrams_are_found_without_noise(clean):
 def test_very_bad_line_gives_no_invented_telegrams(rate, seed):
     traffic = plant(60, seed=seed, rate=rate, pauses=(0.0, 0.03, 0.4, 1.5, 3.0))
     found = sniffed(traffic.pieces())
-    assert not heard(found) - traffic.on_the_wire
-    assert (traffic.undamaged - heard(found)).total() <= 0.06 * traffic.undamaged.total()
+    assert not counted_telegrams(found) - traffic.on_the_wire
+    assert (traffic.undamaged - counted_telegrams(found)).total() <= 0.06 * traffic.undamaged.total()
 
 
 # Remains of damaged telegrams
@@ -156,11 +167,11 @@ def test_requests_to_an_absent_drive_are_soon_recognised():
 
 @pytest.mark.soak
 def test_pieces_of_any_size_give_the_same_telegrams(noisy):
-    whole = heard(sniffed(noisy.pieces()))
+    whole = counted_telegrams(sniffed(noisy.pieces()))
     random = Random(1)
     for size in (lambda: 1, lambda: random.randint(1, 7)):
         cut = sorted(characters(noisy.pieces(), size), key=lambda piece: piece.time_s)
-        assert heard(sniffed(cut)) == whole
+        assert counted_telegrams(sniffed(cut)) == whole
 
 
 @pytest.mark.soak
@@ -169,7 +180,7 @@ def test_adapter_that_delivers_every_16_ms_hides_no_telegram(clean):
     for piece in sorted(characters(clean.pieces(), lambda: 1), key=lambda piece: piece.time_s):
         handed.setdefault(ceil(piece.time_s / 0.016) * 0.016, bytearray()).extend(piece.data)
     found = sniffed([Piece(time_s=time_s, data=bytes(data)) for time_s, data in handed.items()])
-    wanted = Counter((direction, data) for direction, data, _ in heard(sniffed(clean.pieces())).elements())
+    wanted = Counter((direction, data) for direction, data, _ in counted_telegrams(sniffed(clean.pieces())).elements())
     assert Counter((one.direction, one.data) for one in telegrams(found)) == wanted
 
 
@@ -187,7 +198,7 @@ def test_sources_of_a_capture_are_trusted(clean):
     pieces = [Piece(time_s=one.ended, data=one.data, settings=one.settings, source=one.source) for one in clean.sent]
     # A capture that begins with a reply leaves nothing open.
     found = sniffed(pieces[1:])
-    assert not heard(found) - clean.on_the_wire
+    assert not counted_telegrams(found) - clean.on_the_wire
     assert not [one for one in found if isinstance(one, AmbiguousTelegram) and one.data != b"\x04"]
 
 
@@ -195,7 +206,7 @@ def test_sources_of_a_capture_are_trusted(clean):
 def test_start_in_the_middle_turns_no_request_into_a_reply(clean):
     for first in range(1, 12):
         rest = Traffic(clean.sent[first:])
-        found = heard(sniffed(rest.pieces()))
+        found = counted_telegrams(sniffed(rest.pieces()))
         assert not found - rest.on_the_wire
         # Its first telegrams may be ambiguous, or reply to a request that was not heard.
         assert (rest.undamaged - found).total() <= 3
@@ -210,8 +221,10 @@ def test_seven_bit_drive_is_found_among_eight_bit_ones():
         for one in traffic.sent
         if one.settings.parity == "N" or one.settings.bytesize == 7
     ]
-    wanted = Counter(told(one) for one in traffic.sent if one.settings.parity == "N" or one.settings.bytesize == 7)
-    found = heard(sniffed(pieces))
+    wanted = Counter(
+        described_transmission(one) for one in traffic.sent if one.settings.parity == "N" or one.settings.bytesize == 7
+    )
+    found = counted_telegrams(sniffed(pieces))
     assert found == wanted
     assert {"vabus", "fuji", "vlt3500"} == {one.protocol for one in telegrams(sniffed(pieces))}
 
@@ -220,7 +233,7 @@ def test_seven_bit_drive_is_found_among_eight_bit_ones():
 def test_drives_with_different_line_settings_are_understood(seed):
     """The pieces have their own settings, as in a capture by the master itself."""
     traffic = plant(20, seed=seed, settings={})
-    assert heard(sniffed(traffic.pieces())) == traffic.on_the_wire
+    assert counted_telegrams(sniffed(traffic.pieces())) == traffic.on_the_wire
 
 
 # Ambiguity
@@ -327,7 +340,7 @@ def test_unselected_protocol_is_not_found(clean):
 
 def test_virtual_traffic_marks_damaged_telegrams():
     traffic = plant(20, seed=3, rate=0.5, names=ALL[:1])
-    spoilt = [one for one in traffic.sent if not isinstance(one.data, Meant)]
+    spoilt = [one for one in traffic.sent if not isinstance(one.data, Undamaged)]
     assert spoilt
     assert {one.source for one in traffic.sent} == set(DIRECTIONS)
 
@@ -348,7 +361,7 @@ NOTHING = (fc("request", 0, 0, 0, 0), fc("reply", 0, 0, 0, 0))
 ROUND = (*VOLTAGE, *CURRENT, *NOTHING)
 
 
-def said(*talk, pause_s=0.02):
+def monitored_talk(*talk, pause_s=0.02):
     """Feed the telegrams of a master and its drive; None is a missed telegram.
 
     Return the directions and the outcomes.
@@ -365,7 +378,7 @@ def said(*talk, pause_s=0.02):
 
 def test_reply_that_equals_its_request_is_recognised_by_its_time():
     assert NOTHING[0] == NOTHING[1]
-    directions, outcomes = said(*ROUND * 4)
+    directions, outcomes = monitored_talk(*ROUND * 4)
     assert directions == ["request", "reply"] * 12
     assert outcomes == ["answered"] * 12
 
@@ -374,7 +387,7 @@ def test_reply_that_equals_its_request_is_recognised_by_its_time():
 def test_reply_that_equals_its_request_is_recognised_after_a_missed_half(missed):
     talk = [*ROUND, *ROUND, *ROUND, *ROUND, *ROUND]
     talk[12 + missed] = None
-    directions, outcomes = said(*talk)
+    directions, outcomes = monitored_talk(*talk)
     assert len(directions) == 29
     assert len(outcomes) - outcomes.count("answered") == 1
     assert directions[18:] == (["request", "reply"] * 15)[19:]

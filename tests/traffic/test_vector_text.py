@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 import pytest
 from hypothesis import given, strategies as st
 from sessions import record, work_with_everybody
-from test_telling_apart import overheard
+from test_inferred_sources import overheard
 
 from drivecomm.capture import Capture, Piece, Provenance
 from drivecomm.errors import TelegramError
@@ -109,7 +109,7 @@ def test_every_packaged_telegram_can_become_a_vector(tmp_path, name):
     assert list(carry_out(decoding).failed) == []
 
 
-class Particular:
+class NonCanonicalCodec:
     """A codec that reads telegrams which it would write differently, or not at all."""
 
     def __init__(self, codec, written):
@@ -125,7 +125,7 @@ class Particular:
 def test_telegram_with_another_encoding_is_marked_as_not_canonical(written, canonical):
     """Bytes that our encoder would write differently are marked, and not dropped."""
     vabus = installed["vabus"]
-    plugin = replace(vabus, codec=lambda options: Particular(vabus.codec(options), written))
+    plugin = replace(vabus, codec=lambda options: NonCanonicalCodec(vabus.codec(options), written))
     capture = Capture(provenance=Provenance(), pieces=[Piece(time_s=0, data=READ, source="master")])
     text = vectors_text(capture, plugin, name="a", options={})
     assert tomllib.loads(text)["vector"][0].get("canonical", True) is canonical

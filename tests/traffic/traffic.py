@@ -32,11 +32,11 @@ MODELS = {
 DIRECTIONS = {"master": "request", "drive": "reply"}
 
 
-class Meant(bytes):
+class Undamaged(bytes):
     """Bytes that arrive unchanged."""
 
 
-class Recorded(FaultPlan):
+class MarkingFaults(FaultPlan):
     """Faults that mark the bytes that they leave unchanged."""
 
     def request(self, data):
@@ -47,7 +47,7 @@ class Recorded(FaultPlan):
 
 
 def marked(data, arriving):
-    return [(delay, Meant(data) if each == data else each) for delay, each in arriving]
+    return [(delay, Undamaged(data) if each == data else each) for delay, each in arriving]
 
 
 @dataclass
@@ -59,18 +59,20 @@ class Traffic:
     @property
     def undamaged(self):
         """Number of unchanged telegrams on the wire by direction, bytes and time."""
-        return Counter(told(one) for one in self.sent if isinstance(one.data, Meant) and not one.garbled)
+        return Counter(
+            described_transmission(one) for one in self.sent if isinstance(one.data, Undamaged) and not one.garbled
+        )
 
     @property
     def on_the_wire(self):
-        return Counter(told(one) for one in self.sent)
+        return Counter(described_transmission(one) for one in self.sent)
 
     def pieces(self):
         """Return one piece for each transmission, without its source."""
         return [Piece(time_s=one.ended, data=one.data, settings=one.settings) for one in self.sent]
 
 
-def told(one):
+def described_transmission(one):
     return DIRECTIONS.get(one.source), bytes(one.data), round(one.ended, 6)
 
 
@@ -127,7 +129,7 @@ PAUSES = (0.0, 0.005, 0.03, 0.4)
 def plant(seconds, *, telegrams=10**9, rate=0.0, seed=0, names=ALL, pauses=PAUSES, settings=SETTINGS, **faults):
     """Return the traffic of this time in seconds, of at most about `telegrams` telegrams."""
     random = Random(seed)
-    plan = Recorded(rate=rate, seed=seed, **faults)
+    plan = MarkingFaults(rate=rate, seed=seed, **faults)
     line = VirtualLine(drives_of(names, **settings), faults=plan)
     sent = []
     line.monitors.append(sent.append)
@@ -151,5 +153,5 @@ def telegrams(findings):
     return [finding for finding in findings if isinstance(finding, HeardTelegram)]
 
 
-def heard(findings):
+def counted_telegrams(findings):
     return Counter((one.direction, one.data, round(one.time_s, 6)) for one in telegrams(findings))

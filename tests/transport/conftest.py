@@ -3,7 +3,7 @@
 from contextlib import closing
 
 import pytest
-from peers import Terminal
+from port_peers import Terminal
 from real_lines import example, examples, nothing_left_behind, serving
 
 __all__ = ["example", "examples", "nothing_left_behind", "serving"]

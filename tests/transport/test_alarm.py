@@ -13,14 +13,14 @@ import time
 
 import pytest
 
-from drivecomm.transport import SerialPort, alarm as alarm_module, open_alarm
+from drivecomm.transport import SerialPort, kernel_timer as alarm_module, open_timer
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="timerfd is Linux's")
 
 
 @pytest.fixture
 def alarm():
-    found = open_alarm()
+    found = open_timer()
     yield found
     found.close()
 
@@ -90,7 +90,7 @@ class TestAlarm:
         assert b"Bad file descriptor" in ran.stderr
 
     def test_alarm_may_be_closed_twice(self):
-        alarm = open_alarm()
+        alarm = open_timer()
         alarm.close()
         alarm.close()
 
@@ -108,7 +108,7 @@ def test_port_waits_without_an_alarm_on_systems_that_lack_it(lacking, monkeypatc
             timerfd_settime = None
 
         monkeypatch.setattr(ctypes, "PyDLL", lambda _: Library)
-    assert open_alarm() is None
+    assert open_timer() is None
     port = SerialPort("loop://")
     until = port.now() + 0.01
     port.wait(until)

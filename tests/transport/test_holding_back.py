@@ -13,7 +13,7 @@ import threading
 import time
 
 import pytest
-from peers import Server, Terminal
+from port_peers import Server, Terminal
 
 from drivecomm.protocol import LineSettings
 from drivecomm.transport import SerialPort, SocketChannel, tty_channel

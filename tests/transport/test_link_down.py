@@ -6,7 +6,7 @@ import select
 import threading
 
 import pytest
-from peers import CrashingServer, Server, Terminal
+from port_peers import CrashingServer, Server, Terminal
 
 from drivecomm.errors import LinkDownError
 from drivecomm.protocol import LineSettings

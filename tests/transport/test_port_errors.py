@@ -14,7 +14,7 @@ from contextlib import closing
 
 import pytest
 import serial
-from peers import Terminal
+from port_peers import Terminal
 from serial.rfc2217 import SET_CONTROL, PortManager
 
 from drivecomm.errors import LinkDownError, PortError

@@ -77,14 +77,14 @@ class TestLowLatency:
     def test_low_latency_is_set_by_the_flag(self, monkeypatch, sysfs):
         driver = Driver(monkeypatch, flags=0)
         assert latency.low_latency(driver, "/dev/ttyS0", sysfs) == "off"
-        assert latency.make_low(driver, "/dev/ttyS0", sysfs)
+        assert latency.enable_low_latency(driver, "/dev/ttyS0", sysfs)
         assert driver.flags == 0x2000
         assert latency.low_latency(driver, "/dev/ttyS0", sysfs) == "on"
 
     def test_low_latency_is_set_by_the_file_if_the_flag_is_unknown(self, monkeypatch, sysfs):
         driver = Driver(monkeypatch)
         assert latency.low_latency(driver, "/dev/ttyUSB0", sysfs) == "off"
-        assert latency.make_low(driver, "/dev/ttyUSB0", sysfs)
+        assert latency.enable_low_latency(driver, "/dev/ttyUSB0", sysfs)
         assert (sysfs / "ttyUSB0" / "device" / "latency_timer").read_text() == "1"
         assert latency.low_latency(driver, "/dev/ttyUSB0", sysfs) == "on"
 
@@ -95,22 +95,22 @@ class TestLowLatency:
 
     def test_driver_that_ignores_the_low_latency_flag_is_detected(self, monkeypatch, sysfs):
         driver = Driver(monkeypatch, flags=0, follows=False)
-        assert not latency.make_low(driver, "/dev/ttyS0", sysfs)
+        assert not latency.enable_low_latency(driver, "/dev/ttyS0", sysfs)
         with pytest.raises(
             drivecomm.PortError, match=r"port /dev/ttyS0 has no low-latency mode .* without low_latency"
         ):
-            latency.require_low(driver, "/dev/ttyS0", sysfs)
+            latency.require_low_latency(driver, "/dev/ttyS0", sysfs)
 
     def test_latency_file_without_write_permission_leaves_latency_unchanged(self, monkeypatch, sysfs):
         def refuse(*_):
             raise PermissionError
 
         monkeypatch.setattr("pathlib.Path.write_text", refuse)
-        assert not latency.make_low(Driver(monkeypatch), "/dev/ttyUSB0", sysfs)
+        assert not latency.enable_low_latency(Driver(monkeypatch), "/dev/ttyUSB0", sysfs)
 
     def test_low_latency_is_unknown_without_flag_and_file(self, monkeypatch, sysfs):
         driver = Driver(monkeypatch)
-        assert not latency.make_low(driver, "/dev/ttyS0", sysfs)
+        assert not latency.enable_low_latency(driver, "/dev/ttyS0", sysfs)
         assert latency.low_latency(driver, "/dev/ttyS0", sysfs) == "unknown"
 
     def test_low_latency_is_unknown_on_other_systems(self, monkeypatch, sysfs):

@@ -18,8 +18,8 @@ from drivecomm.models import check_model, read_model
 from drivecomm.plant import read_plant
 from drivecomm.plant.value_log import read_rows
 from drivecomm.protocol import Reading
-from drivecomm.server import Audit, Caller, Command, CurrentValue, Event, Role
-from drivecomm.server.history import History, Journal
+from drivecomm.server import Audit, Caller, CommandRequest, CurrentValue, Event, Role
+from drivecomm.server.history import History, HistoryWriter
 
 FROM_0_1 = Path(__file__).with_name("from_0_1")
 BEGINNING, END = 1_795_872_728.0, 1_795_873_400.0
@@ -70,7 +70,7 @@ def test_history_of_0_1_is_continued(file):
     path = file("history.sqlite")
     with History(path) as history:
         rows = history.last_row()
-    journal = Journal(path)
+    journal = HistoryWriter(path)
     reading = Reading(parameter="210", value=Decimal("33.00"), raw=3300, unit="Hz", time_s=END)
     new = CurrentValue(drive="pump", name="output_frequency", reading=reading, quality="good", cause="", time_s=END)
     journal.add_values([new])
@@ -94,7 +94,9 @@ def test_audit_file_of_0_1_is_continued(file):
 
     async def stop_is_recorded():
         audit = Audit(path, lambda _text: None)
-        await audit.asked(Caller(name="anna", role=Role.OPERATE, door="http"), Command(drive="pump", verb="stop"))
+        await audit.asked(
+            Caller(name="anna", role=Role.OPERATE, door="http"), CommandRequest(drive="pump", verb="stop")
+        )
         await audit.close()
 
     asyncio.run(stop_is_recorded())

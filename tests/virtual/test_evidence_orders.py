@@ -25,7 +25,7 @@ def plant_of(*lines, **options):
     return plant
 
 
-def ask(plant, name, times=1):
+def send_requests(plant, name, times=1):
     line = plant.line(name)
     port = line.port()
     port.configure(plant.drive(f"pump of {name}").settings)
@@ -38,19 +38,19 @@ def ask(plant, name, times=1):
 
 def test_telegrams_are_returned_from_a_number_on():
     plant = plant_of("hall")
-    ask(plant, "hall")
+    send_requests(plant, "hall")
     first = order(plant, "telegrams")
     assert [each["source"] for each in first["telegrams"]] == ["master", "drive"]
     assert first["telegrams"][0]["telegram"] == "enquiry address=1 sys=0 dataset=0 parameter=481"
     assert (first["last"], first["more"], first["missing"]) == (2, False, 0)
     assert order(plant, "telegrams", since=2) == {"ok": True, "telegrams": [], "last": 2, "more": False, "missing": 0}
-    ask(plant, "hall")
+    send_requests(plant, "hall")
     assert [each["number"] for each in order(plant, "telegrams", since=2)["telegrams"]] == [3, 4]
 
 
 def test_many_telegrams_come_in_several_answers_and_lost_ones_are_counted():
     plant = plant_of("hall")
-    ask(plant, "hall", times=3000)
+    send_requests(plant, "hall", times=3000)
     since, numbers, missing = 0, [], 0
     while True:
         answer = order(plant, "telegrams", since=since)
@@ -79,7 +79,7 @@ def test_unfinished_telegram_is_returned_when_it_is_whole():
 
 def test_order_must_name_one_of_several_lines():
     plant = plant_of("hall", "yard")
-    ask(plant, "yard")
+    send_requests(plant, "yard")
     assert "name one of hall, yard" in order(plant, "telegrams")["error"]
     assert order(plant, "telegrams", line="hall")["telegrams"] == []
     assert len(order(plant, "telegrams", line="yard")["telegrams"]) == 2
@@ -105,7 +105,7 @@ def test_violations_have_a_rule_and_a_source():
 
 def test_counters_count_requests_replies_and_faults():
     plant = plant_of("hall", faults={"kind": "drop", "of": "reply to a read", "every": 3})
-    ask(plant, "hall", times=4)
+    send_requests(plant, "hall", times=4)
     answer = order(plant, "counters")
     assert answer["drives"] == [
         {"name": "pump of hall", "requests": 4, "kinds": {"enquiry": 4}, "replies": 4, "damaged": 0}
@@ -130,7 +130,7 @@ def test_state_contains_motor_and_line_settings():
 @pytest.mark.parametrize("name", ["telegrams", "violations", "counters", "state"])
 def test_evidence_order_changes_nothing(name):
     plant = plant_of("hall")
-    ask(plant, "hall")
+    send_requests(plant, "hall")
     before = order(plant, "show")
     assert order(plant, name) == order(plant, name)
     assert order(plant, "show") == before

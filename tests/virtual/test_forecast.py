@@ -7,7 +7,7 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import AddressError, FileFormatError, UsageError
-from drivecomm.line import Plan, PollItem
+from drivecomm.line import PollItem, PollPlan
 from drivecomm.plant import read_plant
 from drivecomm.protocol import DriveConfig
 from drivecomm.virtual import VirtualLine, forecast, virtual_drive
@@ -54,7 +54,7 @@ def drive(protocol="vabus", address=1, **facts):
 
 
 def plan_of(*parameters, period_s=1.0, one=None, **facts):
-    return Plan(
+    return PollPlan(
         reads=tuple(
             PollItem(drive=one or drive(), parameter=parameter, period_s=period_s, **facts) for parameter in parameters
         )
@@ -63,7 +63,7 @@ def plan_of(*parameters, period_s=1.0, one=None, **facts):
 
 def mixed_plan(period_s):
     """Return a plan of forty parameters of eight drives, in which neighbours have different line settings."""
-    return Plan(
+    return PollPlan(
         reads=tuple(
             PollItem(drive=drive(protocol, address, options=options), parameter=parameter, period_s=period_s)
             for protocol, address, options in DRIVES
@@ -139,7 +139,7 @@ def test_forecast_uses_line_facts_of_drive_and_call():
 
 
 def test_forecast_includes_guard_time_at_changes_of_settings():
-    alternating = Plan(
+    alternating = PollPlan(
         reads=tuple(
             PollItem(drive=drive("vabus", 1 + number % 2, options={"baudrate": 9600 * (1 + number % 2)}), parameter=p)
             for number, p in enumerate(["480", "481", "482", "483"])
@@ -150,7 +150,7 @@ def test_forecast_includes_guard_time_at_changes_of_settings():
 
 
 def test_forecast_of_an_unknown_parameter_uses_the_length_of_its_type():
-    plan = Plan(
+    plan = PollPlan(
         reads=(
             PollItem(drive=drive(), parameter="481"),
             PollItem(drive=drive(), parameter="1222", options={"type": "long"}),
@@ -220,7 +220,7 @@ def test_advice_names_delays_and_pauses_if_no_baud_rate_suffices():
 
 
 def test_advice_names_the_drive_that_needs_its_own_line():
-    plan = Plan(
+    plan = PollPlan(
         reads=(
             *(PollItem(drive=drive(), parameter=p, period_s=0.1) for p in ("480", "481", "482")),
             PollItem(drive=drive(address=2), parameter="481", period_s=0.1),
@@ -229,13 +229,13 @@ def test_advice_names_the_drive_that_needs_its_own_line():
     found = forecast(plan)
     assert not found.fits
     assert any(text.startswith("a line of its own for vabus:1 would fit") for text in found.advice)
-    assert forecast(Plan(reads=plan.reads[:3])).fits
-    assert forecast(Plan(reads=plan.reads[3:])).fits
+    assert forecast(PollPlan(reads=plan.reads[:3])).fits
+    assert forecast(PollPlan(reads=plan.reads[3:])).fits
 
 
 def test_advice_groups_drives_by_settings():
     def reads(order):
-        return Plan(
+        return PollPlan(
             reads=tuple(
                 PollItem(
                     drive=drive(address=address, options={"baudrate": 9600 * (1 + address % 2)}),
@@ -256,7 +256,7 @@ def test_advice_groups_drives_by_settings():
 
 def test_advice_names_a_short_period_delayed_by_a_long_read():
     slow = drive(address=2, options={"baudrate": 1200})
-    plan = Plan(
+    plan = PollPlan(
         reads=(
             PollItem(drive=drive(), parameter="481", period_s=0.1),
             PollItem(drive=slow, parameter="481", period_s=10.0),
@@ -272,7 +272,7 @@ def test_advice_names_a_short_period_delayed_by_a_long_read():
 
 
 def test_forecast_needs_a_plan_of_one_line():
-    two = Plan(
+    two = PollPlan(
         reads=tuple(
             PollItem(drive=drive(line=port, name=port), parameter="481", period_s=1.0) for port in ("east", "west")
         )
@@ -292,9 +292,9 @@ def test_forecast_refuses_impossible_drives():
     with pytest.raises(UsageError, match="invalid reply_delay_s = -1; write 0 to 60 seconds"):
         drive(reply_delay_s=-1)
     with pytest.raises(UsageError, match="two drives of the plan are named vabus:1"):
-        Plan(reads=plan_of("481").reads + plan_of("480", one=drive(options={"baudrate": 9600})).reads)
+        PollPlan(reads=plan_of("481").reads + plan_of("480", one=drive(options={"baudrate": 9600})).reads)
     with pytest.raises(UsageError, match="at least one parameter"):
-        Plan(reads=())
+        PollPlan(reads=())
 
 
 FILE = """

@@ -4,7 +4,7 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import FileFormatError, NoReplyError
-from drivecomm.line import Plan, PollItem
+from drivecomm.line import PollItem, PollPlan
 from drivecomm.plant import read_plant
 from drivecomm.virtual import VirtualPlant, forecast
 
@@ -45,7 +45,7 @@ def test_request_that_begins_too_soon_is_ignored(file, pause_s, heard):
 
 def test_forecast_ignores_the_needed_pause(file):
     pump = read_plant(file).drive("pump")
-    plan = Plan(reads=tuple(PollItem(drive=pump, parameter=each) for each in ("215", "216")))
+    plan = PollPlan(reads=tuple(PollItem(drive=pump, parameter=each) for each in ("215", "216")))
     found = forecast(plan, turnaround_s=0.0)
     assert found.cycle_s < 0.2
 

@@ -8,14 +8,14 @@ import pytest
 import drivecomm.plant.files
 from drivecomm.errors import FileFormatError
 from drivecomm.plant import (
-    Condition,
-    Fault,
+    FaultWindow,
     InjectStep,
+    LineFault,
     PowerCutStep,
     StuckStep,
     TelegramFault,
+    TripCondition,
     TripStep,
-    Window,
     read_fault,
     read_plant,
 )
@@ -41,7 +41,7 @@ def test_plant_file_example_of_the_module_docstring_is_valid(read):
     plant = read(text[text.index("format = 1") :])
     (line,) = plant.lines
     assert (line.name, line.echo, line.paced, line.settings) == ("hall", True, False, {"baudrate": 19200})
-    assert line.noise.plan().kinds == (Fault.CORRUPT, Fault.DROP)
+    assert line.noise.plan().kinds == (LineFault.CORRUPT, LineFault.DROP)
     assert line.noise.plan().seed == 1
     assert plant.drives == (
         DriveConfig(
@@ -68,15 +68,15 @@ def test_plant_file_example_of_the_module_docstring_is_valid(read):
     assert plant.script == (
         TelegramFault(
             line="hall",
-            kind=Fault.DROP,
+            kind=LineFault.DROP,
             of="reply to a write",
             to={"parameter": 480},
             every=3,
-            window=Window(from_s=10, until_s=60),
+            window=FaultWindow(from_s=10, until_s=60),
         ),
         PowerCutStep(drive="pump", off_at_s=20, back_at_s=35, factory=True),
         TripStep(drive="pump", code=5, at_s=40),
-        StuckStep(drive="pump", parameter="210", value=0, window=Window(from_s=5, until_s=9)),
+        StuckStep(drive="pump", parameter="210", value=0, window=FaultWindow(from_s=5, until_s=9)),
         InjectStep(line="hall", data=b"\x04A\xff", at_s=3),
     )
     VirtualPlant(plant)
@@ -94,10 +94,10 @@ def test_plant_file_fills_in_defaults(read):
 
 def test_fault_condition_is_read_and_met():
     step = read_fault('drive = "pump"\ntrip = { code = 5, when = { parameter = "210", above = 45, for_s = 2 } }')
-    assert step == TripStep(drive="pump", code=5, when=Condition(parameter="210", above=45, for_s=2))
+    assert step == TripStep(drive="pump", code=5, when=TripCondition(parameter="210", above=45, for_s=2))
     assert step.when.met_by(45.1)
     assert not step.when.met_by(45)
-    assert Condition(parameter="1", below=3).met_by(-inf)
+    assert TripCondition(parameter="1", below=3).met_by(-inf)
 
 
 def fault(text):

@@ -14,7 +14,7 @@ from drivecomm.errors import DriveCommError, FileFormatError
 from drivecomm.models import load_model
 from drivecomm.plant import Plant, PlantLine, read_plant
 from drivecomm.protocol import DriveConfig, LineSettings
-from drivecomm.virtual import ServedLine, VirtualLine, VirtualPlant, answer_order, virtual_drive
+from drivecomm.virtual import VirtualLine, VirtualPlant, VirtualServedLine, answer_order, virtual_drive
 from drivecomm.virtual.audience import Audience
 from drivecomm.virtual.timers import Timers
 
@@ -126,7 +126,7 @@ def test_served_line_comes_to_rest_and_echoes_every_byte(pieces, paced, naps):
     line = VirtualLine([drive], echo=True, paced=paced)
     line.power_off(drive)
     listener = Listener()
-    couple = ServedLine(line, listener)
+    couple = VirtualServedLine(line, listener)
     now = 0.0
     for pause, data in pieces:
         now += pause
@@ -150,7 +150,7 @@ def heard_when(when, pieces):
     """Return the bytes for the master of a line that is followed at its times `when`, and their last arrival."""
     drives = [virtual_drive("vabus", 1, reply_delay_s=0.0), virtual_drive("danfoss-fc", 2)]
     listener = Listener()
-    couple = ServedLine(VirtualLine([*drives, virtual_drive("vabus", 3, reply_delay_s=0.02)]), listener)
+    couple = VirtualServedLine(VirtualLine([*drives, virtual_drive("vabus", 3, reply_delay_s=0.02)]), listener)
     now, came, last = 0.0, 0, 0.0
     for pause, data in [*pieces, (1.0, b"")]:
         until = now + pause
@@ -187,7 +187,7 @@ def test_served_line_followed_only_at_deadlines_sends_the_same_bytes(pieces):
         assert last == at
 
 
-class Everybody(Audience):
+class FullAudience(Audience):
     """An audience that passes everything to every drive, with no memory."""
 
     def of(self, *_):
@@ -261,7 +261,7 @@ HEARD = st.sampled_from([
     (0.0, lambda plant: plant.set("vlt3500 2", "500", 1)),
 ])  # fmt: skip
 def test_drives_behave_alike_with_and_without_telegrams_for_others(steps):
-    assert on_the_line(Audience, steps * 2) == on_the_line(Everybody, steps * 2)
+    assert on_the_line(Audience, steps * 2) == on_the_line(FullAudience, steps * 2)
 
 
 @settings(deadline=None, max_examples=100)

@@ -13,9 +13,9 @@ from serving_threads import served_in_thread
 
 import drivecomm
 from drivecomm.errors import LinkDownError, NoReplyError, PortError, UsageError
-from drivecomm.plant import Fault, Plant, PlantLine, PowerCutStep, TelegramFault
+from drivecomm.plant import LineFault, Plant, PlantLine, PowerCutStep, TelegramFault
 from drivecomm.protocol import DriveConfig
-from drivecomm.virtual import LONGEST_ORDER, ControlClient, PlantServer, VirtualPlant, parse_place
+from drivecomm.virtual import LONGEST_ORDER, ControlClient, PlantServer, VirtualPlant, parse_socket_address
 from drivecomm.virtual.control_socket import _MOST_CLIENTS
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="Unix sockets and pseudo-terminals are of POSIX systems")
@@ -102,7 +102,7 @@ class TestLines:
     @pytest.mark.soak
     def test_fault_script_runs_in_real_time(self):
         script = (
-            TelegramFault(line="line 0", kind=Fault.DROP, of="reply to a write", every=2),
+            TelegramFault(line="line 0", kind=LineFault.DROP, of="reply to a write", every=2),
             PowerCutStep(drive="drive 0-2", off_at_s=20, back_at_s=2000),
         )
         with (
@@ -199,7 +199,7 @@ class TestControl:
     def test_invalid_order_is_refused_and_the_plant_continues(self, order, sentence):
         text = order if isinstance(order, bytes) else json.dumps(order).encode()
         with running() as server:
-            place = parse_place(server.control)
+            place = parse_socket_address(server.control)
             with socket.create_connection((place.host, place.port), timeout=5) as guest:
                 guest.sendall(text + b"\n\n" + b'{"order": "show"}\n')
                 answers = guest.makefile("rb")
@@ -212,7 +212,7 @@ class TestControl:
 
     def test_order_in_pieces_is_carried_out_and_an_endless_one_disconnected(self):
         with running() as server:
-            place = parse_place(server.control)
+            place = parse_socket_address(server.control)
             with socket.create_connection((place.host, place.port), timeout=5) as guest:
                 for piece in (b'{"or', b'der": "sh', b'ow"}\n'):
                     guest.sendall(piece)
@@ -247,7 +247,7 @@ class TestControl:
     @pytest.mark.soak
     def test_control_client_that_never_reads_is_disconnected(self):
         with running(plant_of(50, paced=False)) as server:
-            place = parse_place(server.control)
+            place = parse_socket_address(server.control)
             with socket.create_connection((place.host, place.port), timeout=5) as guest:
                 guest.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
                 with pytest.raises(OSError, match=r"."):  # noqa: PT012 - any of the calls may be the first to fail
@@ -294,11 +294,11 @@ class TestControl:
     @pytest.mark.parametrize("text", ["", "here", "host:", "host:x", "host:70000", "unix:"])
     def test_invalid_control_address_is_refused(self, text):
         with pytest.raises(UsageError, match=r"write HOST:PORT or unix:PATH|write unix:PATH"):
-            parse_place(text)
+            parse_socket_address(text)
 
     def test_control_address_defaults_to_the_loopback(self):
-        assert str(parse_place(":4900")) == "127.0.0.1:4900"
-        assert str(parse_place("[::1]:4900")) == "[::1]:4900"
+        assert str(parse_socket_address(":4900")) == "127.0.0.1:4900"
+        assert str(parse_socket_address("[::1]:4900")) == "[::1]:4900"
 
     def test_control_client_without_a_plant_raises_port_error(self):
         with socket.create_server(("127.0.0.1", 0)) as door:

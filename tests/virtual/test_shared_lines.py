@@ -37,7 +37,7 @@ def connect():
         yield connected
 
 
-def taken(client, length):
+def receive_bytes(client, length):
     data = b""
     while len(data) < length:
         data += client.recv(length - len(data)) or pytest.fail("the line was closed")
@@ -46,7 +46,7 @@ def taken(client, length):
 
 def ask(master):
     master.sendall(ENQUIRY)
-    return taken(master, len(VALUE))
+    return receive_bytes(master, len(VALUE))
 
 
 def hears_nothing(client):
@@ -62,31 +62,31 @@ def test_listeners_receive_both_sides_and_the_master_receives_only_replies(conne
     assert ask(master) == VALUE
     assert ask(master) == VALUE
     for listener in (first, late):
-        assert taken(listener, 54) == (ENQUIRY + VALUE) * 2
+        assert receive_bytes(listener, 54) == (ENQUIRY + VALUE) * 2
     assert hears_nothing(master)
 
 
 def test_bytes_of_a_listener_are_discarded_while_a_master_is_connected(connect):
     listener, master = connect(), connect()
     assert ask(master) == VALUE
-    taken(listener, 27)
+    receive_bytes(listener, 27)
     listener.sendall(b"\x04A\x0020548008000004B0\x03D" + ENQUIRY)
     assert hears_nothing(master)
     assert ask(master) == VALUE
-    assert taken(listener, 27) == ENQUIRY + VALUE
+    assert receive_bytes(listener, 27) == ENQUIRY + VALUE
 
 
 def test_listener_becomes_the_master_when_the_master_has_left(connect):
     listener, master = connect(), connect()
     assert ask(master) == VALUE
-    taken(listener, 27)
+    receive_bytes(listener, 27)
     master.close()
     # Bytes sent before the server has noticed the end of the master are discarded.
     listener.settimeout(0.2)
     for _ in range(25):
         listener.sendall(ENQUIRY)
         with suppress(TimeoutError):
-            assert taken(listener, len(VALUE)) == VALUE
+            assert receive_bytes(listener, len(VALUE)) == VALUE
             break
     else:
         pytest.fail("the listener did not become the master")

@@ -10,7 +10,7 @@ import pytest
 import drivecomm
 from drivecomm.errors import DriveCommError
 from drivecomm.models import load_model
-from drivecomm.plant import Fault, FaultPlan
+from drivecomm.plant import FaultPlan, LineFault
 from drivecomm.protocol import LineSettings, installed
 from drivecomm.virtual import TimingWatch, VirtualLine, drive_type, violations, virtual_drive
 
@@ -25,7 +25,12 @@ class Watched:
     """A line with drives, and the violations of the master that its watch finds."""
 
     def __init__(
-        self, *names: tuple[str, int], paced: bool = True, faults: float = 0.0, kind: Fault = Fault.DROP, **options: Any
+        self,
+        *names: tuple[str, int],
+        paced: bool = True,
+        faults: float = 0.0,
+        kind: LineFault = LineFault.DROP,
+        **options: Any,
     ) -> None:
         types = {f"{name}:{address}": drive_type(name, address, options=options) for name, address in names}
         drives = {name: kind.new() for name, kind in types.items()}
@@ -174,8 +179,10 @@ def test_settings_that_no_drive_has_are_reported_once() -> None:
     assert (found.rule, found.measured, found.allowed) == ("line settings", "1200 8N1", "19200 7E1")
 
 
-@pytest.mark.parametrize("kind", [Fault.DROP, Fault.CORRUPT, Fault.TRUNCATE, Fault.DELAY, Fault.DUPLICATE])
-def test_faults_of_the_line_are_not_violations_of_the_master(kind: Fault) -> None:
+@pytest.mark.parametrize(
+    "kind", [LineFault.DROP, LineFault.CORRUPT, LineFault.TRUNCATE, LineFault.DELAY, LineFault.DUPLICATE]
+)
+def test_faults_of_the_line_are_not_violations_of_the_master(kind: LineFault) -> None:
     line = Watched(("vabus", 1), faults=0.5, kind=kind)
     with drivecomm.open_bus(line.line.port) as bus:
         drive = bus.drive("vabus", 1)

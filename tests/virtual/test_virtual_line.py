@@ -7,7 +7,7 @@ import pytest
 import drivecomm
 from drivecomm.errors import AddressError, LinkDownError, NoReplyError, UsageError
 from drivecomm.models import load_model
-from drivecomm.plant import Fault, FaultPlan, Plant, PlantLine
+from drivecomm.plant import FaultPlan, LineFault, Plant, PlantLine
 from drivecomm.protocol import DriveConfig, Framed, Framer, LineSettings, Motor, VirtualReply, installed
 from drivecomm.virtual import Station, VirtualLine, VirtualPlant, heard, virtual_drive
 from drivecomm.virtual.station import stations_of
@@ -18,7 +18,7 @@ SETTINGS = LineSettings(baudrate=9600, bytesize=7, parity="E")
 PLUGINS = list(installed.working())
 
 
-class Parrot:
+class AcknowledgingDrive:
     """A drive that answers everything for its address with ACK after a delay."""
 
     def __init__(self, address=1, settings=SETTINGS, delay_s=0.01):
@@ -48,7 +48,7 @@ def master(line, settings=SETTINGS):
 
 
 def test_characters_take_their_time():
-    parrot = Parrot()
+    parrot = AcknowledgingDrive()
     port = master(VirtualLine([parrot]))
     port.write(ENQUIRY)
     assert port.now() == 0.0
@@ -62,7 +62,7 @@ def test_characters_take_their_time():
 
 
 def test_read_ends_at_its_time():
-    port = master(VirtualLine([Parrot(delay_s=0.5)]))
+    port = master(VirtualLine([AcknowledgingDrive(delay_s=0.5)]))
     port.write(ENQUIRY)
     assert port.read(0.1, 1) == b""
     assert port.now() == 0.1
@@ -71,7 +71,7 @@ def test_read_ends_at_its_time():
 
 
 def test_read_of_more_bytes_than_come_returns_them_at_its_time():
-    port = master(VirtualLine([Parrot()]))
+    port = master(VirtualLine([AcknowledgingDrive()]))
     port.write(ENQUIRY)
     assert port.read(0.3, 10) == b"\x41\x06"
     assert port.now() == 0.3
@@ -86,7 +86,7 @@ def test_read_in_the_past_takes_no_time():
 
 
 def test_bytes_sent_too_early_wait_for_the_line():
-    parrot = Parrot()
+    parrot = AcknowledgingDrive()
     line = VirtualLine([parrot])
     port = master(line)
     port.write(ENQUIRY)
@@ -108,7 +108,7 @@ def test_backlog_is_the_time_until_all_bytes_are_sent():
 
 
 def test_drive_sends_no_reply_during_a_transmission_of_its_master():
-    line, speakers = VirtualLine([Parrot(delay_s=0.01)]), []
+    line, speakers = VirtualLine([AcknowledgingDrive(delay_s=0.01)]), []
     line.monitors.append(lambda sent: speakers.append(sent.source))
     port = master(line)
     port.write(ENQUIRY)
@@ -124,7 +124,7 @@ def test_drive_sends_no_reply_during_a_transmission_of_its_master():
 def test_stop_bits_count_in_the_duration():
     slow = LineSettings(baudrate=300, bytesize=8, stopbits=2)
     assert slow.character_s == pytest.approx(11 / 300)
-    parrot = Parrot(settings=slow)
+    parrot = AcknowledgingDrive(settings=slow)
     port = master(VirtualLine([parrot]), slow)
     port.write(ENQUIRY)
     port.wait(8 * 11 / 300 - 0.001)
@@ -137,7 +137,7 @@ def test_stop_bits_count_in_the_duration():
 
 
 def test_drive_receives_others_but_not_itself():
-    one, two = Parrot(1), Parrot(2)
+    one, two = AcknowledgingDrive(1), AcknowledgingDrive(2)
     port = master(VirtualLine([one, two]))
     port.write(ENQUIRY)
     port.wait(1.0)
@@ -146,13 +146,13 @@ def test_drive_receives_others_but_not_itself():
 
 
 def test_echo_precedes_the_reply():
-    port = master(VirtualLine([Parrot()], echo=True))
+    port = master(VirtualLine([AcknowledgingDrive()], echo=True))
     port.write(ENQUIRY)
     assert port.read(1.0, 10) == ENQUIRY + b"\x41\x06"
 
 
 def test_injected_bytes_reach_drives_and_master():
-    parrot = Parrot()
+    parrot = AcknowledgingDrive()
     line = VirtualLine([parrot])
     port = master(line)
     line.inject(b"\x7f" + ENQUIRY)
@@ -161,7 +161,7 @@ def test_injected_bytes_reach_drives_and_master():
 
 
 def test_gap_ends_an_unfinished_telegram():
-    parrot = Parrot()
+    parrot = AcknowledgingDrive()
     station = Station(parrot)
     assert station.hear(ENQUIRY[:4], 0.0, 0.004) == []
     assert station.hear(ENQUIRY[4:], 0.010, 0.014) != []
@@ -171,7 +171,7 @@ def test_gap_ends_an_unfinished_telegram():
 
 
 def test_telegram_ended_by_a_gap_is_received_when_the_next_comes():
-    parrot = Parrot()
+    parrot = AcknowledgingDrive()
     station = Station(parrot)
     station.hear(b"\x04", 0.0, 0.001)
     assert parrot.heard == []
@@ -251,38 +251,38 @@ def test_fault_plan_of_rate_zero_changes_nothing():
 
 
 def test_dropped_telegram_does_not_arrive():
-    plan, arrivals = disturbed(Fault.DROP)
+    plan, arrivals = disturbed(LineFault.DROP)
     assert arrivals == [[]] * 200
-    assert plan.happened == {Fault.DROP: 200}
+    assert plan.happened == {LineFault.DROP: 200}
 
 
 def test_corrupted_telegram_has_one_wrong_character():
-    _, arrivals = disturbed(Fault.CORRUPT)
+    _, arrivals = disturbed(LineFault.CORRUPT)
     for ((delay, data),) in arrivals:
         assert delay == 0
         assert sum(a != b for a, b in zip(data, b"0123456789", strict=True)) == 1
 
 
 def test_corrupted_telegram_has_one_wrong_bit_with_bits_1():
-    _, arrivals = disturbed(Fault.CORRUPT, bits=1)
+    _, arrivals = disturbed(LineFault.CORRUPT, bits=1)
     for ((_, data),) in arrivals:
         assert sum((a ^ b).bit_count() for a, b in zip(data, b"0123456789", strict=True)) == 1
 
 
 def test_truncated_telegram_has_any_shorter_length():
-    _, arrivals = disturbed(Fault.TRUNCATE)
+    _, arrivals = disturbed(LineFault.TRUNCATE)
     assert {len(data) for ((_, data),) in arrivals} == set(range(10))
     assert all(b"0123456789".startswith(data) for ((_, data),) in arrivals)
 
 
 def test_delayed_telegram_arrives_within_delay_s():
-    _, arrivals = disturbed(Fault.DELAY, delay_s=0.3)
+    _, arrivals = disturbed(LineFault.DELAY, delay_s=0.3)
     assert all(0 <= delay <= 0.3 and data == b"0123456789" for ((delay, data),) in arrivals)
     assert max(delay for ((delay, _),) in arrivals) > 0.25
 
 
 def test_duplicated_telegram_arrives_twice():
-    _, arrivals = disturbed(Fault.DUPLICATE)
+    _, arrivals = disturbed(LineFault.DUPLICATE)
     assert arrivals == [[(0.0, b"0123456789")] * 2] * 200
 
 
@@ -296,19 +296,21 @@ def test_equal_seeds_give_equal_faults():
 
 
 def test_fault_plan_disturbs_only_one_direction():
-    assert FaultPlan(rate=1.0, kinds=[Fault.DROP], requests=False).request(b"a") == [(0.0, b"a")]
-    assert FaultPlan(rate=1.0, kinds=[Fault.DROP], replies=False).reply(b"a") == [(0.0, b"a")]
+    assert FaultPlan(rate=1.0, kinds=[LineFault.DROP], requests=False).request(b"a") == [(0.0, b"a")]
+    assert FaultPlan(rate=1.0, kinds=[LineFault.DROP], replies=False).reply(b"a") == [(0.0, b"a")]
 
 
 def test_duplicated_reply_follows_the_first():
-    port = master(VirtualLine([Parrot()], faults=FaultPlan(rate=1.0, kinds=[Fault.DUPLICATE], requests=False)))
+    port = master(
+        VirtualLine([AcknowledgingDrive()], faults=FaultPlan(rate=1.0, kinds=[LineFault.DUPLICATE], requests=False))
+    )
     port.write(ENQUIRY)
     assert port.read(1.0, 10) == b"\x41\x06\x41\x06"
 
 
 def test_duplicated_request_is_received_twice():
-    parrot = Parrot()
-    port = master(VirtualLine([parrot], faults=FaultPlan(rate=1.0, kinds=[Fault.DUPLICATE], replies=False)))
+    parrot = AcknowledgingDrive()
+    port = master(VirtualLine([parrot], faults=FaultPlan(rate=1.0, kinds=[LineFault.DUPLICATE], replies=False)))
     port.write(ENQUIRY)
     port.wait(1.0)
     assert [data for _, data in parrot.heard] == [ENQUIRY, ENQUIRY]
@@ -319,7 +321,7 @@ def test_truncation_to_nothing_is_silence():
         def request(self, data):
             return [(0.0, data[:0])]
 
-    parrot = Parrot()
+    parrot = AcknowledgingDrive()
     port = master(VirtualLine([parrot], faults=Nothing(rate=0.0)))
     port.write(ENQUIRY)
     assert port.read(1.0, 1) == b""

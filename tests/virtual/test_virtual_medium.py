@@ -4,8 +4,8 @@ import pytest
 
 import drivecomm
 from drivecomm.errors import LinkDownError, NoReplyError, UsageError
-from drivecomm.plant import Fault, FaultPlan
-from drivecomm.protocol import Command, Framed, LineSettings, Motor, VirtualReply
+from drivecomm.plant import FaultPlan, LineFault
+from drivecomm.protocol import Framed, LineSettings, Motor, MotorCommand, VirtualReply
 from drivecomm.virtual import Medium, Transmission, VirtualLine, virtual_drive
 from drivecomm_vabus.telegrams import Ack, Enquiry, Value, telegrams
 
@@ -13,7 +13,7 @@ SETTINGS = LineSettings(baudrate=9600, bytesize=7, parity="E")
 CHARACTER_S = 10 / 9600
 
 
-class Teller:
+class AnsweringDrive:
     """A drive that answers each enquiry with the parameter number as its value, after a delay."""
 
     def __init__(self, address=1, delay_s=0.01):
@@ -112,7 +112,7 @@ def test_echo_is_spoilt_by_others_and_spoils_none():
 
 
 def test_reply_and_next_request_that_collide_spoil_each_other():
-    drive = Teller()
+    drive = AnsweringDrive()
     _, port = on(drive)
     port.write(ENQUIRY)
     port.wait(REPLY_AT + 2 * CHARACTER_S)
@@ -122,7 +122,7 @@ def test_reply_and_next_request_that_collide_spoil_each_other():
 
 
 def test_characters_received_before_a_collision_stay():
-    line, port = on(Teller())
+    line, port = on(AnsweringDrive())
     port.write(ENQUIRY)
     assert port.read(1.0, 3) == REPLY[:3]
     line.inject(b"!")
@@ -130,7 +130,7 @@ def test_characters_received_before_a_collision_stay():
 
 
 def test_two_drives_that_reply_simultaneously_spoil_each_other():
-    _, port = on(Teller(), Teller())
+    _, port = on(AnsweringDrive(), AnsweringDrive())
     port.write(ENQUIRY)
     assert port.read(1.0, 100) == b""
 
@@ -146,26 +146,26 @@ def test_transmissions_of_one_sender_never_collide():
 
 
 def test_read_ends_with_the_character_that_it_waits_for():
-    _, port = on(Teller())
+    _, port = on(AnsweringDrive())
     port.write(ENQUIRY)
     for number in range(1, len(REPLY) + 1):
         assert port.read(1.0, 1) == REPLY[number - 1 : number]
         assert port.now() == pytest.approx(REPLY_AT + number * CHARACTER_S)
-    _, port = on(Teller())
+    _, port = on(AnsweringDrive())
     port.write(ENQUIRY)
     assert port.read(1.0, 7) == REPLY[:7]
     assert port.now() == pytest.approx(REPLY_AT + 7 * CHARACTER_S)
 
 
 def test_read_that_ends_within_a_telegram_leaves_the_rest():
-    _, port = on(Teller())
+    _, port = on(AnsweringDrive())
     port.write(ENQUIRY)
     assert port.read(REPLY_AT + 2.5 * CHARACTER_S, 100) == REPLY[:2]
     assert port.read(1.0, 100) == REPLY[2:]
 
 
 def test_character_times_are_exact_after_a_day():
-    _, port = on(Teller())
+    _, port = on(AnsweringDrive())
     port.wait(86400.123)
     began = port.now()
     port.write(ENQUIRY)
@@ -174,7 +174,7 @@ def test_character_times_are_exact_after_a_day():
 
 
 def test_take_takes_no_time():
-    _, port = on(Teller())
+    _, port = on(AnsweringDrive())
     assert port.take() == b""
     port.write(ENQUIRY)
     port.wait(REPLY_AT + 4 * CHARACTER_S)
@@ -185,7 +185,7 @@ def test_take_takes_no_time():
 
 
 def test_change_of_settings_keeps_earlier_characters():
-    _, port = on(Teller())
+    _, port = on(AnsweringDrive())
     port.write(ENQUIRY)
     port.wait(REPLY_AT + 4 * CHARACTER_S)
     port.configure(LineSettings(baudrate=19200))
@@ -212,7 +212,7 @@ def test_take_from_a_broken_line_fails():
 
 
 def test_later_request_replaces_an_unanswered_one():
-    drive = Teller(delay_s=0.05)
+    drive = AnsweringDrive(delay_s=0.05)
     _, port = on(drive)
     port.write(enquiry(480))
     port.wait(0.03)
@@ -222,7 +222,7 @@ def test_later_request_replaces_an_unanswered_one():
 
 
 def test_request_for_another_drive_replaces_none():
-    _, port = on(Teller(1, delay_s=0.1), Teller(2, delay_s=0.01))
+    _, port = on(AnsweringDrive(1, delay_s=0.1), AnsweringDrive(2, delay_s=0.01))
     port.write(enquiry(480, 1))
     port.wait(0.02)
     port.write(enquiry(481, 2))
@@ -236,7 +236,7 @@ def test_reply_delayed_on_its_way_arrives_and_delays_no_other():
         def reply(self, data):
             return [(next(self.delays), data)]
 
-    _, port = on(Teller(), faults=Late(rate=0.0))
+    _, port = on(AnsweringDrive(), faults=Late(rate=0.0))
     port.write(enquiry(480))
     port.wait(0.1)
     port.write(enquiry(481))
@@ -252,7 +252,7 @@ def test_request_delayed_on_its_way_delays_no_other():
         def request(self, data):
             return [(next(self.delays), data)]
 
-    drive = Teller()
+    drive = AnsweringDrive()
     _, port = on(drive, faults=Late(rate=0.0))
     port.write(enquiry(480))
     port.write(enquiry(481))
@@ -264,19 +264,19 @@ def test_request_delayed_on_its_way_delays_no_other():
 
 
 def test_foreign_traffic_reaches_drives_and_master():
-    drive = Teller(delay_s=0.2)
-    plan = FaultPlan(rate=1.0, kinds=[Fault.FOREIGN], traffic=[enquiry(482)], traffic_within_s=0.1, replies=False)
+    drive = AnsweringDrive(delay_s=0.2)
+    plan = FaultPlan(rate=1.0, kinds=[LineFault.FOREIGN], traffic=[enquiry(482)], traffic_within_s=0.1, replies=False)
     _, port = on(drive, faults=plan)
     port.write(b"\x04")
     assert port.read(0.15, 100) in (enquiry(482), b"\0" + enquiry(482)[1:])
     assert drive.asked == [482]
     assert 8 * CHARACTER_S < drive.asked_at[0] < 0.1 + 8 * CHARACTER_S
-    assert plan.happened == {Fault.FOREIGN: 1}
+    assert plan.happened == {LineFault.FOREIGN: 1}
 
 
 def test_simultaneous_foreign_traffic_spoils_a_request():
-    drive = Teller()
-    plan = FaultPlan(rate=1.0, kinds=[Fault.FOREIGN], traffic=[enquiry(482)], traffic_within_s=0.0)
+    drive = AnsweringDrive()
+    plan = FaultPlan(rate=1.0, kinds=[LineFault.FOREIGN], traffic=[enquiry(482)], traffic_within_s=0.0)
     _, port = on(drive, faults=plan)
     port.write(ENQUIRY)
     assert port.read(0.5, 100) == b""
@@ -284,13 +284,13 @@ def test_simultaneous_foreign_traffic_spoils_a_request():
 
 
 def test_foreign_fault_without_traffic_sends_nothing():
-    plan = FaultPlan(rate=1.0, kinds=[Fault.FOREIGN])
+    plan = FaultPlan(rate=1.0, kinds=[LineFault.FOREIGN])
     assert plan.foreign() == []
     assert plan.happened == {}
 
 
 def test_partial_echo_lacks_some_characters():
-    plan = FaultPlan(rate=1.0, kinds=[Fault.ECHO_PARTIAL])
+    plan = FaultPlan(rate=1.0, kinds=[LineFault.ECHO_PARTIAL])
     echoes = [plan.echo(b"0123456789") for _ in range(200)]
     assert {len(echo) for echo in echoes} == set(range(10))
     assert all(b"0123456789".startswith(echo[:1]) or echo[0] != ord("0") for echo in echoes)
@@ -301,7 +301,7 @@ def test_partial_echo_lacks_some_characters():
 
 
 def test_noisy_echo_has_up_to_three_changed_characters():
-    plan = FaultPlan(rate=1.0, kinds=[Fault.ECHO_NOISY])
+    plan = FaultPlan(rate=1.0, kinds=[LineFault.ECHO_NOISY])
     echoes = [plan.echo(b"0123456789") for _ in range(200)]
     assert {len(echo) for echo in echoes} == {10}
     wrong = [sum(a != b for a, b in zip(echo, b"0123456789", strict=True)) for echo in echoes]
@@ -310,8 +310,8 @@ def test_noisy_echo_has_up_to_three_changed_characters():
 
 
 def test_drive_receives_the_characters_missing_in_the_echo():
-    drive = Teller()
-    _, port = on(drive, echo=True, faults=FaultPlan(rate=1.0, kinds=[Fault.ECHO_PARTIAL]))
+    drive = AnsweringDrive()
+    _, port = on(drive, echo=True, faults=FaultPlan(rate=1.0, kinds=[LineFault.ECHO_PARTIAL]))
     port.write(ENQUIRY)
     heard = port.read(1.0, 100)
     assert drive.asked == [481]
@@ -320,7 +320,7 @@ def test_drive_receives_the_characters_missing_in_the_echo():
 
 
 def test_faults_of_transmissions_leave_an_echo_unchanged():
-    plan = FaultPlan(rate=1.0, kinds=[Fault.CORRUPT, Fault.DROP])
+    plan = FaultPlan(rate=1.0, kinds=[LineFault.CORRUPT, LineFault.DROP])
     assert plan.echo(ENQUIRY) == ENQUIRY
     assert plan.foreign() == []
     assert plan.power() is None
@@ -340,7 +340,7 @@ def test_default_faults_are_those_of_a_transmission():
 
 
 def test_drive_without_power_neither_receives_nor_replies():
-    drive = Teller()
+    drive = AnsweringDrive()
     line, port = on(drive)
     line.power_off(drive)
     port.write(ENQUIRY)
@@ -353,7 +353,7 @@ def test_drive_without_power_neither_receives_nor_replies():
 
 
 def test_power_loss_during_a_reply_cuts_it():
-    drive = Teller()
+    drive = AnsweringDrive()
     line, port = on(drive)
     line.call_at(REPLY_AT + 3.5 * CHARACTER_S, lambda: line.power_off(drive))
     port.write(ENQUIRY)
@@ -361,7 +361,7 @@ def test_power_loss_during_a_reply_cuts_it():
 
 
 def test_power_loss_before_a_reply_cancels_it():
-    drive = Teller()
+    drive = AnsweringDrive()
     line, port = on(drive)
     port.write(ENQUIRY)
     port.wait(REPLY_AT - 0.001)
@@ -371,7 +371,7 @@ def test_power_loss_before_a_reply_cancels_it():
 
 
 def test_partial_telegram_is_forgotten_without_power():
-    drive = Teller()
+    drive = AnsweringDrive()
     line, port = on(drive)
     port.write(ENQUIRY[:4])
     port.wait(4.1 * CHARACTER_S)
@@ -382,12 +382,12 @@ def test_partial_telegram_is_forgotten_without_power():
 
 
 def test_motor_without_power_coasts():
-    drive = Teller()
+    drive = AnsweringDrive()
     line, _ = on(drive)
     drive.motor.run(20.0, 0.0)
     line.advance(10.0)
     line.power_off(drive)
-    assert drive.motor.command is Command.OFF
+    assert drive.motor.command is MotorCommand.OFF
 
 
 def test_drive_may_return_with_other_line_settings():
@@ -416,16 +416,16 @@ def test_power_loss_resets_volatile_values():
 
 
 def test_switching_the_power_of_a_drive_on_another_line_is_refused():
-    line, _ = on(Teller())
+    line, _ = on(AnsweringDrive())
     for switch in (line.power_off, line.power_on):
         with pytest.raises(UsageError, match="the drive at address 7 is not on this virtual line"):
-            switch(Teller(7))
+            switch(AnsweringDrive(7))
 
 
 def test_power_faults_cut_replies_and_end():
     factory = LineSettings(baudrate=4800, bytesize=7, parity="E")
-    drive = Teller()
-    plan = FaultPlan(rate=1.0, kinds=[Fault.POWER], factory=factory, outage_s=0.5, mismatch_s=0.5)
+    drive = AnsweringDrive()
+    plan = FaultPlan(rate=1.0, kinds=[LineFault.POWER], factory=factory, outage_s=0.5, mismatch_s=0.5)
     line, port = on(drive, faults=plan)
     seen = set()
     for _ in range(30):
@@ -441,7 +441,7 @@ def test_power_faults_cut_replies_and_end():
         port.write(ENQUIRY)
         assert port.read(line.time + 0.1, 100) == REPLY
     assert seen == {SETTINGS, factory}
-    assert plan.happened == {Fault.POWER: 30}
+    assert plan.happened == {LineFault.POWER: 30}
 
 
 # Monitors and timed calls
@@ -460,7 +460,7 @@ def test_call_at_runs_functions_at_their_times():
 
 
 def test_monitor_receives_all_transmissions_but_echoes():
-    drive = Teller()
+    drive = AnsweringDrive()
     line, port = on(drive, echo=True)
     seen = []
     line.monitors.append(seen.append)
@@ -478,7 +478,7 @@ def test_monitor_receives_all_transmissions_but_echoes():
 
 
 def test_acknowledgement_is_sent_like_any_reply():
-    class Yes(Teller):
+    class Yes(AnsweringDrive):
         def hear(self, find, now):
             return None if super().hear(find, now) is None else VirtualReply(data=ACK, delay_s=0.0)
 

@@ -8,17 +8,17 @@ from benches import COMMANDED
 import drivecomm
 from drivecomm.errors import NoReplyError, UsageError
 from drivecomm.plant import (
-    Condition,
-    Fault,
+    FaultWindow,
     InjectStep,
-    Noise,
+    LineFault,
+    LineNoise,
     Plant,
     PlantLine,
     PowerCutStep,
     StuckStep,
     TelegramFault,
+    TripCondition,
     TripStep,
-    Window,
 )
 from drivecomm.protocol import DriveConfig, installed
 from drivecomm.virtual import VirtualPlant
@@ -180,7 +180,7 @@ def test_every_protocol_is_driven_through_a_plant(name):
 
 def test_noise_is_repeatable():
     def course(seed):
-        noise = Noise(rate=0.3, seed=seed, kinds=(Fault.DROP,), requests=False)
+        noise = LineNoise(rate=0.3, seed=seed, kinds=(LineFault.DROP,), requests=False)
         plant = planted(line=PlantLine(name="hall", noise=noise))
         with master(plant) as pump:
             return patient(plant, pump, lambda drive: drive.read("480"), 40)
@@ -208,7 +208,7 @@ def test_drive_set_to_an_odd_value_still_answers(name, raw):
 # A write to an LS drive is two telegrams.
 @pytest.mark.parametrize("name", [name for name in MEASURED_BY if name != "ls-bus"])
 def test_every_third_reply_to_a_write_is_lost(name):
-    plant = planted(TelegramFault(line="hall", kind=Fault.DROP, of="reply to a write", every=3), name=name)
+    plant = planted(TelegramFault(line="hall", kind=LineFault.DROP, of="reply to a write", every=3), name=name)
     with master(plant, name) as pump:
         value = pump.read(WRITTEN[name]).value
         told = []
@@ -222,14 +222,14 @@ def test_every_third_reply_to_a_write_is_lost(name):
 
 def test_fault_applies_only_to_requests_with_these_fields():
     to = {"kind": "enquiry", "parameter": 480}
-    plant = planted(TelegramFault(drive="pump", kind=Fault.DROP, of="reply", to=to))
+    plant = planted(TelegramFault(drive="pump", kind=LineFault.DROP, of="reply", to=to))
     with master(plant) as pump:
         assert answers(pump, 3, lambda drive: drive.read("481")) == [True] * 3
         assert answers(pump, 1, lambda drive: drive.read("480")) == [False]
 
 
 def test_fault_applies_only_within_its_window():
-    plant = planted(TelegramFault(line="hall", kind=Fault.DROP, window=Window(from_s=10, until_s=20)))
+    plant = planted(TelegramFault(line="hall", kind=LineFault.DROP, window=FaultWindow(from_s=10, until_s=20)))
     with master(plant) as pump:
         assert answers(pump, 1, lambda drive: drive.read("480")) == [True]
         plant.line("hall").pass_time(10)
@@ -239,7 +239,7 @@ def test_fault_applies_only_within_its_window():
 
 
 def test_fault_applies_to_a_random_share():
-    plant = planted(TelegramFault(line="hall", kind=Fault.DROP, of="reply to a read", rate=0.25, seed=4))
+    plant = planted(TelegramFault(line="hall", kind=LineFault.DROP, of="reply to a read", rate=0.25, seed=4))
     port = plant.line("hall").port()
     port.configure(plant.drive("pump").settings)
     request = drivecomm.encode("vabus", {"kind": "enquiry", "address": ADDRESS, "parameter": 480}, direction="request")
@@ -252,8 +252,8 @@ def test_fault_applies_to_a_random_share():
 
 def test_replies_are_delayed_and_requests_duplicated():
     plant = planted(
-        TelegramFault(line="hall", kind=Fault.DELAY, of="reply", every=2, delay_s=0.2),
-        TelegramFault(line="hall", kind=Fault.DUPLICATE, of="request", window=Window(from_s=50)),
+        TelegramFault(line="hall", kind=LineFault.DELAY, of="reply", every=2, delay_s=0.2),
+        TelegramFault(line="hall", kind=LineFault.DUPLICATE, of="request", window=FaultWindow(from_s=50)),
     )
     line = plant.line("hall")
     with master(plant, reply_timeout_s=0.15) as pump:
@@ -270,7 +270,7 @@ def test_fault_of_one_drive_spares_the_others():
         Plant(
             lines=(PlantLine(name="hall"),),
             drives=tuple(DriveConfig(protocol="vabus", address=number, line="hall") for number in (1, 2)),
-            script=(TelegramFault(drive="vabus:2", kind=Fault.DROP),),
+            script=(TelegramFault(drive="vabus:2", kind=LineFault.DROP),),
         )
     )
     with drivecomm.open_bus(plant.line("hall").port) as bus:
@@ -282,7 +282,7 @@ def test_fault_of_writes_needs_a_protocol_that_separates_reads_and_writes(monkey
     monkeypatch.setattr(type(installed["vabus"]), "__setattr__", object.__setattr__)
     monkeypatch.setattr(installed["vabus"], "intent", None)
     with pytest.raises(UsageError, match="fault 1: the package of vabus does not distinguish reading from writing"):
-        planted(TelegramFault(line="hall", kind=Fault.DROP, of="reply to a write"))
+        planted(TelegramFault(line="hall", kind=LineFault.DROP, of="reply to a write"))
 
 
 # Power
@@ -355,7 +355,7 @@ def test_trip_occurs_at_its_time():
 
 @protocol
 def test_trip_occurs_when_a_value_was_too_high_for_some_time(name):
-    condition = Condition(parameter=MEASURED[name], above=30, for_s=2)
+    condition = TripCondition(parameter=MEASURED[name], above=30, for_s=2)
     plant = planted(TripStep(drive="pump", code=5, when=condition), name=name)
     line = plant.line("hall")
     with master(plant, name) as pump:
@@ -394,7 +394,7 @@ def time_of_trip(plant):
 
 @pytest.mark.parametrize("speed", [1.0, 10.0])
 def test_condition_must_hold_for_its_process_time_without_a_break(speed):
-    condition = Condition(parameter="480", above=20, for_s=2)
+    condition = TripCondition(parameter="480", above=20, for_s=2)
     plant = planted(TripStep(drive="pump", code=5, when=condition), speed=speed, options={"model": "agile"})
 
     def fault_after(raw, seconds):
@@ -412,11 +412,11 @@ def test_condition_must_hold_for_its_process_time_without_a_break(speed):
 def test_impossible_condition_is_refused():
     for parameter, sentence in (("none", "none"), ("12345", "12345"), ("1", "is not a number|1")):
         with pytest.raises(UsageError, match=sentence):
-            planted(TripStep(drive="pump", code=5, when=Condition(parameter=parameter, above=1)))
+            planted(TripStep(drive="pump", code=5, when=TripCondition(parameter=parameter, above=1)))
 
 
 def test_drive_without_power_meets_no_condition():
-    plant = planted(TripStep(drive="pump", code=5, when=Condition(parameter="480", above=1, for_s=1)))
+    plant = planted(TripStep(drive="pump", code=5, when=TripCondition(parameter="480", above=1, for_s=1)))
     plant.power_off("pump")
     plant.line("hall").advance(10)
     assert plant.states()[0].fault == 0
@@ -432,7 +432,7 @@ def test_drive_without_power_meets_no_condition():
 @pytest.mark.parametrize("parameters", [STORED, MEASURED], ids=["stored", "measured"])
 def test_stuck_value_is_read_until_it_is_released(name, parameters):
     parameter = parameters[name]
-    step = StuckStep(drive="pump", parameter=parameter, value=12, window=Window(from_s=5, until_s=50))
+    step = StuckStep(drive="pump", parameter=parameter, value=12, window=FaultWindow(from_s=5, until_s=50))
     plant = planted(step, name=name)
     line = plant.line("hall")
     with master(plant, name) as pump:
@@ -449,7 +449,7 @@ def test_stuck_value_is_read_until_it_is_released(name, parameters):
 
 @with_numbers
 def test_stuck_value_takes_the_usual_reply_time(name):
-    step = StuckStep(drive="pump", parameter=STORED[name], value=12, window=Window(from_s=5))
+    step = StuckStep(drive="pump", parameter=STORED[name], value=12, window=FaultWindow(from_s=5))
     plant = planted(step, name=name, reply_delay_s=0.04)
     line = plant.line("hall")
 

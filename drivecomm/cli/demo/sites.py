@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
     from drivecomm.bus import BlockingLine
-    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.cli.line_options import LineArguments
     from drivecomm.link import TraceEvent
     from drivecomm.protocol import VirtualDrive
 
@@ -57,7 +57,7 @@ def _virtual_site(title: str, places: list[tuple[str, int]], *, echo: bool) -> I
 
 
 @contextmanager
-def real_site(line: LineOptions) -> Iterator[list[Site]]:
+def real_site(line: LineArguments) -> Iterator[list[Site]]:
     """Yield the real line at --port."""
     heard: list[TraceEvent] = []
     with line.bus(heard.append) as bus:
@@ -65,7 +65,7 @@ def real_site(line: LineOptions) -> Iterator[list[Site]]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Case:
+class DriveActions:
     """Values to read from a drive, and the way to move it.
 
     model: model for names and units, None for bare values. parameters: parameters to read. frequency: parameter with
@@ -82,7 +82,7 @@ class Case:
 
 
 _CASES = {
-    "vabus": Case(
+    "vabus": DriveActions(
         model="agile",
         parameters=("stator_frequency", "rms_current", "481", "520[2]"),
         frequency="210",
@@ -90,10 +90,16 @@ _CASES = {
         backwards={"hz": -20},
         fault=3,
     ),
-    "modbus": Case(model="danfoss-fc", parameters=("16130", "16140", "16300", "3410"), frequency="16170", fault=14),
-    "danfoss-fc": Case(model="fc300", parameters=("16-13", "16-14", "16-30", "3-41"), frequency="16-17", fault=14),
-    "vlt3500": Case(model="vlt3500", parameters=("502[1]", "502[9]", "215", "516"), frequency="502[1]", fault=11),
-    "fuji": Case(
+    "modbus": DriveActions(
+        model="danfoss-fc", parameters=("16130", "16140", "16300", "3410"), frequency="16170", fault=14
+    ),
+    "danfoss-fc": DriveActions(
+        model="fc300", parameters=("16-13", "16-14", "16-30", "3-41"), frequency="16-17", fault=14
+    ),
+    "vlt3500": DriveActions(
+        model="vlt3500", parameters=("502[1]", "502[9]", "215", "516"), frequency="502[1]", fault=11
+    ),
+    "fuji": DriveActions(
         model="frenic",
         parameters=("M09", "M11", "M21", "F07"),
         frequency="M09",
@@ -103,6 +109,6 @@ _CASES = {
 }
 
 
-def case_for(protocol: str, examples: tuple[str, ...]) -> Case:
+def case_for(protocol: str, examples: tuple[str, ...]) -> DriveActions:
     """Return the actions for a drive; for a third-party protocol, the reads of its own examples."""
-    return _CASES.get(protocol, Case(parameters=examples))
+    return _CASES.get(protocol, DriveActions(parameters=examples))

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from drivecomm.bus import Drive, Found
     from drivecomm.cli.demo.sites import Site
-    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.cli.line_options import LineArguments
     from drivecomm.protocol import Message
     from drivecomm.testing import Vector
 
@@ -211,7 +211,7 @@ _WIDTH = 110
 
 @click.command(cls=LineCommand)
 @click.option("--allow-motion", is_flag=True, help="With --port: also start motors.")
-def demo(*, line: LineOptions, allow_motion: bool) -> int:
+def demo(*, line: LineArguments, allow_motion: bool) -> int:
     """Tour everything on virtual lines in a few seconds, or on a real line with --port, reading only.
 
     Exit code 1 when a step failed.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from drivecomm.cli import options
-from drivecomm.cli.commands import Command
+from drivecomm.cli.commands import CliCommand
 from drivecomm.cli.output import counted, emit, say
 from drivecomm.cli.values import FILE
 from drivecomm.errors import UsageError
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _FOLDER = "proofs"
 
 
-@click.command("apply-proof", cls=Command)
+@click.command("apply-proof", cls=CliCommand)
 @click.argument("file", type=FILE, help="The report of drivecomm prove.")
 @click.option("--to", type=FILE, help="The model file. Default: the one that drivecomm finds by the model's name.")
 @click.option("--virtual", is_flag=True, help="Apply a proof of a virtual drive all the same, to try it out.")

@@ -5,12 +5,12 @@ from __future__ import annotations
 import click
 
 from drivecomm.cli import options
-from drivecomm.cli.commands import Command
+from drivecomm.cli.commands import CliCommand
 from drivecomm.cli.output import emit, say
-from drivecomm.models import draw as drawn
+from drivecomm.models import sample_facts as drawn
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @click.option("--seed", type=int, required=True, help="The same number draws the same facts.")
 @click.option("--count", type=click.IntRange(min=1), default=100, show_default=True, help="How many.")
 @options.json

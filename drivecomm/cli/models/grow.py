@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from drivecomm.cli.exploring import kept_answers
+from drivecomm.cli.exploring import answer_logbook
 from drivecomm.cli.line_command import LineCommand
 from drivecomm.cli.output import emit, progress_bar, say
+from drivecomm.cli.output_files import force_option, must_be_free
 from drivecomm.cli.values import FILE
-from drivecomm.cli.written_files import force_option, must_be_free
-from drivecomm.commissioning import asking, grown, parameters_of, unasked, way_to_grow
+from drivecomm.commissioning import grown_model, growth_plan, growth_request, parameters_of, unread_parameters
 from drivecomm.commissioning.exploring import explore
 from drivecomm.errors import DriveError, UsageError
 from drivecomm.models import load_model, model_text
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from drivecomm.bus import Drive
-    from drivecomm.cli.line_options import LineOptions
-    from drivecomm.commissioning.exploring import Answer, Course
+    from drivecomm.cli.line_options import LineArguments
+    from drivecomm.commissioning.exploring import AddressAnswer, ExplorationPlan
     from drivecomm.protocol import Model as KnownModel, ParameterInfo, Protocol
 
 # As many as fit on a screen; the rest is only counted.
@@ -45,7 +45,7 @@ _MOST_SHOWN = 10
 def grow(
     *,
     drive: str,
-    line: LineOptions,
+    line: LineArguments,
     write: Path,
     parameters: tuple[str, ...],
     everything: bool,
@@ -71,13 +71,13 @@ def grow(
     with reached.bus() as bus:
         one = name.with_options(**({"model": model} if model else {})).build(bus.drive)
         words = None if everything else parameters or list(_usual(one.model, plugin).parameters)
-        way = way_to_grow(plugin, one.model, words)
-        asks = asking(plugin, one.model, options)
+        way = growth_plan(plugin, one.model, words)
+        asks = growth_request(plugin, one.model, options)
         if everything:
             asked = " ".join(["parameters", *(f"{key}={value}" for key, value in sorted(options.items()))])
-            with kept_answers(write, one, way, asked, line) as (logbook, progress):
+            with answer_logbook(write, one, way, asked, line) as (logbook, progress):
                 answers = explore(one, way, asks, logbook, progress=progress)
-                told = [*parameters_of(answers, plugin, one.model, one.name), *unasked(plugin, one.model)]
+                told = [*parameters_of(answers, plugin, one.model, one.name), *unread_parameters(plugin, one.model)]
                 made = _written(one, answers, told, write)
                 logbook.over()
         else:
@@ -102,11 +102,11 @@ def grow(
     return 0
 
 
-def _written(drive: Drive, answers: list[Answer], told: list[ParameterInfo], file: Path) -> KnownModel:
+def _written(drive: Drive, answers: list[AddressAnswer], told: list[ParameterInfo], file: Path) -> KnownModel:
     """Write the model made from a drive's answers, and return it. Raises DriveError without answers."""
     if not any(answer.told is not None for answer in answers):
         raise DriveError(f"{drive.name} answers none of {len(answers)} parameters, so there is no model to write")
-    made = grown(
+    made = grown_model(
         told,
         protocol=drive.name.partition(":")[0],
         name=file.stem,
@@ -122,6 +122,6 @@ def _usual(model: KnownModel | None, plugin: Protocol) -> KnownModel:
     return model or load_model(plugin.package, plugin.name, plugin.default_model)
 
 
-def _counts(answer: Answer, way: Course) -> bool:
+def _counts(answer: AddressAnswer, way: ExplorationPlan) -> bool:
     """Return whether a missing answer is worth reporting; most addresses that a drive may hold do not exist."""
     return answer.address in way.known or not answer.absent

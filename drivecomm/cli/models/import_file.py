@@ -10,26 +10,26 @@ from typing import TYPE_CHECKING
 import click
 
 from drivecomm.cli import options
-from drivecomm.cli.commands import Command
+from drivecomm.cli.commands import CliCommand
 from drivecomm.cli.output import counted, emit, print_columns, say, tell
+from drivecomm.cli.output_files import force_option, must_be_free
 from drivecomm.cli.values import FILE, WHOLE_NUMBER, OneOf
-from drivecomm.cli.written_files import force_option, must_be_free
 from drivecomm.commissioning.importing import drives_of, imported_model, read_foreign
 from drivecomm.errors import UsageError, printable
 from drivecomm.models import MONITORING_ONLY, model_text
-from drivecomm.tomlfile import write_whole
+from drivecomm.tomlfile import write_atomically
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from typing import Literal
 
-    from drivecomm.commissioning.importing import Foreign
+    from drivecomm.commissioning.importing import ForeignContents
     from drivecomm.protocol import Model, ParameterInfo
 
 _PORT = "/dev/ttyUSB0"
 
 
-@click.command("import", cls=Command)
+@click.command("import", cls=CliCommand)
 @click.argument("file", type=FILE, help="A register list, or a configuration that reads the registers of a drive.")
 @click.option("--output", type=FILE, help="The model file to write. Default: FILE with the ending .toml, here.")
 @click.option(
@@ -70,7 +70,7 @@ def import_file(
     if not (yes or _agreed(path, as_json=json)):
         tell(f"nothing is written; --yes writes {path}", as_json=json, file="")
         return 1
-    write_whole(path, f"{_head(found, file)}\n{model_text(model)}")
+    write_atomically(path, f"{_head(found, file)}\n{model_text(model)}")
     if json:
         emit(file=str(path), next=_next(model, found, path, address))
     else:
@@ -85,7 +85,7 @@ def _agreed(path: Path, *, as_json: bool) -> bool:
     return click.confirm(f"Write {path}?", default=False, err=True)
 
 
-def _show(model: Model, found: Foreign, file: Path) -> None:
+def _show(model: Model, found: ForeignContents, file: Path) -> None:
     say(f"{file}: {found.form}, {counted(len(model.parameters), 'register')} understood")
     if found.columns:
         say(
@@ -110,7 +110,7 @@ def _row(info: ParameterInfo, common: str) -> tuple[str, ...]:
     return (f"  {info.address}", info.name, held, f"{step} {info.unit}".strip(), does, info.source.partition(", ")[2])
 
 
-def _emit(model: Model, found: Foreign) -> None:
+def _emit(model: Model, found: ForeignContents) -> None:
     emit(form=found.form, columns=found.columns, options=found.options, assumptions=found.assumptions)
     for info in model.parameters.values():
         emit(parameter=info)
@@ -118,7 +118,7 @@ def _emit(model: Model, found: Foreign) -> None:
         emit(place=each.place, not_carried=each.what, reason=each.reason)
 
 
-def _head(found: Foreign, file: Path) -> str:
+def _head(found: ForeignContents, file: Path) -> str:
     """Return the comment above the model: assumptions of the import, and items that are missing."""
     lines = [f"Imported from {file.name}, {found.form}. Monitoring only: nothing here commands a drive."]
     lines += [f"Assumed: {sentence}." for sentence in found.assumptions]
@@ -126,7 +126,7 @@ def _head(found: Foreign, file: Path) -> str:
     return "".join(f"# {printable(line)}\n" for line in lines)
 
 
-def _next(model: Model, found: Foreign, path: Path, address: int | None) -> str:
+def _next(model: Model, found: ForeignContents, path: Path, address: int | None) -> str:
     """Return a command that reads from such a drive, preferably a common name."""
     drive = address if address is not None else next(iter(drives_of(found)), 1)
     names = list(dict.fromkeys([*model.quantities, *_readable(model)]))

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING
 import click
 
 from drivecomm.cli import options
-from drivecomm.cli.commands import Command
+from drivecomm.cli.commands import CliCommand
 from drivecomm.cli.drive_names import known_plant
 from drivecomm.cli.models.named import model_named
 from drivecomm.cli.output import emit, print_columns, say
+from drivecomm.cli.output_files import force_option, must_be_free
 from drivecomm.cli.values import FILE
-from drivecomm.cli.written_files import force_option, must_be_free
 from drivecomm.errors import UsageError
 from drivecomm.models import PURPOSES, load_model, setup_sheet
 from drivecomm.protocol import CERTAIN, installed, parse_drive, resolve_options
-from drivecomm.tomlfile import write_whole
+from drivecomm.tomlfile import write_atomically
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -42,7 +42,7 @@ class FilledSheet:
         return f"{self.model.title}, {whose}, at {self.settings}"
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @click.argument("series", required=False, help="NAME, PROTOCOL/NAME, or a .toml file. Default: that of the drive.")
 @click.option(
     "--for",
@@ -71,7 +71,7 @@ def setup(
         # Imported late, because text output does not need it.
         from drivecomm.cli.models.setup_page import page
 
-        write_whole(html, page(sheet))
+        write_atomically(html, page(sheet))
     return 0
 
 

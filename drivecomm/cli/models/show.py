@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from drivecomm.cli import options
-from drivecomm.cli.commands import Command
+from drivecomm.cli.commands import CliCommand
 from drivecomm.cli.models.named import model_named
 from drivecomm.cli.output import complain, counted, emit, plain, print_columns, say, tell
 from drivecomm.cli.values import FILE
@@ -45,7 +45,7 @@ _protocol_option = click.option(
 )
 
 
-@click.command("list", cls=Command)
+@click.command("list", cls=CliCommand)
 @click.argument(
     "protocol", shell_complete=options.complete_protocol, required=False, help="Default: all installed ones."
 )
@@ -81,7 +81,7 @@ def list_models(*, protocol: str | None, json: bool) -> int:
     return code
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @click.argument("model", help="NAME, PROTOCOL/NAME, or a .toml file.")
 @click.argument("parameters", metavar="[PARAM...]", nargs=-1, help="Only these, in full detail.")
 @_protocol_option
@@ -107,7 +107,7 @@ def show(*, model: str, parameters: tuple[str, ...], protocol: str | None, commo
     return 0
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @click.argument("files", type=FILE, metavar="[FILE...]", nargs=-1, help="Default: all that drivecomm finds by name.")
 @options.json
 def check(*, files: tuple[Path, ...], json: bool) -> int:
@@ -135,7 +135,7 @@ def check(*, files: tuple[Path, ...], json: bool) -> int:
     return UsageError.exit_code if wrong else 0
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @options.json
 def names(*, json: bool) -> int:
     """List the common names with their meaning on every drive, and their unit."""

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from drivecomm.cli.line_options import LineOptions
-    from drivecomm.commissioning.parameter_sets import Journal, Plan, Planned, Restored
+    from drivecomm.cli.line_options import LineArguments
+    from drivecomm.commissioning.parameter_sets import PlannedItem, RestoreJournal, RestorePlan, RestoreResult
     from drivecomm.protocol import DriveConfig
 
 INCOMPLETE = 1
@@ -49,7 +49,7 @@ def restore(
     *,
     drive: str,
     file: Path,
-    line: LineOptions,
+    line: LineArguments,
     model: str | None,
     dry_run: bool,
     only: tuple[str, ...],
@@ -86,7 +86,7 @@ def restore(
     return exit_code_of_restore(done)
 
 
-def exit_code_of_restore(done: Restored) -> int:
+def exit_code_of_restore(done: RestoreResult) -> int:
     """Return the exit code of a completed restore."""
     if done.refused:
         return DriveError.exit_code
@@ -96,7 +96,7 @@ def exit_code_of_restore(done: Restored) -> int:
 
 
 @contextmanager
-def _said_how_to_go_on(journal: Journal, line: LineOptions) -> Iterator[None]:
+def _said_how_to_go_on(journal: RestoreJournal, line: LineArguments) -> Iterator[None]:
     """Add to an interruption in the block how to resume the restore."""
     try:
         yield
@@ -108,14 +108,14 @@ def _said_how_to_go_on(journal: Journal, line: LineOptions) -> Iterator[None]:
         raise
 
 
-def _how_to_go_on(journal: Journal) -> str:
+def _how_to_go_on(journal: RestoreJournal) -> str:
     if not journal.written:
         return "nothing was written"
     count = len(journal.written)
     return f"{count} parameter{'s were' if count > 1 else ' was'} written, the same command with --resume goes on"
 
 
-def show_plan(plan: Plan, drive: DriveConfig, *, as_json: bool) -> None:
+def show_plan(plan: RestorePlan, drive: DriveConfig, *, as_json: bool) -> None:
     """Print the parameters that a restore would write, and those that it would leave alone."""
     if as_json:
         for item in plan.items:
@@ -130,7 +130,7 @@ def show_plan(plan: Plan, drive: DriveConfig, *, as_json: bool) -> None:
     say(f"{drive.name}  {counts}; nothing was written")
 
 
-def _show_changes(items: list[Planned], drive: DriveConfig) -> None:
+def _show_changes(items: list[PlannedItem], drive: DriveConfig) -> None:
     """Print the present and the new value of each item."""
     names = [f"{item.address} {item.name}" for item in items]
     width = max(map(len, names), default=0)
@@ -139,17 +139,17 @@ def _show_changes(items: list[Planned], drive: DriveConfig) -> None:
         say(f"{drive.name}  {name:<{width}}  {before} -> {item.value} {item.unit}".rstrip())
 
 
-def _left_alone(plan: Plan) -> str:
+def _left_alone(plan: RestorePlan) -> str:
     """Return the number of items that are not restored, as text; first those that should have been restored."""
     missed, as_meant = len(plan.missed), len(plan.to("skip")) - len(plan.missed)
     told = f", {missed} not restored" if missed else ""
     return told + (f", {as_meant} left alone" if as_meant else "")
 
 
-def _show_skipped(plan: Plan, drive: DriveConfig) -> None:
+def _show_skipped(plan: RestorePlan, drive: DriveConfig) -> None:
     for remark in plan.remarks:
         say(f"{drive.name}  {remark}")
-    by_reason: dict[tuple[bool, str], list[Planned]] = {}
+    by_reason: dict[tuple[bool, str], list[PlannedItem]] = {}
     for item in plan.to("skip"):
         by_reason.setdefault((item.missed, item.reason), []).append(item)
     for (missed, reason), items in by_reason.items():
@@ -157,7 +157,7 @@ def _show_skipped(plan: Plan, drive: DriveConfig) -> None:
         say(f"{drive.name}  {'not restored' if missed else 'left alone'}, {reason}: {names}")
 
 
-def show_restored(done: Restored, drive: DriveConfig, *, as_json: bool) -> None:
+def show_restored(done: RestoreResult, drive: DriveConfig, *, as_json: bool) -> None:
     """Print the result of a restore."""
     plan = done.plan
     if as_json:

@@ -11,7 +11,7 @@ import click
 
 from drivecomm.bus import carry_out
 from drivecomm.cli import options
-from drivecomm.cli.exploring import kept_answers
+from drivecomm.cli.exploring import answer_logbook
 from drivecomm.cli.line_command import LineCommand
 from drivecomm.cli.output import emit, labels, note, plain, progress_bar, say
 from drivecomm.cli.values import FILE
@@ -19,6 +19,7 @@ from drivecomm.commissioning import addresses_in
 from drivecomm.commissioning.parameter_sets import (
     WRITABLE,
     back_up,
+    backup_plan,
     compare as compared,
     factory_set,
     must_be_free,
@@ -27,7 +28,6 @@ from drivecomm.commissioning.parameter_sets import (
     reading_everything,
     share_of,
     subject,
-    way_through,
     write_set,
 )
 from drivecomm.errors import UsageError
@@ -37,8 +37,15 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from drivecomm import bus
-    from drivecomm.cli.line_options import LineOptions
-    from drivecomm.commissioning.parameter_sets import Comparison, Difference, Entry, ParameterSet, Part, Subject
+    from drivecomm.cli.line_options import LineArguments
+    from drivecomm.commissioning.parameter_sets import (
+        Comparison,
+        Difference,
+        ParameterEntry,
+        ParameterSet,
+        Part,
+        SetSubject,
+    )
     from drivecomm.protocol import DriveConfig, Model as KnownModel
 
 
@@ -66,7 +73,7 @@ def backup(
     *,
     drive: str,
     file: Path,
-    line: LineOptions,
+    line: LineArguments,
     model: str | None,
     measured: bool,
     everything: bool,
@@ -97,10 +104,10 @@ def backup(
 
 
 def _save_everything(
-    drive: bus.Drive, of: Subject, file: Path, within: tuple[str, ...], line: LineOptions
+    drive: bus.Drive, of: SetSubject, file: Path, within: tuple[str, ...], line: LineArguments
 ) -> ParameterSet:
-    way = way_through(of, addresses_in(within) if within else None)
-    with kept_answers(file, drive, way, "values", line) as (logbook, progress):
+    way = backup_plan(of, addresses_in(within) if within else None)
+    with answer_logbook(file, drive, way, "values", line) as (logbook, progress):
         found = carry_out(drive, reading_everything(of, way, logbook, progress))
         write_set(file, found)
         logbook.over()
@@ -132,7 +139,7 @@ def _show_saved(found: ParameterSet, model: KnownModel, file: Path, name: DriveC
 
 @contextmanager
 def drive_of_set(
-    reached: LineOptions, name: DriveConfig, model: str | None, known: ParameterSet | None = None
+    reached: LineArguments, name: DriveConfig, model: str | None, known: ParameterSet | None = None
 ) -> Iterator[bus.Drive]:
     """Open the line of a drive and yield the drive. known: a parameter set whose model is the default model."""
     of_set = {"model": known.model} if known and known.model and known.protocol == name.protocol else {}
@@ -150,7 +157,7 @@ FACTORY = "factory"
 @communication_option
 @click.option("--all", "everything", is_flag=True, help="Everything, including measured values.")
 def compare(
-    *, left: str, right: str, line: LineOptions, model: str | None, communication: bool, everything: bool
+    *, left: str, right: str, line: LineArguments, model: str | None, communication: bool, everything: bool
 ) -> int:
     """List the parameters in which two drives or files differ. Exit code 1 when they do.
 
@@ -197,18 +204,22 @@ def _show_comparison(found: Comparison, left: str, right: str, *, as_json: bool)
     if as_json:
         for difference in (*found.differences, *found.missing):
             emit(kind=difference.kind, parameter=difference.address, name=difference.name,
-                 left=told(difference.left), right=told(difference.right), reason=difference.reason)  # fmt: skip
+                 left=entry_content(difference.left), right=entry_content(difference.right),
+                  reason=difference.reason)  # fmt: skip
         emit(same=found.same, differences=len(found.differences), equal=found.equal, missing=len(found.missing),
              by=found.by, remarks=list(found.remarks), shares=plain(found.shares))  # fmt: skip
         return
     if found.differences:
-        rows = [(called(each), shown(each.left), shown(each.right), each.reason) for each in found.differences]
+        rows = [
+            (parameter_label(each), entry_text(each.left), entry_text(each.right), each.reason)
+            for each in found.differences
+        ]
         for line in _in_columns([("", left, right, ""), *rows]):
             say(line)
     for side, absent in ((left, [each for each in found.missing if each.right is None]),
                          (right, [each for each in found.missing if each.left is None])):  # fmt: skip
         if absent:
-            say(f"  only in {side}: {', '.join(map(called, absent))}")
+            say(f"  only in {side}: {', '.join(map(parameter_label, absent))}")
     for remark in found.remarks:
         say(f"  {remark}")
     for side, share in zip((left, right), found.shares, strict=True):
@@ -219,7 +230,7 @@ def _show_comparison(found: Comparison, left: str, right: str, *, as_json: bool)
     say(f"{count} difference{'' if count == 1 else 's'}, {found.equal} equal{apart}, by {found.by}")
 
 
-def called(difference: Difference) -> str:
+def parameter_label(difference: Difference) -> str:
     """Return a parameter's address and name."""
     return f"{difference.address} {difference.name}".rstrip()
 
@@ -231,11 +242,11 @@ def _in_columns(rows: list[tuple[str, str, str, str]]) -> Iterator[str]:
         yield f"{row[0]:<{name}}  {row[1]:>{left}}  {row[2]:>{right}}  {row[3]}".rstrip()
 
 
-def shown(entry: Entry | None) -> str:
+def entry_text(entry: ParameterEntry | None) -> str:
     """Return a value as text."""
     return "-" if entry is None else str(entry) or '""'
 
 
-def told(entry: Entry | None) -> Any:
+def entry_content(entry: ParameterEntry | None) -> Any:
     """Return a value as JSON content."""
     return None if entry is None else {"value": entry.value, "unit": entry.unit, "raw": entry.raw}

@@ -12,16 +12,16 @@ import click
 
 from drivecomm.capture import CaptureWriter, Provenance, open_capture
 from drivecomm.cli import options
-from drivecomm.cli.commands import Command
+from drivecomm.cli.commands import CliCommand
 from drivecomm.cli.drive_names import known_plant
 from drivecomm.cli.line_command import LineSetting
 from drivecomm.cli.output import complain, note, tell
+from drivecomm.cli.output_files import force_option, must_be_free
 from drivecomm.cli.sniff.lines import LiveTable, emit_event, emit_summary, print_summary, say_event
 from drivecomm.cli.sniff.naming import Naming
-from drivecomm.cli.sniff.sources import Ear, is_file, pieces_from
+from drivecomm.cli.sniff.sources import DetectionListener, is_file, pieces_from
 from drivecomm.cli.stops_from_others import StopsFromOthers
 from drivecomm.cli.values import FILE, NUMBER, WHOLE_NUMBER
-from drivecomm.cli.written_files import force_option, must_be_free
 from drivecomm.client import server_of_port
 from drivecomm.errors import FileFormatError, LinkError, UsageError
 from drivecomm.protocol import LineSettings, installed, parse_drive
@@ -44,7 +44,7 @@ _LINE = "Line"
 _NOTHING_HEARD = 1
 
 
-@click.command(cls=Command)
+@click.command(cls=CliCommand)
 @click.argument("place", metavar="PORT|FILE", help="A port, socket://HOST:PORT, or a capture (.jsonl, .pcapng).")
 @click.option(
     "--drive",
@@ -112,7 +112,7 @@ def sniff(
     given = {"baudrate": baudrate, "bytesize": bytesize, "parity": parity and parity.upper(), "stopbits": stopbits}
     naming.check()
     named = [installed[name] for name in dict.fromkeys(protocols)]
-    job = Job(
+    job = SniffRun(
         protocols=named or protocols_for([*(naming.drives if drives else recorded), *naming.drives]),
         naming=naming,
         given={name: value for name, value in given.items() if value is not None},
@@ -192,7 +192,7 @@ class Output:
 
 
 @dataclass(slots=True, kw_only=True)
-class Job:
+class SniffRun:
     """One call of the command."""
 
     protocols: list[Protocol]
@@ -293,7 +293,7 @@ class Job:
         return not self.chosen or event.drive in self.chosen or event.drive.partition(":")[0] in self.chosen
 
 
-def _output(job: Job, *, table: bool, as_json: bool) -> Output:
+def _output(job: SniffRun, *, table: bool, as_json: bool) -> Output:
     if table:
         live = LiveTable(job.counted)
         return Output(begin=live.start, show=live.show, end=live.stop)
@@ -315,7 +315,7 @@ def _found_settings(
 ) -> LineSettings:
     if note := port.configure(LineSettings()):
         raise UsageError(f"{place}: there is nothing to detect ({note}); leave --detect out")
-    found = detect(Ear(port), protocols)
+    found = detect(DetectionListener(port), protocols)
     if found is None:
         raise LinkError(
             f"{place}: nothing could be decoded with the usual line settings; check that there is traffic on this line"

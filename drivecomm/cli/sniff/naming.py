@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.errors import DriveCommError
 from drivecomm.models import load_model
 from drivecomm.protocol import DriveConfig, checked_address, installed, resolve_options
-from drivecomm.traffic.sniffer import HeardTelegram, ParameterNames
+from drivecomm.traffic.sniffer import HeardParameterNames, HeardTelegram
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -38,7 +38,7 @@ class Naming:
 
     drives: Sequence[DriveConfig]
     everybody: bool = False
-    _known: dict[str, ParameterNames | None] = field(default_factory=dict)
+    _known: dict[str, HeardParameterNames | None] = field(default_factory=dict)
 
     def check(self) -> None:
         """Raise UsageError for an invalid drive."""
@@ -79,7 +79,7 @@ class Naming:
         except DriveCommError as error:
             return Meaning(parameter=parameter, refusal=str(error))
 
-    def _make(self, drive: str) -> ParameterNames | None:
+    def _make(self, drive: str) -> HeardParameterNames | None:
         protocol, _, address = drive.partition(":")
         if not address.isdigit():
             return None
@@ -91,7 +91,7 @@ class Naming:
         plugin = installed[protocol]
         name = chosen.options.get("model") or plugin.default_model
         model = load_model(plugin.package, protocol, name)
-        return ParameterNames(plugin, int(address), model, _sorted_out(chosen)[1])
+        return HeardParameterNames(plugin, int(address), model, _sorted_out(chosen)[1])
 
 
 def _sorted_out(drive: DriveConfig) -> tuple[LineSettings, Any]:

@@ -11,7 +11,7 @@ from drivecomm.cli.line_command import LineCommand
 from drivecomm.cli.stop.quick import stop_motors
 
 if TYPE_CHECKING:
-    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.cli.line_options import LineArguments
 
 
 @click.command(cls=LineCommand)
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 @click.option("--all", "everything", is_flag=True, help="Stop everything that is on the line or in the plant.")
 @click.option("--how", metavar="KIND", default="ramp", help="ramp, coast, quick or dc_brake.")
 @options.model
-def stop(*, line: LineOptions, drives: tuple[str, ...], everything: bool, how: str, model: str | None) -> int:
+def stop(*, line: LineArguments, drives: tuple[str, ...], everything: bool, how: str, model: str | None) -> int:
     """Stop one motor or several, or with --all every motor.
 
     A group of the plant file stands for its drives. --all works on all lines at the same time: it broadcasts a stop for

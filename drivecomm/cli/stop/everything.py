@@ -11,11 +11,11 @@ import os
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from drivecomm.cli.stop.concurrent_lines import stop_lines
 from drivecomm.cli.stop.damaged_file import readable_plant
-from drivecomm.cli.stop.in_spite import InSpite
-from drivecomm.cli.stop.lines_at_once import stop_lines
 from drivecomm.cli.stop.one_drive import stop_one
 from drivecomm.cli.stop.over_bus import StoppedLine
+from drivecomm.cli.stop.safe_lookups import SafeLookups
 from drivecomm.cli.stop.whole_port import stop_port
 from drivecomm.client import server_of_plant
 from drivecomm.errors import FileFormatError, UsageError
@@ -25,19 +25,19 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
     from pathlib import Path
 
-    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.cli.line_options import LineArguments
     from drivecomm.plant import Plant
     from drivecomm.protocol import DriveConfig, Stop
 
 
-def stop_all(line: LineOptions, path: Path | None, how: Stop) -> int:
+def stop_all(line: LineArguments, path: Path | None, how: Stop) -> int:
     """Stop all drives at the port or in the plant file, and print the confirmations; return the exit code.
 
     A drive that does not support this kind of stop is stopped down its ramp. Line facts of the command line override
     those of the plant. If the plant file is unreadable, its server supplies the drives; without a server, only the
     given port remains.
     """
-    spite = InSpite(as_json=line.json)
+    spite = SafeLookups(as_json=line.json)
     if path is None:
         return stop_port(line, how, spite)
     of_server = _of_server(line, path, spite)
@@ -63,7 +63,7 @@ def stop_all(line: LineOptions, path: Path | None, how: Stop) -> int:
     return stop_lines(lines, line, how, spite, whole=whole or bool(of_server))
 
 
-def stop_protocol(line: LineOptions, path: Path, protocol: str, model: str | None, how: Stop) -> int:
+def stop_protocol(line: LineArguments, path: Path, protocol: str, model: str | None, how: Stop) -> int:
     """Stop the drives of a protocol in a plant, on all its lines, as `stop_all` does; return the exit code.
 
     If the plant has no drive of the protocol, each line gets a broadcast, which no drive confirms. Raises UsageError
@@ -71,7 +71,7 @@ def stop_protocol(line: LineOptions, path: Path, protocol: str, model: str | Non
     """
     if protocol not in installed:
         raise unknown_protocol(protocol, installed)
-    spite = InSpite(as_json=line.json)
+    spite = SafeLookups(as_json=line.json)
     try:
         plant, whole = _plant(path, spite)
     except Exception as error:
@@ -96,7 +96,7 @@ def _of(protocol: str, drives: Iterable[DriveConfig]) -> tuple[DriveConfig, ...]
     return tuple(each for each in drives if each.protocol == protocol)
 
 
-def _plant(path: Path, spite: InSpite) -> tuple[Plant, bool]:
+def _plant(path: Path, spite: SafeLookups) -> tuple[Plant, bool]:
     """Return the plant of a file, and whether it is complete. Raises FileFormatError if nothing can be read."""
     plant, wrong = readable_plant(path)
     for sentence in wrong:
@@ -104,7 +104,7 @@ def _plant(path: Path, spite: InSpite) -> tuple[Plant, bool]:
     return plant, not wrong
 
 
-def _of_server(line: LineOptions, path: Path, spite: InSpite) -> list[StoppedLine]:
+def _of_server(line: LineArguments, path: Path, spite: SafeLookups) -> list[StoppedLine]:
     """Return the lines of the server of a plant file; empty if no server is running or it does not respond."""
     server = spite.of(lambda: server_of_plant(path), None, "the server of this plant is not looked for")
     if server is None:
@@ -120,7 +120,7 @@ def _of_server(line: LineOptions, path: Path, spite: InSpite) -> list[StoppedLin
         return []
 
 
-def _lines_of(plant: Plant, line: LineOptions, path: Path, also: tuple[str, ...]) -> Iterator[StoppedLine]:
+def _lines_of(plant: Plant, line: LineArguments, path: Path, also: tuple[str, ...]) -> Iterator[StoppedLine]:
     # Facts of the command line override those of the plant's lines and drives.
     said = line.said_facts
     for each in plant.lines:

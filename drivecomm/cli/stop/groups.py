@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from drivecomm.cli.line_options import LineOptions
-    from drivecomm.cli.stop.in_spite import InSpite
-    from drivecomm.cli.stop.known_to_servers import KnownToServers, ServedDrives
+    from drivecomm.cli.line_options import LineArguments
+    from drivecomm.cli.stop.safe_lookups import SafeLookups
+    from drivecomm.cli.stop.server_drives import ServedDrives, ServerDrives
     from drivecomm.plant import Plant
     from drivecomm.protocol import DriveConfig
 
@@ -36,7 +36,7 @@ class PlacedDrives:
     whole: bool = True
 
 
-def group_to_stop(line: LineOptions, text: str, servers: KnownToServers, spite: InSpite) -> PlacedDrives | None:
+def group_to_stop(line: LineArguments, text: str, servers: ServerDrives, spite: SafeLookups) -> PlacedDrives | None:
     """Return the drives of a group; None if neither the plant file nor a server has such a group.
 
     For a damaged file, these are the readable drives and those that its server knows. A note then warns that the group
@@ -81,7 +81,7 @@ def _read(path: Path | None) -> tuple[Plant | None, list[str]]:
     return replace(plant, file=str(path)), wrong
 
 
-def _of_plant(line: LineOptions, plant: Plant, text: str) -> PlacedDrives:
+def _of_plant(line: LineArguments, plant: Plant, text: str) -> PlacedDrives:
     """Return the drives of a group of a plant.
 
     In a damaged file a drive may have the name of the group. As the meaning is then unclear, both are stopped.

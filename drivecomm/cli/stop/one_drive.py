@@ -7,12 +7,12 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.bus import as_far_as_possible
+from drivecomm.bus import make_despite_errors
 from drivecomm.cli.drive_names import plant_file
 from drivecomm.cli.line_options import naming
 from drivecomm.cli.output import labels, tell
-from drivecomm.cli.stop.in_spite import InSpite
-from drivecomm.cli.stop.ways import Ways
+from drivecomm.cli.stop.safe_lookups import SafeLookups
+from drivecomm.cli.stop.stop_ways import StopWays
 from drivecomm.errors import FileFormatError, UsageError, WrongDriveError
 from drivecomm.protocol import DriveConfig, commanded_by_model, parse_drive
 
@@ -22,17 +22,17 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from drivecomm.bus import Bus
-    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.cli.line_options import LineArguments
     from drivecomm.client import Registration
     from drivecomm.protocol import Stop
 
 
-def stop_one(line: LineOptions, drive: str, model: str | None, how: Stop) -> int:
+def stop_one(line: LineArguments, drive: str, model: str | None, how: Stop) -> int:
     """Stop a drive, a group, or with PROTOCOL:* all drives of a protocol, and print it; return the exit code.
 
     A program that has the port sends the stop. Raises the error of the drive or its line.
     """
-    spite = InSpite(as_json=line.json)
+    spite = SafeLookups(as_json=line.json)
     chosen = {"model": model} if model else {}
     protocol, colon, address = drive.partition(":")
     if colon and address == "*":
@@ -43,13 +43,13 @@ def stop_one(line: LineOptions, drive: str, model: str | None, how: Stop) -> int
     except Exception as error:  # noqa: BLE001 - raised again below if no server knows the drive
         return _stop_otherwise(line, drive, model, how, spite, failure=error)
     options = {**name.options, **chosen}
-    ways = Ways(reached.named_port, spite)
+    ways = StopWays(reached.named_port, spite)
     without, wrong = "", None
     with reached.named_in_errors(), naming(name):
         by = ways.stopped_by(str(name), how, partial(_options_for, line, options, spite))
     if by is None:
         with ways.itself(*openings(reached)) as bus:
-            one, without = as_far_as_possible(partial(bus.drive, name.protocol, name.address), options)
+            one, without = make_despite_errors(partial(bus.drive, name.protocol, name.address), options)
             with naming(name):
                 one.stop(how)
             if commanded_by_model(name.protocol):
@@ -68,7 +68,7 @@ def stop_one(line: LineOptions, drive: str, model: str | None, how: Stop) -> int
 
 
 def _stop_otherwise(
-    line: LineOptions, text: str, model: str | None, how: Stop, spite: InSpite, *, failure: Exception
+    line: LineArguments, text: str, model: str | None, how: Stop, spite: SafeLookups, *, failure: Exception
 ) -> int:
     """Stop a name that is not a drive of the plant file: a group, or a drive that only the server knows.
 
@@ -76,9 +76,9 @@ def _stop_otherwise(
     """
     # Imported late, because only names outside the plant file need it.
     from drivecomm.cli.stop.groups import group_to_stop
-    from drivecomm.cli.stop.known_to_servers import KnownToServers
+    from drivecomm.cli.stop.server_drives import ServerDrives
 
-    servers = KnownToServers(line, spite)
+    servers = ServerDrives(line, spite)
     if (group := group_to_stop(line, text, servers, spite)) is not None:
         from drivecomm.cli.stop.several import stop_placed
 
@@ -92,14 +92,14 @@ def _stop_otherwise(
     return 0
 
 
-def _stop_all_of(line: LineOptions, protocol: str, options: Mapping[str, Any], how: Stop, spite: InSpite) -> None:
+def _stop_all_of(line: LineArguments, protocol: str, options: Mapping[str, Any], how: Stop, spite: SafeLookups) -> None:
     everybody = f"{protocol}:*"
-    ways = Ways(line.named_port, spite)
+    ways = StopWays(line.named_port, spite)
     with line.named_in_errors():
         by = ways.stopped_by(everybody, how, partial(_options_for, line, {**line.said_facts, **options}, spite))
     if by is None:
         with ways.itself(*openings(line)) as bus:
-            all_of_them, _ = as_far_as_possible(partial(bus.broadcast, protocol), options)
+            all_of_them, _ = make_despite_errors(partial(bus.broadcast, protocol), options)
             all_of_them.stop(how)
     done = f"stop ({how.value}) sent to all; nobody confirms a broadcast"
     with suppress(Exception):
@@ -125,7 +125,7 @@ def _by_content(program: Registration | None) -> dict[str, str]:
 
 
 def _options_for(
-    line: LineOptions, options: Mapping[str, Any], spite: InSpite, program: Registration
+    line: LineArguments, options: Mapping[str, Any], spite: SafeLookups, program: Registration
 ) -> Mapping[str, Any]:
     """Return the drive options for another program: only those of the command line for its own server, else all."""
     path = the_plant_file(line, spite)
@@ -143,25 +143,25 @@ def _is_same(path: Path, other: str) -> bool:
     return str(path.resolve()) == other
 
 
-def openings(line: LineOptions) -> list[Callable[[], AbstractContextManager[Bus]]]:
+def openings(line: LineArguments) -> list[Callable[[], AbstractContextManager[Bus]]]:
     """Return functions that open a line's own port: with its recording, and without as a fallback."""
     recorded = [line.own_bus] if line.record is not None else []
     return [*recorded, replace(line, record=None).own_bus]
 
 
-def the_plant_file(line: LineOptions, spite: InSpite) -> Path | None:
+def the_plant_file(line: LineArguments, spite: SafeLookups) -> Path | None:
     """Return the plant file of a call, None also if the folder cannot be read."""
     return spite.of(lambda: plant_file(line.plant, port_given=False), None, "the plant file is not looked for")
 
 
 def _stop_by_name(server: Registration, drive: DriveConfig, said: Mapping[str, Any], how: Stop) -> None:
-    from drivecomm.client import have_stopped, place_of_name
+    from drivecomm.client import place_of_name, request_stop
 
     with naming(drive):
-        have_stopped(server, place_of_name(drive.name), how, said)
+        request_stop(server, place_of_name(drive.name), how, said)
 
 
-def reached_for_stopping(line: LineOptions, text: str, spite: InSpite) -> tuple[LineOptions, DriveConfig, str]:
+def reached_for_stopping(line: LineArguments, text: str, spite: SafeLookups) -> tuple[LineArguments, DriveConfig, str]:
     """Return the line of a drive, the drive, and the fault of the plant file, empty without a fault.
 
     A stop needs no --arm, and accepts it. Raises UsageError, also if a damaged plant file does not contain the drive.

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivecomm.cli.drive_names import plant_file
-from drivecomm.cli.line_options import LineOptions
-from drivecomm.errors import UsageError, meant
+from drivecomm.cli.line_options import LineArguments
+from drivecomm.errors import UsageError, suggestion
 from drivecomm.protocol import Stop
 
 if TYPE_CHECKING:
@@ -29,12 +29,12 @@ _WITH_A_VALUE = {
 }
 
 
-def stop_motors(line: LineOptions, drives: Sequence[str], *, everything: bool, how: str, model: str | None) -> int:
+def stop_motors(line: LineArguments, drives: Sequence[str], *, everything: bool, how: str, model: str | None) -> int:
     """Stop the named drives, or everything, and return the exit code. Raises UsageError."""
     try:
         chosen = Stop(how.lower().replace("-", "_"))
     except ValueError:
-        known = meant(how, [stop.value for stop in Stop], "use one of")
+        known = suggestion(how, [stop.value for stop in Stop], "use one of")
         raise UsageError(f"unknown kind of stop {how!r}; {known}") from None
     if not everything:
         if not drives:
@@ -47,7 +47,7 @@ def stop_motors(line: LineOptions, drives: Sequence[str], *, everything: bool, h
     return stop_all(line, _plant_file(line), chosen)
 
 
-def _plant_file(line: LineOptions) -> Path | None:
+def _plant_file(line: LineArguments) -> Path | None:
     """Return the plant file of a call; None also if it is not accessible, such as in a protected folder."""
     try:
         return plant_file(line.plant, port_given="port" in line.given)
@@ -55,7 +55,7 @@ def _plant_file(line: LineOptions) -> Path | None:
         return None
 
 
-def _stop_named(line: LineOptions, drives: Sequence[str], model: str | None, how: Stop) -> int:
+def _stop_named(line: LineArguments, drives: Sequence[str], model: str | None, how: Stop) -> int:
     if len(drives) > 1:
         if everybody := [each for each in drives if each.endswith(":*")]:
             raise UsageError(f"{everybody[0]} stops all drives of a protocol; give it by itself, or use --all")
@@ -81,7 +81,7 @@ def quick_stop(arguments: list[str]) -> Callable[[], int] | None:
     if given is None:
         return None
     plant = given.get("plant")
-    line = LineOptions(
+    line = LineArguments(
         port=given.get("port") or os.environ.get("DRIVECOMM_PORT") or None,
         plant=Path(plant) if plant else None,
         json="--json" in arguments,

@@ -13,12 +13,12 @@ from drivecomm.protocol import parse_drive
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.cli.line_options import LineArguments
     from drivecomm.client import Registration
     from drivecomm.protocol import DriveConfig
 
 
-def lines_of_server(server: Registration, line: LineOptions) -> list[StoppedLine]:
+def lines_of_server(server: Registration, line: LineArguments) -> list[StoppedLine]:
     """Return the lines of a server that have drives. Raises LinkError if the server does not report them."""
     found = []
     known = drives_known_to(server)

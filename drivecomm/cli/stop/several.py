@@ -6,29 +6,29 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivecomm.bus import StopResult
+from drivecomm.cli.stop.concurrent_lines import stop_lines
 from drivecomm.cli.stop.groups import PlacedDrives, group_to_stop
-from drivecomm.cli.stop.in_spite import InSpite
-from drivecomm.cli.stop.known_to_servers import KnownToServers
-from drivecomm.cli.stop.lines_at_once import stop_lines
 from drivecomm.cli.stop.one_drive import reached_for_stopping
 from drivecomm.cli.stop.over_bus import StoppedLine
 from drivecomm.cli.stop.results import show
+from drivecomm.cli.stop.safe_lookups import SafeLookups
+from drivecomm.cli.stop.server_drives import ServerDrives
 from drivecomm.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.cli.line_options import LineArguments
     from drivecomm.protocol import Stop
 
 
-def stop_several(line: LineOptions, names: Sequence[str], model: str | None, how: Stop) -> int:
+def stop_several(line: LineArguments, names: Sequence[str], model: str | None, how: Stop) -> int:
     """Stop drives and groups, and print for each drive whether it has confirmed; return the exit code.
 
     An unknown name is reported, and does not prevent the other stops.
     """
-    spite = InSpite(as_json=line.json)
-    servers = KnownToServers(line, spite)
+    spite = SafeLookups(as_json=line.json)
+    servers = ServerDrives(line, spite)
     found, unknown = [], False
     for text in dict.fromkeys(names):
         try:
@@ -40,7 +40,9 @@ def stop_several(line: LineOptions, names: Sequence[str], model: str | None, how
     return UsageError.exit_code if unknown and code == 0 else code
 
 
-def stop_placed(line: LineOptions, found: Sequence[PlacedDrives], model: str | None, how: Stop, spite: InSpite) -> int:
+def stop_placed(
+    line: LineArguments, found: Sequence[PlacedDrives], model: str | None, how: Stop, spite: SafeLookups
+) -> int:
     """Stop drives, each once, and print for each whether it has confirmed; return the exit code."""
     chosen = {"model": model} if model else {}
     lines: dict[str, StoppedLine] = {}
@@ -58,7 +60,7 @@ def stop_placed(line: LineOptions, found: Sequence[PlacedDrives], model: str | N
     return stop_lines(list(lines.values()), line, how, spite, whole=whole)
 
 
-def _placed(line: LineOptions, text: str, servers: KnownToServers, spite: InSpite) -> PlacedDrives:
+def _placed(line: LineArguments, text: str, servers: ServerDrives, spite: SafeLookups) -> PlacedDrives:
     """Return the drive or the group that a word names. Raises the error for an unknown name."""
     try:
         reached, drive, broken = reached_for_stopping(line, text, spite)

@@ -7,11 +7,11 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from drivecomm.cli.output import say
-from drivecomm.cli.stop.lines_at_once import bus_of, own_bus, stop_lines
+from drivecomm.cli.stop.concurrent_lines import bus_of, own_bus, stop_lines
 from drivecomm.cli.stop.over_bus import StoppedLine, stop_protocol_of
 from drivecomm.cli.stop.results import show
 from drivecomm.cli.stop.served_lines import lines_of_server
-from drivecomm.cli.stop.ways import Ways
+from drivecomm.cli.stop.stop_ways import StopWays
 from drivecomm.errors import DriveError, LinkError, UsageError
 from drivecomm.protocol import installed
 
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from drivecomm.bus import OnResult
-    from drivecomm.cli.line_options import LineOptions
-    from drivecomm.cli.stop.in_spite import InSpite
+    from drivecomm.cli.line_options import LineArguments
+    from drivecomm.cli.stop.safe_lookups import SafeLookups
     from drivecomm.client import Registration
     from drivecomm.protocol import Stop
 
 
-def stop_port(line: LineOptions, how: Stop, spite: InSpite) -> int:
+def stop_port(line: LineArguments, how: Stop, spite: SafeLookups) -> int:
     """Stop all drives at the given port; return the exit code.
 
     Without a server, it can only send a broadcast for each protocol, which no drive confirms.
@@ -33,7 +33,7 @@ def stop_port(line: LineOptions, how: Stop, spite: InSpite) -> int:
     tell = partial(show, wanted=how, as_json=line.json)
     if line.port is None:
         raise UsageError("no port: give --port or set DRIVECOMM_PORT, and in a plant of several lines each its port")
-    ways = Ways(line.port, spite)
+    ways = StopWays(line.port, spite)
     for program, name in ways.programs:
         try:
             if program.plant:
@@ -77,19 +77,19 @@ def _why_not(name: str, port: str) -> str:
     )
 
 
-def _stopped_by_server(program: Registration, name: str, line: LineOptions, how: Stop, spite: InSpite) -> int:
+def _stopped_by_server(program: Registration, name: str, line: LineArguments, how: Stop, spite: SafeLookups) -> int:
     """Stop the drives of a server's line; return the exit code. Raises LinkError if the server does not respond."""
     one = [each for each in lines_of_server(program, line) if each.name == name]
     return stop_lines(one, line, how, spite, whole=True)
 
 
-def _stop_by_holder(program: Registration, name: str, line: LineOptions, how: Stop, tell: OnResult) -> None:
+def _stop_by_holder(program: Registration, name: str, line: LineArguments, how: Stop, tell: OnResult) -> None:
     """Stop all drives over the bus of a program that has the port. Raises LinkError if that fails."""
-    from drivecomm.client import have_stopped, place_on_line
+    from drivecomm.client import place_on_line, request_stop
 
     with suppress(UsageError):
         # The program's own kept motor is stopped even without a broadcast; most programs keep no motor.
-        have_stopped(program, place_on_line(name, "*:*"), how)
+        request_stop(program, place_on_line(name, "*:*"), how)
     with bus_of(program, name, line.opening) as bus:
         for protocol in installed:
             stop_protocol_of(bus, protocol, how, tell, as_json=line.json)

@@ -20,7 +20,7 @@ from drivecomm.plant.watching import WatchedLine, Watcher, lines_of
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from drivecomm.cli.line_options import LineOptions
+    from drivecomm.cli.line_options import LineArguments
     from drivecomm.protocol import DriveConfig
 
 
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 @click.option("--arm", is_flag=True, help="Allow start and reset of drives that are armed in the plant file.")
 def watch(
     *,
-    line: LineOptions,
+    line: LineArguments,
     what: tuple[str, ...],
     period: float,
     name: tuple[str, ...],
@@ -64,8 +64,8 @@ def watch(
     switch = LogSwitch(log)
     chosen: dict[str, Any] = {"names": name} if name else {}
     watcher = Watcher(lines, period_s=period, holding=line.stops.over_async, **chosen)
-    if name and watcher.nobody_has:
-        missing = ", ".join(watcher.nobody_has)
+    if name and watcher.unmapped_names:
+        missing = ", ".join(watcher.unmapped_names)
         raise UsageError(f"no drive here has {missing}: no model says which parameter it is")
     watcher.told = switch.tell
     screen = _screen()(watcher, title=title, log=switch, armed=arm, duration_s=duration)
@@ -94,7 +94,7 @@ def _must_be_a_terminal() -> None:
         raise UsageError(f"watch needs the terminal for {names}, too; do not send it elsewhere, or use drivecomm poll")
 
 
-def watched_lines(what: Sequence[str], line: LineOptions) -> list[WatchedLine]:
+def watched_lines(what: Sequence[str], line: LineArguments) -> list[WatchedLine]:
     """Return the lines that the words of a call name. Raises UsageError."""
     plants = [word for word in what if word.endswith(".toml") and ":" not in word.partition(",")[0]]
     if plants and len(what) > 1:
@@ -108,7 +108,7 @@ def watched_lines(what: Sequence[str], line: LineOptions) -> list[WatchedLine]:
         return lines_of(read_plant(Path(plants[0])), _options(line))
     if not what:
         raise UsageError("nothing to watch; name a plant file, or drives such as vabus:1,model=agile with --port")
-    lines: dict[LineOptions, list[DriveConfig]] = {}
+    lines: dict[LineArguments, list[DriveConfig]] = {}
     for reached, drive in line.reaching_each(what):
         lines.setdefault(reached, []).append(drive)
     return [
@@ -117,7 +117,7 @@ def watched_lines(what: Sequence[str], line: LineOptions) -> list[WatchedLine]:
     ]
 
 
-def _options(line: LineOptions) -> dict[str, Any]:
+def _options(line: LineArguments) -> dict[str, Any]:
     given = {**line.facts, "low_latency": line.low_latency}
     if "echo" in line.given or line.echo != "off":
         given["echo"] = line.echo

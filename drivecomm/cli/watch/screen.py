@@ -15,7 +15,7 @@ from textual.widgets import DataTable, Footer, Static
 from drivecomm.bus import keep_async
 from drivecomm.cli.output import sentence
 from drivecomm.cli.watch.panels import PADDING, columns_for, drive_panel, events_panel
-from drivecomm.cli.watch.screens import ParametersScreen, Question, TraceScreen
+from drivecomm.cli.watch.screens import ConfirmationScreen, ParametersScreen, TraceScreen
 from drivecomm.cli.watch.words import ASIDE, HOLD, clock, summary_of, why_not
 from drivecomm.errors import DriveCommError, in_one_line
 
@@ -204,7 +204,7 @@ class WatchScreen(App[Exception | None]):
         if len(self.screen_stack) <= 1:
             return True
         if action == "stop_at_once":
-            return not isinstance(self.screen, Question)
+            return not isinstance(self.screen, ConfirmationScreen)
         return action not in {"parameters", "trace", "next_trend", "log", "stop", "reset", "start"}
 
     def action_parameters(self) -> None:
@@ -275,7 +275,7 @@ class WatchScreen(App[Exception | None]):
             else:
                 self.say("nothing was sent")
 
-        self.push_screen(Question(question, remark), answered)
+        self.push_screen(ConfirmationScreen(question, remark), answered)
 
     def _command(self, name: str, done: str, command: Awaitable[None]) -> None:
         self.run_worker(self._carry_out(name, done, command), exit_on_error=False)

@@ -209,7 +209,7 @@ def _lines_of(event: TraceEvent, width: int) -> list[str]:
     return textwrap.wrap(trace_line(replace(event, drive="")), max(width, 2 * _INDENT), subsequent_indent=" " * _INDENT)
 
 
-class Question(ModalScreen[bool]):
+class ConfirmationScreen(ModalScreen[bool]):
     """Confirmation dialogue; every key but y means no. text: the question. remark: advice for the answer."""
 
     CSS = """

@@ -12,7 +12,7 @@ from drivecomm.commissioning.doctor.panel_findings import panel_findings
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from drivecomm.commissioning.doctor.measurements import Listening, Measurements, Replies, Sought
+    from drivecomm.commissioning.doctor.measurements import Measurements, NoiseRecord, Replies, SearchedDrive
     from drivecomm.commissioning.doctor.panel_findings import Weight
     from drivecomm.transport import PortReport
 
@@ -31,7 +31,7 @@ _LOW_LATENCY = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Finding:
+class DoctorFinding:
     """One finding of a diagnosis. weight: whether action is needed. remedy: the action, empty if none is needed."""
 
     weight: Weight
@@ -40,7 +40,7 @@ class Finding:
     remedy: str = ""
 
 
-def judge(measurements: Measurements, report: PortReport | None) -> list[Finding]:
+def judge(measurements: Measurements, report: PortReport | None) -> list[DoctorFinding]:
     """Return the findings, in the best order to work through them. report: None if nothing is known of the port."""
     found: dict[_About, Iterator[_Found]] = {
         "port": _port(report, measurements),
@@ -51,7 +51,7 @@ def judge(measurements: Measurements, report: PortReport | None) -> list[Finding
         "time": _times(measurements, report),
     }
     return [
-        Finding(weight=weight, about=about, text=text, remedy=remedy)
+        DoctorFinding(weight=weight, about=about, text=text, remedy=remedy)
         for about, several in found.items()
         for weight, text, remedy in several
     ]
@@ -103,7 +103,7 @@ def _noise(measurements: Measurements) -> Iterator[_Found]:
         yield "problem", text + what, remedy
 
 
-def _source_of(heard: Listening) -> tuple[str, str]:
+def _source_of(heard: NoiseRecord) -> tuple[str, str]:
     if heard.telegrams:
         who = " and ".join(heard.telegrams)
         return f"; there are sound telegrams of {who} among them", "stop the other master: a line has room for one only"
@@ -180,7 +180,7 @@ def _drives(measurements: Measurements) -> Iterator[_Found]:
     yield "problem", f"no drive answers at {measurements.addresses} addresses ({at})", remedy
 
 
-def _expected(sought: Sought) -> _Found:
+def _expected(sought: SearchedDrive) -> _Found:
     if not sought.error:
         return "fine", f"{sought.drive.full_name} answers at {sought.settings}", ""
     if sought.elsewhere is not None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import scan_plan
-from drivecomm.commissioning.doctor.measurements import EchoTrial, Listening
+from drivecomm.commissioning.doctor.measurements import EchoTrial, NoiseRecord
 from drivecomm.protocol import Framed, Framer, installed
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ _PATTERNS = (b"U*U*", b"*U*U", b"\x55\x55\x55\x55", b"j5j5", b"?Z?Z")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Heard:
+class IdleObservation:
     """Observations of an idle port. echo: the echo setting given by the user.
 
     carries_settings: whether the line really uses the requested line settings; with raw TCP the serial server decides
@@ -34,7 +34,7 @@ class Heard:
     paced: bool
     carries_settings: bool
     echo: Echo = "off"
-    noise: Sequence[Listening] = ()
+    noise: Sequence[NoiseRecord] = ()
     trials: Sequence[EchoTrial] = ()
 
     @property
@@ -51,7 +51,7 @@ def listen(
     listen_s: float = 1.0,
     progress: Callable[[str, int, int], None] | None = None,
     **facts: Any,
-) -> Heard:
+) -> IdleObservation:
     """Listen to an open port at the settings of each protocol, and test for an echo; sends no request to a drive."""
     settings = dict.fromkeys(settings_of(only, facts).values())
     step = progress or (lambda *_: None)
@@ -63,7 +63,7 @@ def listen(
     harmless = harmless_bytes()
     trials = [_echo_trial(port, harmless) for _ in range(_ECHO_TRIALS)] if settings and harmless else []
     carries = not any(port.configure(each) for each in settings)
-    return Heard(paced=port.paced, carries_settings=carries, echo=echo, noise=noise, trials=trials)
+    return IdleObservation(paced=port.paced, carries_settings=carries, echo=echo, noise=noise, trials=trials)
 
 
 def settings_of(only: Iterable[str] | None, facts: dict[str, Any]) -> dict[str, LineSettings]:
@@ -81,7 +81,7 @@ def harmless_bytes() -> bytes:
     return b""
 
 
-def _listen(port: Port, settings: LineSettings, seconds: float) -> Listening:
+def _listen(port: Port, settings: LineSettings, seconds: float) -> NoiseRecord:
     port.configure(settings)
     port.take()
     began = port.now()
@@ -92,7 +92,7 @@ def _listen(port: Port, settings: LineSettings, seconds: float) -> Listening:
             sound = sum(isinstance(find, Framed) for find in _finds(Framer(plugin.codec(plugin.options()), way), data))
             if sound > telegrams.get(plugin.name, 0):
                 telegrams[plugin.name] = sound
-    return Listening(settings=settings, seconds=seconds, data=data, telegrams=telegrams)
+    return NoiseRecord(settings=settings, seconds=seconds, data=data, telegrams=telegrams)
 
 
 def _echo_trial(port: Port, sent: bytes) -> EchoTrial:

@@ -17,7 +17,7 @@ EchoKind: TypeAlias = Literal["none", "whole", "changed"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Listening:
+class NoiseRecord:
     """Bytes received unasked within some seconds. telegrams: number of sound telegrams among them, by protocol."""
 
     settings: LineSettings
@@ -43,7 +43,7 @@ class EchoTrial:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Sought:
+class SearchedDrive:
     """Result of a search for an expected drive at its own settings.
 
     error: why the drive counts as silent; empty if it answers. elsewhere: the settings at which it answers instead.
@@ -101,7 +101,7 @@ class Measurements:
 
     paced: bool
     echo_said: Echo
-    noise: Sequence[Listening]
+    noise: Sequence[NoiseRecord]
     echo: Sequence[EchoTrial]
     asked: Mapping[str, LineSettings]
     addresses: int
@@ -109,6 +109,6 @@ class Measurements:
     replies: Sequence[Replies]
     unclear_bytes: int
     elsewhere: Sequence[tuple[Found, LineSettings]]
-    sought: Sequence[Sought] = ()
+    sought: Sequence[SearchedDrive] = ()
     panel: Sequence[PanelReading] = ()
     carries_settings: bool = True

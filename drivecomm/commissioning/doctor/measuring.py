@@ -12,8 +12,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
 from drivecomm.bus import Found, open_bus, scan_plan
-from drivecomm.commissioning.doctor.listening import Heard, listen, settings_of
-from drivecomm.commissioning.doctor.measurements import Measurements, Replies, Sought
+from drivecomm.commissioning.doctor.listening import IdleObservation, listen, settings_of
+from drivecomm.commissioning.doctor.measurements import Measurements, Replies, SearchedDrive
 from drivecomm.commissioning.doctor.panel import panel_readings
 from drivecomm.commissioning.doctor.trials import PATIENCE_S, needed_options
 from drivecomm.errors import DriveError, LineBusyError, OvertakenError, ReplyError, in_one_line
@@ -68,7 +68,7 @@ def measure(
     )  # fmt: skip
 
 
-class AskedBus(Protocol):
+class ExaminedBus(Protocol):
     """Interface of a bus that the doctor needs: a `Bus`, or the line of a server."""
 
     def drive(self, protocol: str, address: int, **options: Any) -> Any:
@@ -94,7 +94,7 @@ class AskedBus(Protocol):
         """Sleep until a time of the line's clock; other callers may use the line."""
 
 
-def ask(bus: AskedBus, heard: Heard, **how: Any) -> Measurements:
+def ask(bus: ExaminedBus, heard: IdleObservation, **how: Any) -> Measurements:
     """Probe the expected drives, then search for others, and measure the reply times of all that answer.
 
     Each request is a separate call, between which other callers may use the line. heard: observations of the idle port.
@@ -110,9 +110,9 @@ def ask(bus: AskedBus, heard: Heard, **how: Any) -> Measurements:
 
 
 def _asked(
-    bus: AskedBus,
+    bus: ExaminedBus,
     recorder: _Recorder,
-    heard: Heard,
+    heard: IdleObservation,
     *,
     only: Iterable[str] | None,
     addresses: Iterable[int] | None,
@@ -176,19 +176,19 @@ def _others(plugin: InstalledProtocol, wanted: Sequence[int] | None, places: set
     return [one for one in addresses if (plugin.name, one) not in places]
 
 
-def _built(bus: AskedBus, config: DriveConfig, **options: Any) -> Any:
+def _built(bus: ExaminedBus, config: DriveConfig, **options: Any) -> Any:
     return config.with_options(**options).build(bus.drive)
 
 
 def _sought(
-    bus: AskedBus,
+    bus: ExaminedBus,
     one: DriveConfig,
     recorder: _Recorder,
     step: Callable[[str, int, int], None],
     *,
     search: bool,
     elsewhere: bool,
-) -> Sought:
+) -> SearchedDrive:
     """Probe a drive at its own settings, then with more time and longer pauses, then at other usual baud rates."""
     step(f"asking {one.name}", 0, 1)
     drive = one.build(bus.drive)
@@ -199,17 +199,17 @@ def _sought(
     if error and search:
         step(f"asking {one.name} with more time", 0, 1)
         if needs := needed_options(partial(_built, bus, one)):
-            return Sought(drive=one, settings=settings, error=error, needs=needs, **seen)
+            return SearchedDrive(drive=one, settings=settings, error=error, needs=needs, **seen)
     rates = [rate for rate in OTHER_RATES if rate != settings.baudrate] if error and elsewhere else []
     for number, rate in enumerate(rates):
         step(f"asking {one.name} at {rate} baud", number, len(rates))
         drive = one.with_options(baudrate=rate).build(bus.drive)
         if not _no_answer(drive, 1):
-            return Sought(drive=one, settings=settings, error=error, elsewhere=drive.facts.settings, **seen)
-    return Sought(drive=one, settings=settings, error=error, **seen)
+            return SearchedDrive(drive=one, settings=settings, error=error, elsewhere=drive.facts.settings, **seen)
+    return SearchedDrive(drive=one, settings=settings, error=error, **seen)
 
 
-def _panel(bus: AskedBus, sought: Sought, step: Callable[[str, int, int], None]) -> Iterator[PanelReading]:
+def _panel(bus: ExaminedBus, sought: SearchedDrive, step: Callable[[str, int, int], None]) -> Iterator[PanelReading]:
     """Yield the panel settings that a drive reports, wherever it answers; yields nothing for a silent drive."""
     found = {} if sought.elsewhere is None else {"baudrate": sought.elsewhere.baudrate}
     if not sought.error or found or sought.needs:
@@ -288,7 +288,7 @@ class _Recorder:
         return self._sent is not None and len(data) >= _SHORTEST_ECHO and data in self._sent.data
 
 
-def _ask_often(bus: AskedBus, drive: Drive, recorder: _Recorder, probes: int, name: str) -> Replies:
+def _ask_often(bus: ExaminedBus, drive: Drive, recorder: _Recorder, probes: int, name: str) -> Replies:
     recorder.forget()
     number = 0
     while number < probes:
@@ -326,7 +326,7 @@ def _usual_damage(drive: Drive, damaged: Sequence[bytes]) -> Damage | None:
 
 
 def _search(
-    bus: AskedBus,
+    bus: ExaminedBus,
     plugins: Sequence[InstalledProtocol],
     addresses: Sequence[int] | None,
     step: Callable[[str, int, int], None],

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from drivecomm.commissioning.parameter_sets import WRITABLE, file_stem, read_set, text_of
 from drivecomm.errors import FileFormatError, UsageError
-from drivecomm.tomlfile import write_whole
+from drivecomm.tomlfile import write_atomically
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -55,7 +55,7 @@ def write_baseline(path: Path, known: ParameterSet) -> None:
         path.parent.mkdir(exist_ok=True)
     except OSError as error:
         raise FileFormatError(f"{path.parent}: this folder cannot be made: {error.strerror or error}") from error
-    write_whole(path, text_of(known))
+    write_atomically(path, text_of(known))
 
 
 def restore_command(drive: DriveConfig, baseline: Path, plant: Path | None = None) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from drivecomm.commissioning.exploring import lasting
+from drivecomm.commissioning.exploring import lasting_identity
 from drivecomm.commissioning.parameter_sets import (
     IN_RAM,
     WRITABLE,
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
     from drivecomm.bus import Drive
-    from drivecomm.commissioning.parameter_sets import Difference, ParameterSet, Subject
+    from drivecomm.commissioning.parameter_sets import Difference, ParameterSet, SetSubject
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,7 +74,7 @@ def drift_between(approved: ParameterSet, now: ParameterSet, live: Collection[st
         replaced=replaced,
         changed=tuple(each for each in found.differences if each.kind == "value"),
         not_comparable=(*(each for each in apart if each.reason != IN_RAM), *gone),
-        untold=tuple(key for key in lasting(approved.identity) if key not in now.identity),
+        untold=tuple(key for key in lasting_identity(approved.identity) if key not in now.identity),
         equal=found.equal,
         never_read=tuple(in_order({*approved.not_read} & {*now.not_read})),
         in_ram=tuple(each.address for each in apart if each.reason == IN_RAM),
@@ -82,7 +82,7 @@ def drift_between(approved: ParameterSet, now: ParameterSet, live: Collection[st
     )
 
 
-def live_addresses(of: Subject) -> frozenset[str]:
+def live_addresses(of: SetSubject) -> frozenset[str]:
     """Return the addresses of displayed values and commands, which never count as drift."""
     return frozenset(address for address, _, part in of.values_known() if part not in WRITABLE)
 

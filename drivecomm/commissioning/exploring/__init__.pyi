@@ -1,19 +1,24 @@
-from .answers import Answer as Answer
-from .course import (
-    Course as Course,
+from .answers import AddressAnswer as AddressAnswer
+from .call_styles import explore as explore, explore_async as explore_async
+from .exploration_plan import (
+    ExplorationPlan as ExplorationPlan,
     chosen_course as chosen_course,
     course as course,
     without_elements as without_elements,
 )
 from .exploring import (
     Asks as Asks,
+    ExplorationStep as ExplorationStep,
     Progress as Progress,
-    Step as Step,
     exploring as exploring,
     is_there as is_there,
     unseen as unseen,
 )
-from .faces import explore as explore, explore_async as explore_async
-from .forecast import Forecast as Forecast, forecasting as forecasting
-from .identity import identity_told as identity_told, lasting as lasting
-from .logbook import Forgetful as Forgetful, Logbook as Logbook, Remembers as Remembers, logbook_path as logbook_path
+from .forecast import ExplorationForecast as ExplorationForecast, forecasting as forecasting
+from .identity import lasting_identity as lasting_identity, read_identity as read_identity
+from .logbook import (
+    AnswerRecord as AnswerRecord,
+    Logbook as Logbook,
+    NoAnswerRecord as NoAnswerRecord,
+    logbook_path as logbook_path,
+)

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
+class AddressAnswer:
     """Answer of a drive to the request for one address.
 
     told: the value of the address or the description of the parameter; None if the drive gave neither. absent: the

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from drivecomm.bus import ask_status, sleep_until
-from drivecomm.commissioning.exploring.answers import Answer
+from drivecomm.commissioning.exploring.answers import AddressAnswer
 from drivecomm.errors import (
     DamagedReplyError,
     DriveError,
@@ -27,15 +27,15 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from drivecomm.bus import Procedure
-    from drivecomm.commissioning.exploring.course import Course
-    from drivecomm.commissioning.exploring.logbook import Remembers
+    from drivecomm.commissioning.exploring.exploration_plan import ExplorationPlan
+    from drivecomm.commissioning.exploring.logbook import AnswerRecord
 
 PAUSES_S = (1.0, 2.0, 5.0, 10.0, 30.0)
 """Pauses in seconds before a silent drive is asked again; replacing a fuse or a restart takes less than their sum."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Step:
+class ExplorationStep:
     """Progress of an exploration.
 
     answer: the latest answer. asked: number of addresses done, including those of an earlier run. of: number of all
@@ -43,25 +43,27 @@ class Step:
     that it took no time.
     """
 
-    answer: Answer
+    answer: AddressAnswer
     asked: int
     of: int
     found: int
     remembered: bool
 
 
-Progress: TypeAlias = "Callable[[Step], None]"
+Progress: TypeAlias = "Callable[[ExplorationStep], None]"
 """Callback for each step of an exploration."""
 
 Asks: TypeAlias = "Callable[[str], Callable[[Any], Any]]"
 """Function that returns the request for an address; the result of that request is the drive's answer."""
 
 
-def unseen(_step: Step) -> None:
+def unseen(_step: ExplorationStep) -> None:
     """Ignore a step; default callback."""
 
 
-def exploring(way: Course, asks: Asks, logbook: Remembers, progress: Progress) -> Procedure[list[Answer]]:
+def exploring(
+    way: ExplorationPlan, asks: Asks, logbook: AnswerRecord, progress: Progress
+) -> Procedure[list[AddressAnswer]]:
     """Request all addresses of a course; return the answers in its order.
 
     Raises NoReplyError if the drive stays silent, and LinkError if the line is lost.
@@ -77,8 +79,8 @@ def exploring(way: Course, asks: Asks, logbook: Remembers, progress: Progress) -
 class _Work:
     """Exploration in progress. answers: answers by the key of their address."""
 
-    def __init__(self, way: Course, asks: Asks, logbook: Remembers, progress: Progress) -> None:
-        self.answers: dict[str, Answer] = {}
+    def __init__(self, way: ExplorationPlan, asks: Asks, logbook: AnswerRecord, progress: Progress) -> None:
+        self.answers: dict[str, AddressAnswer] = {}
         self._way = way
         self._asks = asks
         self._logbook = logbook
@@ -90,7 +92,7 @@ class _Work:
         for address in addresses:
             yield from self.one(address)
 
-    def one(self, address: str) -> Procedure[Answer]:
+    def one(self, address: str) -> Procedure[AddressAnswer]:
         """Return the drive's answer for an address, now or from an earlier request."""
         key = self._way.key(address)
         if key in self.answers:
@@ -105,7 +107,7 @@ class _Work:
         self._found += answer.told is not None
         self._of = max(self._of, len(self.answers))
         self._progress(
-            Step(
+            ExplorationStep(
                 answer=answer,
                 asked=len(self.answers),
                 of=self._of,
@@ -115,7 +117,7 @@ class _Work:
         )
         return answer
 
-    def elements(self, of: Answer) -> Procedure[None]:
+    def elements(self, of: AddressAnswer) -> Procedure[None]:
         """Request the elements of a parameter that may have elements."""
         if of.told is None and of.code is None:
             return
@@ -141,7 +143,7 @@ class _Work:
         del self.answers[self._way.key(address)]
         self._found -= 1
 
-    def _asked(self, address: str) -> Procedure[Answer]:
+    def _asked(self, address: str) -> Procedure[AddressAnswer]:
         for pause_s in PAUSES_S:
             answer = yield from self._maybe_answered(address)
             if answer is not None:
@@ -154,29 +156,29 @@ class _Work:
         waited_s = sum(PAUSES_S)
         raise NoReplyError(f"the drive fell silent before {address}, and stayed so for {waited_s:g} s")
 
-    def _maybe_answered(self, address: str) -> Procedure[Answer | None]:
+    def _maybe_answered(self, address: str) -> Procedure[AddressAnswer | None]:
         """Send one request; return None if the drive is silent."""
         try:
             told = yield self._asks(address)
         except RefusedError as error:
             absent = error.code in self._way.absent
-            return Answer(address=address, absent=absent, code=error.code, reason=in_one_line(error))
+            return AddressAnswer(address=address, absent=absent, code=error.code, reason=in_one_line(error))
         except ParameterAddressError as error:
             # The options of this drive allow fewer addresses than its model, so no telegram can carry this one.
-            return Answer(address=address, absent=True, reason=in_one_line(error))
+            return AddressAnswer(address=address, absent=True, reason=in_one_line(error))
         except DriveError as error:
-            return Answer(address=address, reason=in_one_line(error))
+            return AddressAnswer(address=address, reason=in_one_line(error))
         except OvertakenError:
             # A stop took precedence and this request was not sent.
             return (yield from self._maybe_answered(address))
         except (UnexpectedReplyError, DamagedReplyError) as error:
-            return Answer(address=address, reason=in_one_line(error))
+            return AddressAnswer(address=address, reason=in_one_line(error))
         except ReplyError as error:
             if (yield from is_there()):
                 # Some drives stay silent instead of refusing an unknown address.
-                return Answer(address=address, absent=True, reason=in_one_line(error))
+                return AddressAnswer(address=address, absent=True, reason=in_one_line(error))
             return None
-        return Answer(address=address, told=told)
+        return AddressAnswer(address=address, told=told)
 
 
 def is_there() -> Procedure[bool]:

@@ -10,21 +10,21 @@ from drivecomm.errors import DriveError
 
 if TYPE_CHECKING:
     from drivecomm.bus import Procedure
-    from drivecomm.commissioning.exploring.course import Course
+    from drivecomm.commissioning.exploring.exploration_plan import ExplorationPlan
 
 _QUESTIONS = 3
 """Number of status requests for the forecast; several, because the first one may wait for the line."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Forecast:
+class ExplorationForecast:
     """Number of addresses left to request, and the seconds that they take at the pace of a few status requests."""
 
     addresses: int
     seconds: float
 
 
-def forecasting(way: Course, *, remembered: int = 0) -> Procedure[Forecast]:
+def forecasting(way: ExplorationPlan, *, remembered: int = 0) -> Procedure[ExplorationForecast]:
     """Request the status of a drive a few times, and forecast the duration of the whole course.
 
     remembered: number of addresses that already have an answer. Raises ReplyError for a drive that does not answer.
@@ -38,4 +38,4 @@ def forecasting(way: Course, *, remembered: int = 0) -> Procedure[Forecast]:
             # A refusal takes as long as a status reply.
             continue
     ended: float = yield lambda drive: drive.bus.now()
-    return Forecast(addresses=left, seconds=left * (ended - begun) / _QUESTIONS)
+    return ExplorationForecast(addresses=left, seconds=left * (ended - begun) / _QUESTIONS)

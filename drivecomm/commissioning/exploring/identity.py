@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 _PASSING = ("state", "software", "firmware", "version", "hours")
 
 
-def identity_told() -> Procedure[Mapping[str, str]]:
+def read_identity() -> Procedure[Mapping[str, str]]:
     """Return the identity that a drive reports, without its state; empty if the drive refuses."""
     try:
         told: Mapping[str, str] = yield ask_identity()
@@ -25,6 +25,6 @@ def identity_told() -> Procedure[Mapping[str, str]]:
     return {key: text for key, text in told.items() if key != "state"}
 
 
-def lasting(identity: Mapping[str, str]) -> dict[str, str]:
+def lasting_identity(identity: Mapping[str, str]) -> dict[str, str]:
     """Return the identity fields that stay the same on the same drive."""
     return {key: text for key, text in identity.items() if not any(word in key.lower() for word in _PASSING)}

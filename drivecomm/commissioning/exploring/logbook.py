@@ -10,7 +10,7 @@ from hashlib import sha256
 from typing import TYPE_CHECKING, Any, Protocol
 
 from drivecomm.client import json_text, parsed, plain, result_of
-from drivecomm.commissioning.exploring.answers import Answer
+from drivecomm.commissioning.exploring.answers import AddressAnswer
 from drivecomm.errors import FileFormatError, UsageError
 
 if TYPE_CHECKING:
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Model
 
 
-class Remembers(Protocol):
+class AnswerRecord(Protocol):
     """Interface of a record of answers."""
 
     @property
-    def answers(self) -> Mapping[str, Answer]:
+    def answers(self) -> Mapping[str, AddressAnswer]:
         """Answers by address, including those of an earlier run that was interrupted."""
         ...
 
@@ -33,7 +33,7 @@ class Remembers(Protocol):
         """Record the identity of the drive. Raises FileFormatError if an earlier run was with another drive."""
         ...
 
-    def add(self, answer: Answer) -> None:
+    def add(self, answer: AddressAnswer) -> None:
         """Record an answer."""
         ...
 
@@ -42,16 +42,16 @@ class Remembers(Protocol):
         ...
 
 
-class Forgetful:
+class NoAnswerRecord:
     """Record that keeps no answers: an interrupted exploration starts again from the beginning."""
 
     def __init__(self) -> None:
-        self.answers: Mapping[str, Answer] = {}
+        self.answers: Mapping[str, AddressAnswer] = {}
 
     def begin(self, identity: Mapping[str, str]) -> None:
         """Ignore the identity."""
 
-    def add(self, answer: Answer) -> None:
+    def add(self, answer: AddressAnswer) -> None:
         """Ignore the answer."""
 
     def over(self) -> None:
@@ -73,7 +73,7 @@ class Logbook:
         of another drive, model or kind of request, and for a file that is not a logbook.
         """
         self.path = path
-        self.answers: dict[str, Answer] = {}
+        self.answers: dict[str, AddressAnswer] = {}
         self._head = {"drive": drive, "model": model.name if model else "", "knows": _digest(model), "asked": asked}
         self._identity: dict[str, str] = {}
         self._file: TextIO | None = None
@@ -97,7 +97,7 @@ class Logbook:
             )
         self._identity = dict(identity)
 
-    def add(self, answer: Answer) -> None:
+    def add(self, answer: AddressAnswer) -> None:
         """Append an answer and flush it to the operating system. Raises UsageError on failure."""
         try:
             if self._file is None:
@@ -149,7 +149,7 @@ class Logbook:
         return f"model {self._head['model']} was changed since these answers were given"
 
 
-def _content(answer: Answer) -> dict[str, Any]:
+def _content(answer: AddressAnswer) -> dict[str, Any]:
     content: dict[str, Any] = {"address": answer.address}
     if answer.told is not None:
         return {**content, "told": plain(answer.told)}
@@ -160,9 +160,9 @@ def _content(answer: Answer) -> dict[str, Any]:
     return {**content, "reason": answer.reason}
 
 
-def _answer(content: Mapping[str, Any]) -> Answer:
+def _answer(content: Mapping[str, Any]) -> AddressAnswer:
     told = content.get("told")
-    return Answer(
+    return AddressAnswer(
         address=str(content["address"]),
         told=None if told is None else result_of(told),
         absent=bool(content.get("absent", False)),

@@ -26,7 +26,7 @@ _LETTERS = re.compile(r"[a-f]", re.IGNORECASE)
 _BARE_HEX = re.compile(r"[0-9a-f]{1,4}", re.IGNORECASE)
 
 
-class Counted(NamedTuple):
+class CountedRegister(NamedTuple):
     """Register as printed in a list. kind: None if the number does not show the kind. number: as in a telegram."""
 
     kind: str | None
@@ -34,14 +34,14 @@ class Counted(NamedTuple):
     bit: str = ""
 
 
-class Counting(NamedTuple):
+class RegisterNumbering(NamedTuple):
     """Numbering of a list. base: first number. hex: whether bare digits are hexadecimal. certain: not just assumed."""
 
     base: Base
     hex: bool
     certain: bool
 
-    def of(self, text: str) -> Counted | None:
+    def of(self, text: str) -> CountedRegister | None:
         """Return the register that a cell names, None if it names no register."""
         text = _RANGE.sub(r"\1", text.strip())
         marked, bit = bool(_MARKED.fullmatch(text)), ""
@@ -50,35 +50,35 @@ class Counting(NamedTuple):
             if int(bit) > 15:
                 return None
         if (marked or self.base == "modicon") and (modicon := _MODICON.fullmatch(text)):
-            return Counted(_KINDS[modicon[1][0]], int(modicon[2]) - 1, bit)
+            return CountedRegister(_KINDS[modicon[1][0]], int(modicon[2]) - 1, bit)
         number = _number(text, hexadecimal=self.hex)
         if number is None or self.base == "modicon":
             # In a list with Modicon numbers, the base of any other number is unknown.
             return None
-        return Counted(None, number - (self.base == "1" and not _HEX.fullmatch(text)), bit)
+        return CountedRegister(None, number - (self.base == "1" and not _HEX.fullmatch(text)), bit)
 
 
-def counting_of(cells: Iterable[str], heading: str, base: Base | None) -> Counting:
+def counting_of(cells: Iterable[str], heading: str, base: Base | None) -> RegisterNumbering:
     """Return the numbering of a list, by its addresses and their heading. base: given by the user, or None."""
     given = [_RANGE.sub(r"\1", cell.strip()) for cell in cells if cell.strip()]
     bare = [cell for cell in given if _BARE_HEX.fullmatch(cell)]
     hexadecimal = bool(re.search(r"hex", heading, re.IGNORECASE)) or any(_LETTERS.search(cell) for cell in bare)
     if base is not None:
-        return Counting(base, hexadecimal, certain=True)
+        return RegisterNumbering(base, hexadecimal, certain=True)
     if hexadecimal or any(_HEX.fullmatch(cell) for cell in given):
-        return Counting("0", hexadecimal, certain=False)
+        return RegisterNumbering("0", hexadecimal, certain=False)
     if given and all(_MARKED.fullmatch(cell) for cell in given):
-        return Counting("modicon", hex=False, certain=True)
+        return RegisterNumbering("modicon", hex=False, certain=True)
     numbers = [cell for cell in given if _number(cell, hexadecimal=False) is not None]
     firsts = {found[1][0] for cell in numbers if (found := _MODICON.fullmatch(cell)) and int(found[2]) > 0}
     all_alike = len(numbers) == len(given) and all(_looks_like_modicon(cell) for cell in numbers)
     if all_alike and firsts & {"3", "4"}:
-        return Counting("modicon", hex=False, certain=False)
+        return RegisterNumbering("modicon", hex=False, certain=False)
     starts_at_0 = any(int(cell) == 0 for cell in numbers if cell.isdecimal())
     said = re.search(r"\b([01])[- ]?based|basis\s*([01])|base\s*([01])", heading, re.IGNORECASE)
     if said:
-        return Counting(cast("Base", said[1] or said[2] or said[3]), hex=False, certain=True)
-    return Counting("0", hex=False, certain=starts_at_0)
+        return RegisterNumbering(cast("Base", said[1] or said[2] or said[3]), hex=False, certain=True)
+    return RegisterNumbering("0", hex=False, certain=starts_at_0)
 
 
 def _looks_like_modicon(cell: str) -> bool:

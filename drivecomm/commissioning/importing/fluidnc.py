@@ -10,7 +10,7 @@ import re
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from drivecomm.commissioning.importing.found import Foreign, ForeignRegister
+from drivecomm.commissioning.importing.foreign_contents import ForeignContents, ForeignRegister
 from drivecomm.commissioning.importing.meanings import ratio, whole_in
 
 BUILT_IN = frozenset(
@@ -32,17 +32,17 @@ class _Request(NamedTuple):
     registers: int
 
 
-def fluidnc_configuration(content: Mapping[str, Any]) -> Foreign | None:
+def fluidnc_configuration(content: Mapping[str, Any]) -> ForeignContents | None:
     """Return the registers of the spindle in a configuration, None if it has no Modbus spindle."""
     spindle = content.get("ModbusVFD")
     for name in BUILT_IN & content.keys():
-        found = Foreign(form="FluidNC configuration (YAML)", title=name)
+        found = ForeignContents(form="FluidNC configuration (YAML)", title=name)
         found.leave(name, None, "FluidNC knows the registers of this spindle itself; the file does not say them")
         if not isinstance(spindle, Mapping):
             return found
     if not isinstance(spindle, Mapping):
         return None
-    found = Foreign(form="FluidNC configuration (YAML)", title=str(spindle.get("model") or "spindle drive"))
+    found = ForeignContents(form="FluidNC configuration (YAML)", title=str(spindle.get("model") or "spindle drive"))
     _line(found, content.get(f"uart{spindle.get('uart_num', '')}"))
     drive = whole_in(spindle.get("modbus_id", 1))
     for key, command in spindle.items():
@@ -53,7 +53,7 @@ def fluidnc_configuration(content: Mapping[str, Any]) -> Foreign | None:
     return found
 
 
-def _line(found: Foreign, uart: object) -> None:
+def _line(found: ForeignContents, uart: object) -> None:
     if not isinstance(uart, Mapping):
         return
     if "baud" in uart:
@@ -62,7 +62,7 @@ def _line(found: Foreign, uart: object) -> None:
         found.options |= {"bytesize": int(mode[1]), "parity": mode[2].upper(), "stopbits": int(mode[3])}
 
 
-def _reading(found: Foreign, key: str, command: str, drive: int | None) -> None:
+def _reading(found: ForeignContents, key: str, command: str, drive: int | None) -> None:
     asked, arrow, replied = command.partition(">")
     request = _request(asked)
     if request is None or request.function not in _READS:
@@ -95,7 +95,7 @@ def _reading(found: Foreign, key: str, command: str, drive: int | None) -> None:
         byte += 2
 
 
-def _command(found: Foreign, key: str, command: str) -> None:
+def _command(found: ForeignContents, key: str, command: str) -> None:
     request = _request(command.partition(">")[0])
     if request is not None and request.function in _WRITES:
         kind = _WRITES[request.function]

@@ -8,12 +8,24 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from drivecomm.commissioning.importing.found import Foreign, ForeignRegister
-from drivecomm.commissioning.importing.meanings import Held, number_in, plain, title_and_unit, unit_in, whole_in
+from drivecomm.commissioning.importing.foreign_contents import ForeignContents, ForeignRegister
+from drivecomm.commissioning.importing.meanings import (
+    F32,
+    S16,
+    S32,
+    U16,
+    U32,
+    RegisterStorage,
+    number_in,
+    plain,
+    title_and_unit,
+    unit_in,
+    whole_in,
+)
 
 _TYPES = {
-    "uint16": Held("u16"), "int16": Held("s16"), "uint32": Held("u32"), "int32": Held("s32"), "float32": Held("f32"),
-    "string": Held("string"),
+    "uint16": U16, "int16": S16, "uint32": U32, "int32": S32, "float32": F32,
+    "string": RegisterStorage("string"),
 }  # fmt: skip
 _OLD_TYPES = {
     ("int", 1): "int16",
@@ -37,7 +49,7 @@ _SCHEMES = {"tcp": "modbus-tcp", "rtuovertcp": "socket"}
 _LINE = ("baudrate", "bytesize", "parity", "stopbits")
 
 
-def home_assistant_section(content: Any) -> Foreign | None:
+def home_assistant_section(content: Any) -> ForeignContents | None:
     """Return the registers of the section, None if there is no section; a bare list of hubs is accepted as well."""
     hubs = content
     if isinstance(content, Mapping):
@@ -48,7 +60,7 @@ def home_assistant_section(content: Any) -> Foreign | None:
         hubs = [hubs]
     if not isinstance(hubs, Sequence) or isinstance(hubs, str) or not any(_is_hub(hub) for hub in hubs):
         return None
-    found = Foreign(form="Home Assistant Modbus section (YAML)")
+    found = ForeignContents(form="Home Assistant Modbus section (YAML)")
     for number, hub in enumerate(hubs):
         if _is_hub(hub):
             _hub(found, f"modbus[{number}]", hub, first=not number)
@@ -62,7 +74,7 @@ def _is_hub(hub: object) -> bool:
     return isinstance(hub, Mapping) and any(isinstance(hub.get(key), list) for key in keys)
 
 
-def _hub(found: Foreign, place: str, hub: Mapping[str, Any], *, first: bool) -> None:
+def _hub(found: ForeignContents, place: str, hub: Mapping[str, Any], *, first: bool) -> None:
     if first:
         found.title = str(hub.get("name") or "")
         if hub.get("type") == "serial":
@@ -87,7 +99,7 @@ def _hub(found: Foreign, place: str, hub: Mapping[str, Any], *, first: bool) -> 
                 found.leave(at, entry.get("name"), f"{key} are not understood")
 
 
-def _sensor(found: Foreign, place: str, entry: Mapping[str, Any], *, bit: bool) -> None:
+def _sensor(found: ForeignContents, place: str, entry: Mapping[str, Any], *, bit: bool) -> None:
     title, unit, _ = title_and_unit(str(entry.get("name") or place))
     number = whole_in(entry.get("address", entry.get("register")))
     kind = _KINDS.get(str(entry.get("input_type", entry.get("register_type", "coil" if bit else "holding"))))
@@ -122,12 +134,12 @@ def _sensor(found: Foreign, place: str, entry: Mapping[str, Any], *, bit: bool) 
         )  # fmt: skip
 
 
-def _held(entry: Mapping[str, Any], *, bit: bool, kind: str) -> Held | None:
+def _held(entry: Mapping[str, Any], *, bit: bool, kind: str) -> RegisterStorage | None:
     if kind in ("c", "d"):
-        return Held("")
+        return RegisterStorage("")
     if bit:
         # A binary sensor shows the lowest bit of the register.
-        return Held("", "0")
+        return RegisterStorage("", "0")
     count, word = whole_in(entry.get("count", 1)), str(entry.get("data_type", "int16")).casefold()
     held = _TYPES.get(_OLD_TYPES.get((word, count or 1), word))
     if held is None or (held.type == "string" and not count):
@@ -136,7 +148,7 @@ def _held(entry: Mapping[str, Any], *, bit: bool, kind: str) -> Held | None:
     return held if "count" not in entry or count == wanted else None
 
 
-def _writer(found: Foreign, place: str, entry: Mapping[str, Any]) -> None:
+def _writer(found: ForeignContents, place: str, entry: Mapping[str, Any]) -> None:
     number, kind = whole_in(entry.get("address")), {"coil": "c", "coils": "c"}.get(str(entry.get("write_type")), "")
     if number is not None and "write_type" in entry:
         found.add(

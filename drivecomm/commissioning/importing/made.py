@@ -13,7 +13,7 @@ from drivecomm.models import factor_between, quantities
 from drivecomm.protocol import Model, ParameterInfo
 
 if TYPE_CHECKING:
-    from drivecomm.commissioning.importing.found import Foreign, ForeignRegister
+    from drivecomm.commissioning.importing.foreign_contents import ForeignContents, ForeignRegister
 
 _PROTOCOL = "modbus"
 _LATIN = str.maketrans(
@@ -23,7 +23,7 @@ _LATIN = str.maketrans(
 """Latin spellings of letters that do not contain a Latin base letter, for parameter names."""
 
 
-def imported_model(found: Foreign, *, name: str, file: str, drive: int | None = None) -> Model:
+def imported_model(found: ForeignContents, *, name: str, file: str, drive: int | None = None) -> Model:
     """Return a model without orders: its drives can be read, and never commanded or written.
 
     A register becomes a common name if it is the only one with exactly that title and its unit fits. A register whose
@@ -65,12 +65,12 @@ def imported_model(found: Foreign, *, name: str, file: str, drive: int | None = 
     )
 
 
-def drives_of(found: Foreign) -> list[int]:
+def drives_of(found: ForeignContents) -> list[int]:
     """Return the addresses of the drives that a file names."""
     return sorted({each.drive for each in found.registers if each.drive is not None})
 
 
-def _of_drive(found: Foreign, drive: int | None) -> list[ForeignRegister]:
+def _of_drive(found: ForeignContents, drive: int | None) -> list[ForeignRegister]:
     drives = drives_of(found)
     if drive is None and len(drives) > 1:
         named = ", ".join(map(str, drives))

@@ -106,7 +106,7 @@ def title_and_unit(title: str) -> tuple[str, str, Decimal]:
     return title, "", Decimal(1)
 
 
-class Held(NamedTuple):
+class RegisterStorage(NamedTuple):
     """Storage of a value in registers. type: empty for a part of a register. order: high, low or empty."""
 
     type: str
@@ -114,31 +114,34 @@ class Held(NamedTuple):
     order: str = ""
 
 
+U16, S16, U32, S32, F32 = (RegisterStorage(each) for each in ("u16", "s16", "u32", "s32", "f32"))
+_U32_SWAPPED, _S32_SWAPPED, _F32_SWAPPED = (each._replace(order="low") for each in (U32, S32, F32))
 _TYPES = {
-    "u16": Held("u16"), "s16": Held("s16"), "u32": Held("u32"), "s32": Held("s32"), "f32": Held("f32"),
-    "uint16": Held("u16"), "int16": Held("s16"), "uint32": Held("u32"), "int32": Held("s32"),
-    "uint": Held("u16"), "word": Held("u16"), "ushort": Held("u16"), "unsigned short": Held("u16"),
-    "unsigned": Held("u16"), "unsigned int": Held("u16"), "unsigned16": Held("u16"), "unsigned 16": Held("u16"),
-    "unsigned 16 bit": Held("u16"), "uint16 t": Held("u16"), "16 bit unsigned": Held("u16"), "u word": Held("u16"),
-    "hex16": Held("u16"), "i16": Held("s16"), "short": Held("s16"), "sint16": Held("s16"), "signed": Held("s16"),
-    "signed16": Held("s16"), "signed 16": Held("s16"), "signed 16 bit": Held("s16"), "signed int": Held("s16"),
-    "signed short": Held("s16"), "int16 t": Held("s16"), "16 bit signed": Held("s16"), "s word": Held("s16"),
-    "dword": Held("u32"), "udint": Held("u32"), "ulong": Held("u32"), "unsigned long": Held("u32"),
-    "unsigned32": Held("u32"), "unsigned 32": Held("u32"), "unsigned 32 bit": Held("u32"), "uint32 t": Held("u32"),
-    "32 bit unsigned": Held("u32"), "u dword": Held("u32"), "u dword r": Held("u32", order="low"),
-    "i32": Held("s32"), "dint": Held("s32"), "long": Held("s32"), "sint32": Held("s32"), "signed32": Held("s32"),
-    "signed 32": Held("s32"), "signed 32 bit": Held("s32"), "int32 t": Held("s32"), "32 bit signed": Held("s32"),
-    "s dword": Held("s32"), "s dword r": Held("s32", order="low"),
-    "float": Held("f32"), "float32": Held("f32"), "real": Held("f32"), "single": Held("f32"), "fp32": Held("f32"),
-    "fp32 r": Held("f32", order="low"), "float32 ieee": Held("f32"), "ieee754": Held("f32"), "ieee 754": Held("f32"),
-    "uint8 low": Held("", "low"), "uint8l": Held("", "low"), "uint8h": Held("", "high"),
-    "without sign": Held("u16"), "with sign": Held("s16"), "ohne vorzeichen": Held("u16"),
-    "mit vorzeichen": Held("s16"), "без знака": Held("u16"), "со знаком": Held("s16"), "无符号": Held("u16"),
-    "有符号": Held("s16"),
+    "u16": U16, "s16": S16, "u32": U32, "s32": S32, "f32": F32,
+    "uint16": U16, "int16": S16, "uint32": U32, "int32": S32,
+    "uint": U16, "word": U16, "ushort": U16, "unsigned short": U16,
+    "unsigned": U16, "unsigned int": U16, "unsigned16": U16, "unsigned 16": U16,
+    "unsigned 16 bit": U16, "uint16 t": U16, "16 bit unsigned": U16, "u word": U16,
+    "hex16": U16, "i16": S16, "short": S16, "sint16": S16, "signed": S16,
+    "signed16": S16, "signed 16": S16, "signed 16 bit": S16, "signed int": S16,
+    "signed short": S16, "int16 t": S16, "16 bit signed": S16, "s word": S16,
+    "dword": U32, "udint": U32, "ulong": U32, "unsigned long": U32,
+    "unsigned32": U32, "unsigned 32": U32, "unsigned 32 bit": U32, "uint32 t": U32,
+    "32 bit unsigned": U32, "u dword": U32, "u dword r": _U32_SWAPPED,
+    "i32": S32, "dint": S32, "long": S32, "sint32": S32, "signed32": S32,
+    "signed 32": S32, "signed 32 bit": S32, "int32 t": S32, "32 bit signed": S32,
+    "s dword": S32, "s dword r": _S32_SWAPPED,
+    "float": F32, "float32": F32, "real": F32, "single": F32, "fp32": F32,
+    "fp32 r": _F32_SWAPPED, "float32 ieee": F32, "ieee754": F32, "ieee 754": F32,
+    "uint8 low": RegisterStorage("", "low"), "uint8l": RegisterStorage("", "low"),
+    "uint8h": RegisterStorage("", "high"),
+    "without sign": U16, "with sign": S16, "ohne vorzeichen": U16,
+    "mit vorzeichen": S16, "без знака": U16, "со знаком": S16, "无符号": U16,
+    "有符号": S16,
 }  # fmt: skip
 
 
-def held_as(text: str) -> Held | None:
+def held_as(text: str) -> RegisterStorage | None:
     """Return the storage that a type word stands for, None for an unknown or ambiguous word.
 
     `int` has 16 bits in IEC 61131-3 and another width elsewhere, and `16 bit` states no sign, so both are ambiguous.

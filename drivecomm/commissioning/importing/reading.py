@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from drivecomm.commissioning.importing.addresses import Base
-    from drivecomm.commissioning.importing.found import Foreign
+    from drivecomm.commissioning.importing.foreign_contents import ForeignContents
 
 _TELEGRAF = re.compile(r"^\s*\[\[\s*inputs\.modbus\s*\]\]", re.MULTILINE)
 _INI = re.compile(r"^\s*\[\s*spindlerpmout\s*\]", re.MULTILINE | re.IGNORECASE)
@@ -29,7 +29,7 @@ _KNOWN = (
 )
 
 
-def read_foreign(path: Path, base: Base | None = None) -> Foreign:
+def read_foreign(path: Path, base: Base | None = None) -> ForeignContents:
     """Return the drive data in a file of another program.
 
     base: numbering of a register list; None to derive it from the addresses. Raises FileFormatError for a file that
@@ -58,7 +58,7 @@ def read_foreign(path: Path, base: Base | None = None) -> Foreign:
     return found
 
 
-def _other(text: str, path: Path) -> Foreign | None:
+def _other(text: str, path: Path) -> ForeignContents | None:
     """Return the contents of the file if it has another form than a register list."""
     shown = str(path)
     if text.lstrip().startswith("{"):

@@ -8,11 +8,11 @@ import re
 from decimal import Decimal
 from typing import TYPE_CHECKING, NamedTuple
 
-from drivecomm.commissioning.importing.addresses import Base, Counted, counting_of
-from drivecomm.commissioning.importing.found import Foreign, ForeignRegister
+from drivecomm.commissioning.importing.addresses import Base, CountedRegister, counting_of
+from drivecomm.commissioning.importing.foreign_contents import ForeignContents, ForeignRegister
 from drivecomm.commissioning.importing.headings import NEEDED, columns_in, further_addresses
 from drivecomm.commissioning.importing.meanings import (
-    Held,
+    RegisterStorage,
     held_as,
     number_in,
     plain,
@@ -62,7 +62,7 @@ class _Sheet(NamedTuple):
     encoding: str
 
 
-def register_list(data: bytes, base: Base | None) -> Foreign | None:
+def register_list(data: bytes, base: Base | None) -> ForeignContents | None:
     """Return the registers of a list, None if no line has recognisable column headings.
 
     base: numbering of the registers, if the user states it.
@@ -71,7 +71,7 @@ def register_list(data: bytes, base: Base | None) -> Foreign | None:
     if sheet is None:
         return None
     heading, rows = sheet.rows[0][1], sheet.rows[1:]
-    found = Foreign(form=f"register list (CSV, {_DELIMITERS[sheet.delimiter]}, {sheet.encoding})")
+    found = ForeignContents(form=f"register list (CSV, {_DELIMITERS[sheet.delimiter]}, {sheet.encoding})")
     for number, cell in enumerate(heading):
         if cell.strip() and number not in sheet.columns.values():
             other = number in further_addresses(heading, sheet.columns)
@@ -110,7 +110,7 @@ def _functions_as_type(columns: dict[str, int], rows: list[tuple[int, list[str]]
         columns["function"] = columns.pop("type")
 
 
-def _row(found: Foreign, place: str, cells: Mapping[str, str], counted: Counted) -> None:
+def _row(found: ForeignContents, place: str, cells: Mapping[str, str], counted: CountedRegister) -> None:
     printed = cells["address"]
     kind = _kind(found, place, cells.get("function", ""), counted)
     if kind is None:
@@ -141,7 +141,7 @@ def _row(found: Foreign, place: str, cells: Mapping[str, str], counted: Counted)
     )  # fmt: skip
 
 
-def _kind(found: Foreign, place: str, function: str, counted: Counted) -> str | None:
+def _kind(found: ForeignContents, place: str, function: str, counted: CountedRegister) -> str | None:
     """Return the kind of register by its function or its number; None if the two disagree."""
     if not function.strip():
         if counted.kind is None:
@@ -171,7 +171,7 @@ def _named_kind(text: str) -> str | None:
     return next((kind for pattern, kind in _KINDS if pattern.search(text.casefold().strip())), None)
 
 
-def _factor(found: Foreign, place: str, cells: Mapping[str, str], step: Decimal) -> Decimal | None:
+def _factor(found: ForeignContents, place: str, cells: Mapping[str, str], step: Decimal) -> Decimal | None:
     """Return the factor of a raw value; record the row as not imported and return None if the factor is uncertain."""
     if (offset := cells.get("offset", "")) and number_in(offset) != 0:
         found.leave(place, f"offset {offset}", "a model has no offset, and without it the value would be wrong")
@@ -223,22 +223,24 @@ def _factor_in(text: str, *, is_scale: bool) -> Decimal | None:
     return plain(number)
 
 
-def _held(found: Foreign, place: str, cells: Mapping[str, str], counted: Counted, kind: str) -> Held | None:
+def _held(
+    found: ForeignContents, place: str, cells: Mapping[str, str], counted: CountedRegister, kind: str
+) -> RegisterStorage | None:
     """Return the storage of a value; record the row as not imported and return None if the storage is uncertain."""
     bit = cells.get("bit", "").strip() or counted.bit
     if bit:
         if bit.isdecimal() and int(bit) <= 15 and kind in ("", "i"):
-            return Held("", str(int(bit)))
+            return RegisterStorage("", str(int(bit)))
         found.leave(place, f"bit {bit}", "not a bit from 0 to 15 of a register")
         return None
     if kind in ("c", "d"):
-        return Held("")
+        return RegisterStorage("")
     text, count = cells.get("type", "").strip(), cells.get("count", "").strip()
     words = whole_in(count) if count else None
-    held = held_as(text) if text else Held("u16")
+    held = held_as(text) if text else RegisterStorage("u16")
     if held is None and text.casefold() in ("int", "integer") and words in (None, 1):
         found.assume(f"{text} is a signed number of 16 bits, as in IEC 61131-3")
-        held = Held("s16")
+        held = RegisterStorage("s16")
     if held is None:
         found.leave(place, f"type {text}", "not a type whose width and sign are certain")
         return None

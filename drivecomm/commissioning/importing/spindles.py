@@ -9,7 +9,7 @@ import configparser
 import re
 from typing import TYPE_CHECKING
 
-from drivecomm.commissioning.importing.found import Foreign, ForeignRegister
+from drivecomm.commissioning.importing.foreign_contents import ForeignContents, ForeignRegister
 from drivecomm.commissioning.importing.meanings import ratio, title_and_unit, whole_in
 from drivecomm.errors import FileFormatError
 
@@ -22,7 +22,7 @@ _SETTING = re.compile(r"^\s*\$(\d+)\s*=\s*(\S+)", re.MULTILINE)
 _VFD_SETTINGS = range(460, 480)
 
 
-def vfdmod_configuration(text: str, shown: str) -> Foreign | None:
+def vfdmod_configuration(text: str, shown: str) -> ForeignContents | None:
     """Return the registers in an ini file of vfdmod, None for another ini file. Raises FileFormatError."""
     ini = configparser.ConfigParser(interpolation=None, strict=False, allow_no_value=True)
     try:
@@ -32,7 +32,7 @@ def vfdmod_configuration(text: str, shown: str) -> Foreign | None:
     groups = {name.casefold(): name for name in ini.sections()}
     if "spindlerpmout" not in groups:
         return None
-    found = Foreign(form="vfdmod configuration (ini)")
+    found = ForeignContents(form="vfdmod configuration (ini)")
     drive = _line(found, ini[groups["rs485"]]) if "rs485" in groups else None
     if "common" in groups:
         found.title = ini[groups["common"]].get("componentname") or ""
@@ -48,14 +48,14 @@ def vfdmod_configuration(text: str, shown: str) -> Foreign | None:
     return found
 
 
-def _line(found: Foreign, group: Mapping[str, str | None]) -> int | None:
+def _line(found: ForeignContents, group: Mapping[str, str | None]) -> int | None:
     """Import the line settings; return the address of the drive."""
     found.take_line("[RS485]", {option: group[key] for key, option in _LINE.items() if group.get(key)})
     found.port = group.get("serialdevice") or ""
     return whole_in(group.get("slaveaddress") or "")
 
 
-def _commands(found: Foreign, name: str, group: Mapping[str, str | None]) -> None:
+def _commands(found: ForeignContents, name: str, group: Mapping[str, str | None]) -> None:
     for key, value in group.items():
         if key == "address" and (number := whole_in(value)) is not None:
             title = "command register" if name.casefold() == "control" else "speed command register"
@@ -71,7 +71,7 @@ def _commands(found: Foreign, name: str, group: Mapping[str, str | None]) -> Non
 
 
 def _reading(
-    found: Foreign, name: str, group: Mapping[str, str | None], *, title: str, unit: str, drive: int | None
+    found: ForeignContents, name: str, group: Mapping[str, str | None], *, title: str, unit: str, drive: int | None
 ) -> None:
     place, function = f"[{name}]", whole_in(group.get("functioncode") or "3")
     number = whole_in(group.get("address") or "")
@@ -98,7 +98,7 @@ def _reading(
         )  # fmt: skip
 
 
-def grblhal_settings(text: str) -> Foreign | None:
+def grblhal_settings(text: str) -> ForeignContents | None:
     """Return the registers in the grblHAL settings of a generic VFD, None if the text has no such settings.
 
     The settings have the form that `$$` prints: 462 and 463 are the registers of the commands, 464 is the one with the
@@ -107,7 +107,7 @@ def grblhal_settings(text: str) -> Foreign | None:
     given = {int(key): value for key, value in _SETTING.findall(text) if int(key) in _VFD_SETTINGS}
     if not given:
         return None
-    found = Foreign(form="grblHAL settings of a Modbus spindle", title="spindle drive")
+    found = ForeignContents(form="grblHAL settings of a Modbus spindle", title="spindle drive")
     for setting, title in ((462, "command register"), (463, "frequency command register")):
         if (number := whole_in(given.get(setting))) is not None:
             found.add(ForeignRegister(place=f"${setting}", title=title, number=number, written=True))

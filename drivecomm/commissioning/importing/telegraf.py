@@ -10,13 +10,24 @@ from collections.abc import Mapping
 from decimal import Decimal
 from typing import Any
 
-from drivecomm.commissioning.importing.found import Foreign, ForeignRegister
-from drivecomm.commissioning.importing.meanings import Held, number_in, plain, title_and_unit, whole_in
+from drivecomm.commissioning.importing.foreign_contents import ForeignContents, ForeignRegister
+from drivecomm.commissioning.importing.meanings import (
+    F32,
+    S16,
+    S32,
+    U16,
+    U32,
+    RegisterStorage,
+    number_in,
+    plain,
+    title_and_unit,
+    whole_in,
+)
 from drivecomm.errors import FileFormatError
 
 _TYPES = {
-    "UINT16": Held("u16"), "INT16": Held("s16"), "UINT32": Held("u32"), "INT32": Held("s32"),
-    "FLOAT32-IEEE": Held("f32"), "UINT8L": Held("", "low"), "UINT8H": Held("", "high"),
+    "UINT16": U16, "INT16": S16, "UINT32": U32, "INT32": S32,
+    "FLOAT32-IEEE": F32, "UINT8L": RegisterStorage("", "low"), "UINT8H": RegisterStorage("", "high"),
 }  # fmt: skip
 _FIXED = {
     ("UFIXED", 1): "u16", ("UFIXED", 2): "u32", ("FIXED", 1): "s16", ("FIXED", 2): "s32", ("FLOAT32", 1): "u16",
@@ -32,7 +43,7 @@ _FIELD = frozenset(("name", "address", "byte_order", "data_type", "type", "scale
 _SHOWN_ONLY = frozenset(("measurement", "omit", "output", "tags"))
 
 
-def telegraf_section(text: str, shown: str) -> Foreign | None:
+def telegraf_section(text: str, shown: str) -> ForeignContents | None:
     """Return the registers of the sections, None if there are no sections. Raises FileFormatError."""
     try:
         content = tomllib.loads(text, parse_float=Decimal)
@@ -42,7 +53,7 @@ def telegraf_section(text: str, shown: str) -> Foreign | None:
     sections = inputs.get("modbus") if isinstance(inputs, Mapping) else None
     if sections is None:
         return None
-    found = Foreign(form="Telegraf Modbus section (TOML)")
+    found = ForeignContents(form="Telegraf Modbus section (TOML)")
     controller: object = None
     for number, (place, section) in enumerate(found.tables("inputs.modbus", sections)):
         controller = controller if number else section.get("controller")
@@ -55,7 +66,7 @@ def telegraf_section(text: str, shown: str) -> Foreign | None:
     return found
 
 
-def _section(found: Foreign, place: str, section: Mapping[str, Any], *, first: bool) -> None:
+def _section(found: ForeignContents, place: str, section: Mapping[str, Any], *, first: bool) -> None:
     controller = str(section.get("controller", ""))
     if first:
         found.title = str(section.get("name") or "")
@@ -85,7 +96,7 @@ def _by_request(word: object) -> str:
     return {"FLOAT32": "FLOAT32-IEEE"}.get(str(word or "UINT16"), str(word or "UINT16"))
 
 
-def _field(found: Foreign, place: str, field: Mapping[str, Any], *, drive: int | None) -> None:
+def _field(found: ForeignContents, place: str, field: Mapping[str, Any], *, drive: int | None) -> None:
     title, unit, _ = title_and_unit(str(field.get("name") or place))
     given = field.get("address")
     addresses = [whole_in(each) for each in given] if isinstance(given, list) else [whole_in(given)]
@@ -98,7 +109,7 @@ def _field(found: Foreign, place: str, field: Mapping[str, Any], *, drive: int |
         found.leave(place, f"address {given}", "not registers one after the other")
         return
     if kind in ("c", "d"):
-        held: Held | None = Held("")
+        held: RegisterStorage | None = RegisterStorage("")
     else:
         held = _held(field, len(addresses) if isinstance(given, list) else None)
     if held is None:
@@ -119,14 +130,14 @@ def _field(found: Foreign, place: str, field: Mapping[str, Any], *, drive: int |
     )  # fmt: skip
 
 
-def _held(field: Mapping[str, Any], registers: int | None) -> Held | None:
+def _held(field: Mapping[str, Any], registers: int | None) -> RegisterStorage | None:
     word, order = str(field.get("data_type")), str(field.get("byte_order", ""))
     if word == "BIT":
         bit = whole_in(field.get("bit", 0))
-        return Held("", str(bit)) if bit in range(16) else None
+        return RegisterStorage("", str(bit)) if bit in range(16) else None
     held = _TYPES.get(word)
     if held is None and registers is not None and (fixed := _FIXED.get((word, registers))):
-        held = Held(fixed)
+        held = RegisterStorage(fixed)
     if held is None:
         return None
     wide = held.type.endswith("32")

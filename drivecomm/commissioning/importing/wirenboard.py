@@ -10,8 +10,20 @@ from collections.abc import Mapping
 from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.commissioning.importing.found import Foreign, ForeignRegister
-from drivecomm.commissioning.importing.meanings import Held, number_in, plain, title_and_unit, unit_in, whole_in
+from drivecomm.commissioning.importing.foreign_contents import ForeignContents, ForeignRegister
+from drivecomm.commissioning.importing.meanings import (
+    F32,
+    S16,
+    S32,
+    U16,
+    U32,
+    RegisterStorage,
+    number_in,
+    plain,
+    title_and_unit,
+    unit_in,
+    whole_in,
+)
 from drivecomm.errors import FileFormatError
 
 if TYPE_CHECKING:
@@ -19,8 +31,8 @@ if TYPE_CHECKING:
 
 _KINDS = {"holding": "", "holding_single": "", "holding_multi": "", "input": "i", "coil": "c", "discrete": "d"}
 _FORMATS = {
-    "u16": Held("u16"), "s16": Held("s16"), "u32": Held("u32"), "s32": Held("s32"), "float": Held("f32"),
-    "u8": Held("", "low"), "string": Held("string"),
+    "u16": U16, "s16": S16, "u32": U32, "s32": S32, "float": F32,
+    "u8": RegisterStorage("", "low"), "string": RegisterStorage("string"),
 }  # fmt: skip
 _UNITS = {"voltage": "V", "temperature": "degC", "power": "W", "power_consumption": "kWh", "current": "A"}
 """Units implied by the type of a channel."""
@@ -59,7 +71,7 @@ _CARRIED = frozenset(
 )
 
 
-def wirenboard_template(text: str, shown: str) -> Foreign | None:
+def wirenboard_template(text: str, shown: str) -> ForeignContents | None:
     """Return the registers in a template, None if the text is JSON of another kind. Raises FileFormatError."""
     try:
         content = json.loads(text, parse_float=Decimal)
@@ -68,7 +80,7 @@ def wirenboard_template(text: str, shown: str) -> Foreign | None:
     device = content.get("device") if isinstance(content, Mapping) else None
     if not isinstance(device, Mapping):
         return None
-    found = Foreign(form="wb-mqtt-serial device template (JSON)", title=str(device.get("name", "")))
+    found = ForeignContents(form="wb-mqtt-serial device template (JSON)", title=str(device.get("name", "")))
     if device.get("protocol", "modbus") not in ("modbus", "modbus_io"):
         found.leave("device.protocol", device["protocol"], "not Modbus, so that nothing of the file is a register")
         return found
@@ -86,7 +98,7 @@ def wirenboard_template(text: str, shown: str) -> Foreign | None:
     return found
 
 
-def _entries(found: Foreign, device: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
+def _entries(found: ForeignContents, device: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
     yield from found.tables("device.channels", device.get("channels"))
     parameters = device.get("parameters")
     if isinstance(parameters, Mapping):
@@ -105,7 +117,11 @@ def _words(device: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _channel(
-    found: Foreign, place: str, entry: Mapping[str, Any], words: Mapping[str, Any], strange: dict[str, list[str]]
+    found: ForeignContents,
+    place: str,
+    entry: Mapping[str, Any],
+    words: Mapping[str, Any],
+    strange: dict[str, list[str]],
 ) -> None:
     """Add the register of a channel or parameter.
 
@@ -155,22 +171,22 @@ def _channel(
     )  # fmt: skip
 
 
-def _place(address: str, held: Held | None, kind: str) -> tuple[int | None, Held | None]:
+def _place(address: str, held: RegisterStorage | None, kind: str) -> tuple[int | None, RegisterStorage | None]:
     """Return the register of `16129` or `50199:11:1` (first bit, width), and the storage of its value."""
     start, *bits = address.split(":")
     number = whole_in(start)
     if kind in ("c", "d"):
-        return (None if bits else number), Held("")
+        return (None if bits else number), RegisterStorage("")
     if not bits:
         return number, held
     first, width = whole_in(bits[0]), whole_in(bits[1]) if len(bits) == 2 else None
     if width == 1 and first in range(16):
-        return number, Held("", str(first))
+        return number, RegisterStorage("", str(first))
     part = {(0, 8): "low", (8, 8): "high"}.get((first, width)) if first is not None and width is not None else None
-    return (number, Held("", part)) if part else (None, held)
+    return (number, RegisterStorage("", part)) if part else (None, held)
 
 
-def _unit(found: Foreign, place: str, entry: Mapping[str, Any]) -> str:
+def _unit(found: ForeignContents, place: str, entry: Mapping[str, Any]) -> str:
     if "units" not in entry:
         return _UNITS.get(str(entry.get("type")), "")
     known = unit_in(str(entry["units"]))
@@ -179,7 +195,7 @@ def _unit(found: Foreign, place: str, entry: Mapping[str, Any]) -> str:
     return known[0] if known else ""
 
 
-def _texts(found: Foreign, place: str, entry: Mapping[str, Any]) -> dict[int, str]:
+def _texts(found: ForeignContents, place: str, entry: Mapping[str, Any]) -> dict[int, str]:
     codes, titles = (each if isinstance(each, list) else [] for each in (entry.get("enum"), entry.get("enum_titles")))
     values = {}
     for code, title in zip(codes, titles, strict=False):

@@ -1,7 +1,4 @@
-from .comparing import Comparison as Comparison, Difference as Difference, compare as compare
-from .effect import model_of as model_of
-from .everything import reading_everything as reading_everything, way_through as way_through
-from .faces import (
+from .call_styles import (
     back_up as back_up,
     back_up_async as back_up_async,
     back_up_everything as back_up_everything,
@@ -13,6 +10,9 @@ from .faces import (
     plan_restore as plan_restore,
     plan_restore_async as plan_restore_async,
 )
+from .comparing import Comparison as Comparison, Difference as Difference, compare as compare
+from .effect import model_of as model_of
+from .everything import backup_plan as backup_plan, reading_everything as reading_everything
 from .file_names import file_stem as file_stem
 from .files import (
     entries_text as entries_text,
@@ -22,7 +22,7 @@ from .files import (
     write_set as write_set,
 )
 from .journal import (
-    Journal as Journal,
+    RestoreJournal as RestoreJournal,
     found_journal as found_journal,
     journal_path as journal_path,
     new_journal as new_journal,
@@ -31,8 +31,8 @@ from .parameter_set import (
     PARTS as PARTS,
     WRITABLE as WRITABLE,
     Approval as Approval,
-    Entry as Entry,
     Explored as Explored,
+    ParameterEntry as ParameterEntry,
     ParameterSet as ParameterSet,
     Part as Part,
     in_order as in_order,
@@ -41,12 +41,12 @@ from .parameter_set import (
 )
 from .reading_out import (
     IN_RAM as IN_RAM,
-    Subject as Subject,
+    SetSubject as SetSubject,
     no_progress as no_progress,
     of_another_drive as of_another_drive,
     part_of as part_of,
     subject as subject,
 )
-from .restore_plan import Plan as Plan, Planned as Planned, RestoreOptions as RestoreOptions
-from .restoring import Restored as Restored
+from .restore_plan import PlannedItem as PlannedItem, RestoreOptions as RestoreOptions, RestorePlan as RestorePlan
+from .restoring import RestoreResult as RestoreResult
 from .share import Share as Share, percent as percent, share_of as share_of

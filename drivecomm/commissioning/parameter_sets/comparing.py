@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from drivecomm.commissioning.parameter_sets.effect import common_values, model_of
 from drivecomm.commissioning.parameter_sets.parameter_set import SETTINGS, in_order, in_unit, same
-from drivecomm.commissioning.parameter_sets.reading_out import changes_told
+from drivecomm.commissioning.parameter_sets.reading_out import identity_changes
 from drivecomm.commissioning.parameter_sets.share import share_of
 from drivecomm.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
-    from drivecomm.commissioning.parameter_sets.parameter_set import Entry, ParameterSet, Part
+    from drivecomm.commissioning.parameter_sets.parameter_set import ParameterEntry, ParameterSet, Part
     from drivecomm.commissioning.parameter_sets.share import Share
     from drivecomm.protocol import Model, Value
 
@@ -32,8 +32,8 @@ class Difference:
 
     kind: DifferenceKind
     address: str
-    left: Entry | None
-    right: Entry | None
+    left: ParameterEntry | None
+    right: ParameterEntry | None
     reason: str = ""
 
     @property
@@ -83,7 +83,7 @@ def _compared(
     left: ParameterSet, right: ParameterSet, parts: Collection[Part], models: Sequence[Model | None]
 ) -> Comparison:
     ours, theirs = left.of(parts), right.of(parts)
-    remarks = changes_told(left, right)
+    remarks = identity_changes(left, right)
     if left.protocol == right.protocol:
         if left.model != right.model:
             remarks.insert(0, f"models differ: {left.model} here, {right.model} there")
@@ -123,7 +123,10 @@ def _comparison(
 
 
 def _differences(
-    here: Mapping[str, Entry], there: Mapping[str, Entry], why_not: Mapping[str, str], why_not_there: Mapping[str, str]
+    here: Mapping[str, ParameterEntry],
+    there: Mapping[str, ParameterEntry],
+    why_not: Mapping[str, str],
+    why_not_there: Mapping[str, str],
 ) -> tuple[list[Difference], int]:
     found: list[Difference] = []
     equal = 0
@@ -147,7 +150,7 @@ def _differences(
     return found, equal
 
 
-def _comparable(one: Entry, other: Entry) -> tuple[Value, Value]:
+def _comparable(one: ParameterEntry, other: ParameterEntry) -> tuple[Value, Value]:
     """Return two values in one unit, or as the telegrams carried them if one model does not know the parameter.
 
     Raises UsageError if this does not show whether the values are equal.

@@ -11,7 +11,7 @@ from decimal import Decimal
 from typing import TYPE_CHECKING, cast
 
 from drivecomm.bus import carry_out, read_parameter, reading_watchdog, setting_watchdog
-from drivecomm.commissioning.parameter_sets.parameter_set import WRITABLE, Entry, in_unit, same
+from drivecomm.commissioning.parameter_sets.parameter_set import WRITABLE, ParameterEntry, in_unit, same
 from drivecomm.errors import DriveError, ReplyError, UsageError
 from drivecomm.models import load_model, parameter_at, quantities
 from drivecomm.protocol import Reading, installed
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from drivecomm.bus import Drive, Procedure, Setting
     from drivecomm.commissioning.parameter_sets.parameter_set import ParameterSet, Part
-    from drivecomm.commissioning.parameter_sets.reading_out import Subject
+    from drivecomm.commissioning.parameter_sets.reading_out import SetSubject
     from drivecomm.protocol import Model, ParameterInfo, Value
 
 
@@ -34,7 +34,7 @@ def model_of(known: ParameterSet) -> Model | None:
         return None
 
 
-class Held:
+class StoredValues:
     """Stored values by address that can stand in for a drive when steps are carried out; writes change the values."""
 
     def __init__(self, name: str, values: Mapping[str, Value]) -> None:
@@ -60,9 +60,9 @@ class Held:
         return cast("Drive", self)
 
 
-def watchdog_told(known: ParameterSet, model: Model) -> Setting:
+def watchdog_setting(known: ParameterSet, model: Model) -> Setting:
     """Return the watchdog setting of the set's drive. Raises UsageError if the set does not contain it."""
-    held = Held(known.drive, {entry.address: _in_units_of(model, entry) for entry in known.entries.values()})
+    held = StoredValues(known.drive, {entry.address: _in_units_of(model, entry) for entry in known.entries.values()})
     return carry_out(held.as_drive, reading_watchdog(known.drive, model))
 
 
@@ -72,7 +72,7 @@ def is_watchdog_time(address: str, model: Model) -> bool:
     return info is not None and model.watchdog is not None and info.address == model.watchdog.time
 
 
-def without_effect(entry: Entry, known: ParameterSet, model: Model) -> str:
+def without_effect(entry: ParameterEntry, known: ParameterSet, model: Model) -> str:
     """Return why a value has no effect, or an unknown effect, on the set's drive; empty if it has an effect."""
     info = parameter_at(entry.address, model)
     element = entry.address[len(entry.parameter) :]
@@ -93,7 +93,7 @@ def counts_with(model: Model, info: ParameterInfo | None, address: str, value: V
     return Decimal(value) / other.factor in info.only_with[address]
 
 
-def _in_units_of(model: Model, entry: Entry) -> Value:
+def _in_units_of(model: Model, entry: ParameterEntry) -> Value:
     info = parameter_at(entry.address, model)
     try:
         return in_unit(entry.value, entry.unit, info.unit) if info else entry.value
@@ -103,17 +103,17 @@ def _in_units_of(model: Model, entry: Entry) -> Value:
 
 def common_values(
     known: ParameterSet, parts: Collection[Part], model: Model | None
-) -> tuple[dict[str, Entry], dict[str, str]]:
+) -> tuple[dict[str, ParameterEntry], dict[str, str]]:
     """Return one entry for each common name, with the common name as its address, and why others have no entry.
 
     A parameter with one value for each data set gets an entry only if all its values are equal. model: model of the
     set; values that have no effect by this model are left out. The time of a watchdog that is off is 0, never.
     """
-    by_name: dict[str, list[Entry]] = {}
+    by_name: dict[str, list[ParameterEntry]] = {}
     for entry in known.of(parts):
         if entry.common:
             by_name.setdefault(entry.common, []).append(entry)
-    found: dict[str, Entry] = {}
+    found: dict[str, ParameterEntry] = {}
     left_out: dict[str, str] = {}
     for name, those in by_name.items():
         try:
@@ -126,7 +126,7 @@ def common_values(
             left_out[name] = f"it has no one value: {told}"
             continue
         first = those[0]
-        found[name] = Entry(
+        found[name] = ParameterEntry(
             address=name,
             value=values[0],
             name=f"{first.parameter} {first.name}".rstrip(),
@@ -137,16 +137,18 @@ def common_values(
     return found, left_out
 
 
-def _meant(entry: Entry, unit: str, known: ParameterSet, model: Model | None) -> Value:
+def _meant(entry: ParameterEntry, unit: str, known: ParameterSet, model: Model | None) -> Value:
     """Return a value in the unit of its common name. Raises UsageError for a value without effect."""
     if model is not None and is_watchdog_time(entry.address, model):
-        return watchdog_told(known, model).time_s or Decimal(0)
+        return watchdog_setting(known, model).time_s or Decimal(0)
     if model is not None and (reason := without_effect(entry, known, model)):
         raise UsageError(reason)
     return in_unit(entry.value, entry.unit, unit)
 
 
-def common_entries(to: Subject, known: ParameterSet, model: Model) -> tuple[list[Entry], list[tuple[Entry, str]]]:
+def common_entries(
+    to: SetSubject, known: ParameterSet, model: Model
+) -> tuple[list[ParameterEntry], list[tuple[ParameterEntry, str]]]:
     """Return the entries with a common name that the drive's model maps, and the other entries with a reason each."""
     there = known.of(WRITABLE)
     found, left_out = common_values(known, WRITABLE, model)
@@ -159,19 +161,19 @@ def common_entries(to: Subject, known: ParameterSet, model: Model) -> tuple[list
     return [entry for name, entry in found.items() if name not in reasons], left
 
 
-def is_about_watchdog(entry: Entry, to: Subject, model: Model) -> bool:
+def is_about_watchdog(entry: ParameterEntry, to: SetSubject, model: Model) -> bool:
     """Return whether a common name is a watchdog time, on the drive or in the set. model: model of the set."""
     of_set = model.quantities.get(entry.common, "")
     return is_watchdog_time(to.model.quantities[entry.common], to.model) or is_watchdog_time(of_set, model)
 
 
-def carried_watchdog(to: Subject, known: ParameterSet, model: Model) -> Procedure[list[tuple[ParameterInfo, Value]]]:
+def carried_watchdog(to: SetSubject, known: ParameterSet, model: Model) -> Procedure[list[tuple[ParameterInfo, Value]]]:
     """Return watchdog parameters that give this drive the same behaviour as the drive of the saved set.
 
     Reads the drive, writes nothing. Raises UsageError if the set does not contain the watchdog setting, or if this
     drive does not support it.
     """
-    wanted = watchdog_told(known, model)
+    wanted = watchdog_setting(known, model)
     if wanted.policy is None:
         raise UsageError(f"the watchdog of {known.drive} does {wanted.action!r}, which no other maker's is known to do")
     now = yield from reading_watchdog(to.name, to.model)
@@ -180,12 +182,12 @@ def carried_watchdog(to: Subject, known: ParameterSet, model: Model) -> Procedur
     values = {watchdog.time: now.time_value}
     if now.action_value is not None:
         values[watchdog.action] = now.action_value
-    held = Held(to.name, values)
+    held = StoredValues(to.name, values)
     carry_out(held.as_drive, setting_watchdog(to.name, to.model, wanted.policy, wanted.time_s or 0))
     return [(info, held.values[address]) for address in values if (info := to.info(address)) is not None]
 
 
-def reason_not_to_count(to: Subject, entry: Entry) -> Procedure[str]:
+def reason_not_to_count(to: SetSubject, entry: ParameterEntry) -> Procedure[str]:
     """Return why a common name has no effect on the drive in its present state, empty if it has an effect."""
     info = to.info(to.model.quantities[entry.common])
     for address in info.only_with if info else ():

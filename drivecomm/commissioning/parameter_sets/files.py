@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 from drivecomm.commissioning.parameter_sets.parameter_set import (
     PARTS,
     Approval,
-    Entry,
     Explored,
+    ParameterEntry,
     ParameterSet,
     in_order,
 )
-from drivecomm.errors import FileFormatError, UsageError, near
+from drivecomm.errors import FileFormatError, UsageError, did_you_mean
 from drivecomm.models import quantities
 from drivecomm.tomlfile import (
     RAW,
@@ -25,12 +25,12 @@ from drivecomm.tomlfile import (
     TEXT,
     WHOLE,
     Kind,
-    Table,
+    TomlTable,
     must_be_writable,
     read_toml,
     toml_line,
     toml_value,
-    write_whole,
+    write_atomically,
 )
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def write_set(path: Path, known: ParameterSet) -> None:
     Raises UsageError for any other existing file, and if the path is not writable.
     """
     must_be_free(path, known.drive)
-    write_whole(path, text_of(known))
+    write_atomically(path, text_of(known))
 
 
 def must_be_free(path: Path, drive: str) -> None:
@@ -126,7 +126,7 @@ def _stamp(time: datetime) -> str:
     return f"time = {time.astimezone(UTC).strftime('%Y-%m-%dT%H:%M:%SZ')}"
 
 
-def _ordered(known: ParameterSet, part: Part) -> list[Entry]:
+def _ordered(known: ParameterSet, part: Part) -> list[ParameterEntry]:
     return [known.entries[address] for address in in_order(entry.address for entry in known.of([part]))]
 
 
@@ -135,7 +135,7 @@ def _texts(table: str, texts: Mapping[str, str], order: list[str]) -> Iterator[s
         yield from ("", f"[{table}]", *(f"{toml_value(key)} = {toml_value(texts[key])}" for key in order))
 
 
-def _line(entry: Entry) -> str:
+def _line(entry: ParameterEntry) -> str:
     fields = {
         "name": entry.name,
         "value": entry.value,
@@ -147,19 +147,19 @@ def _line(entry: Entry) -> str:
     return f"{toml_value(entry.address)} = {toml_value(told)}"
 
 
-def _comment(entry: Entry) -> str:
+def _comment(entry: ParameterEntry) -> str:
     meaning = " ".join("".join(sign if sign.isprintable() else " " for sign in entry.meaning).split())
     return f" # {meaning}" if meaning else ""
 
 
-def _set_in(top: Table) -> ParameterSet:
+def _set_in(top: TomlTable) -> ParameterSet:
     if top.content.get("format") != _FORMAT:
         raise top.error(f"a parameter set begins with format = {_FORMAT}", "format")
     given = top.take(_TOP, "protocol", "drive", "model")
     for key in ("protocol", "drive", "model"):
         if not given[key]:
             raise top.error(f"{key} is empty; it says where the parameters are from", key)
-    entries: dict[str, Entry] = {}
+    entries: dict[str, ParameterEntry] = {}
     for part in PARTS:
         table = top.table(part)
         for address in table.content:
@@ -180,21 +180,21 @@ def _set_in(top: Table) -> ParameterSet:
     )
 
 
-def _time_in(table: Table) -> datetime | None:
+def _time_in(table: TomlTable) -> datetime | None:
     time: datetime | None = table.content.get("time")
     if time is not None and not time.tzinfo:
         raise table.error(f"time cannot be {time}; write it with its zone, as 2026-11-21T19:00:00Z", "time")
     return None if time is None else time.astimezone(UTC)
 
 
-def _approved(table: Table) -> Approval | None:
+def _approved(table: TomlTable) -> Approval | None:
     if not table.content:
         return None
     given = table.take(_APPROVED, "by", "time")
     return Approval(**{**given, "time": _time_in(table)})
 
 
-def _explored(table: Table) -> Explored | None:
+def _explored(table: TomlTable) -> Explored | None:
     if not table.content:
         return None
     counts = table.take(_EXPLORED, *_EXPLORED)
@@ -203,19 +203,19 @@ def _explored(table: Table) -> Explored | None:
     return Explored(**counts)
 
 
-def _entry(part: Part, address: str, table: Table) -> Entry:
+def _entry(part: Part, address: str, table: TomlTable) -> ParameterEntry:
     inner = table.table(address)
     given = inner.take(_KEYS, "value")
     if not _is_sane(given["value"]) or not _is_sane(given.get("raw", 0)):
         raise inner.error("no drive holds such a number")
     common = given.get("common", "")
     if common and common not in quantities():
-        known = near(common, quantities()) or "drivecomm models names lists them"
+        known = did_you_mean(common, quantities()) or "drivecomm models names lists them"
         raise inner.error(f"unknown common name {common!r}; {known}")
-    return Entry(address=address, part=part, **given)
+    return ParameterEntry(address=address, part=part, **given)
 
 
-def _texts_in(table: Table) -> dict[str, str]:
+def _texts_in(table: TomlTable) -> dict[str, str]:
     return table.take(dict.fromkeys(table.content, TEXT))
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from drivecomm.commissioning.parameter_sets.parameter_set import ParameterSet
 
 
-class Remembers(Protocol):
+class RestoreRecord(Protocol):
     """Interface of a record of the progress of a restore."""
 
     def wrote(self, address: str) -> None:
@@ -33,7 +33,7 @@ class Remembers(Protocol):
         ...
 
 
-class Forgetful:
+class NoRestoreRecord:
     """Record that keeps nothing: an interrupted restore leaves no trace of its progress."""
 
     def wrote(self, address: str) -> None:
@@ -43,7 +43,7 @@ class Forgetful:
         """Do nothing."""
 
 
-class Journal:
+class RestoreJournal:
     """Journal of a restore in a file, which is created with the first write and removed when the restore is complete.
 
     written: the written parameters, including those of an earlier restore that was interrupted. Their values are read
@@ -78,23 +78,23 @@ def journal_path(of: Path, drive: str) -> Path:
     return of.with_name(f"{of.name}.{drive.replace(':', '-')}.journal")
 
 
-def new_journal(path: Path, known: ParameterSet, drive: str) -> Journal:
+def new_journal(path: Path, known: ParameterSet, drive: str) -> RestoreJournal:
     """Return a journal for a new restore. Raises UsageError if an earlier restore was interrupted."""
     if path.exists():
         raise UsageError(
             f"{path}: an earlier restore to {drive} was cut off; go on with it (--resume), or remove this file to "
             "begin again"
         )
-    return Journal(path, known, drive)
+    return RestoreJournal(path, known, drive)
 
 
-def found_journal(path: Path, known: ParameterSet, drive: str) -> Journal:
+def found_journal(path: Path, known: ParameterSet, drive: str) -> RestoreJournal:
     """Return the journal of an interrupted restore, an empty one if it was interrupted before its first write.
 
     Raises FileFormatError for a file that is not a journal of this restore.
     """
     if not path.exists():
-        return Journal(path, known, drive)
+        return RestoreJournal(path, known, drive)
     try:
         data = path.read_bytes()
         whole = data[: data.rfind(b"\n") + 1]
@@ -110,7 +110,7 @@ def found_journal(path: Path, known: ParameterSet, drive: str) -> Journal:
             f"{path}: this journal is of another parameter set or drive, or the set was changed since; remove it to "
             "begin again"
         )
-    return Journal(path, known, drive, written)
+    return RestoreJournal(path, known, drive, written)
 
 
 def _head(known: ParameterSet, drive: str) -> dict[str, str]:

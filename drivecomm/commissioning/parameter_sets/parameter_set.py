@@ -34,7 +34,7 @@ _DIGITS = re.compile(r"(\d+)")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Entry:
+class ParameterEntry:
     """One value of one parameter.
 
     address: in the protocol's form, with data set or index if the parameter has several values. name: name in the
@@ -100,7 +100,7 @@ class ParameterSet:
     protocol: str
     drive: str
     model: str
-    entries: Mapping[str, Entry]
+    entries: Mapping[str, ParameterEntry]
     firmware: str = ""
     identity: Mapping[str, str] = field(default_factory=dict)
     not_read: Mapping[str, str] = field(default_factory=dict)
@@ -108,7 +108,7 @@ class ParameterSet:
     explored: Explored | None = None
     approved: Approval | None = None
 
-    def of(self, parts: Iterable[Part]) -> list[Entry]:
+    def of(self, parts: Iterable[Part]) -> list[ParameterEntry]:
         """Return the entries of these parts."""
         wanted = frozenset(parts)
         return [entry for entry in self.entries.values() if entry.part in wanted]

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivecomm.bus import check_write, read_parameter
-from drivecomm.commissioning.exploring import identity_told
+from drivecomm.commissioning.exploring import read_identity
 from drivecomm.commissioning.parameter_sets.effect import (
     carried_watchdog,
     common_entries,
@@ -14,10 +14,16 @@ from drivecomm.commissioning.parameter_sets.effect import (
     model_of,
     reason_not_to_count,
 )
-from drivecomm.commissioning.parameter_sets.own_numbers import as_told, number_told, same_scale
 from drivecomm.commissioning.parameter_sets.parameter_set import WRITABLE, ParameterSet, in_order, in_unit, same
+from drivecomm.commissioning.parameter_sets.raw_numbers import as_raw_number, raw_number, same_scale
 from drivecomm.commissioning.parameter_sets.reading_out import of_another_drive, part_of
-from drivecomm.commissioning.parameter_sets.restore_plan import Plan, Planned, RestoreOptions, Stage, stage_of
+from drivecomm.commissioning.parameter_sets.restore_plan import (
+    PlannedItem,
+    RestoreOptions,
+    RestorePlan,
+    Stage,
+    stage_of,
+)
 from drivecomm.errors import DriveError, NotSupported, ReadOnlyError, UsageError, ValueRefusedError
 
 if TYPE_CHECKING:
@@ -25,8 +31,8 @@ if TYPE_CHECKING:
     from typing import Any
 
     from drivecomm.bus import Procedure
-    from drivecomm.commissioning.parameter_sets.parameter_set import Entry
-    from drivecomm.commissioning.parameter_sets.reading_out import Progress, Subject
+    from drivecomm.commissioning.parameter_sets.parameter_set import ParameterEntry
+    from drivecomm.commissioning.parameter_sets.reading_out import Progress, SetSubject
     from drivecomm.protocol import Model, ParameterInfo
 
 _SHOWN = 3
@@ -36,7 +42,9 @@ _NOT_TOLD = "communication settings are only written when that is said (--commun
 _AS_MEANT = (_REFERENCE, _WATCHDOG, _NOT_TOLD)
 
 
-def planning(to: Subject, known: ParameterSet, options: RestoreOptions, progress: Progress) -> Procedure[Plan]:
+def planning(
+    to: SetSubject, known: ParameterSet, options: RestoreOptions, progress: Progress
+) -> Procedure[RestorePlan]:
     """Plan a restore; writes nothing.
 
     Raises UsageError for a set of another drive unless the options allow it and for a read-only drive, and
@@ -54,7 +62,7 @@ def planning(to: Subject, known: ParameterSet, options: RestoreOptions, progress
         entries, skipped = known.of(WRITABLE), []
     entries, skipped, without = _chosen(entries, skipped, options)
     items = list(skipped)
-    wanted: list[Planned] = []
+    wanted: list[PlannedItem] = []
     for entry in entries:
         for item in (yield from _items(to, entry, known, model, options, across=across, own=own)):
             (items if item.action == "skip" else wanted).append(item)
@@ -92,10 +100,10 @@ def planning(to: Subject, known: ParameterSet, options: RestoreOptions, progress
         remarks.append(f"not in the set, because it could not be read: {', '.join(in_order(known.not_read))}")
     if without:
         remarks.append(f"{without} not asked for")
-    return Plan(drive=to.name, store=store, items=tuple(items), remarks=tuple(remarks))
+    return RestorePlan(drive=to.name, store=store, items=tuple(items), remarks=tuple(remarks))
 
 
-def _stored(to: Subject, options: RestoreOptions) -> bool:
+def _stored(to: SetSubject, options: RestoreOptions) -> bool:
     if not options.volatile:
         return to.capabilities.stored_writes
     if not to.capabilities.volatile_writes:
@@ -103,9 +111,9 @@ def _stored(to: Subject, options: RestoreOptions) -> bool:
     return False
 
 
-def _looked_at(to: Subject, known: ParameterSet, options: RestoreOptions) -> Procedure[tuple[list[str], bool]]:
+def _looked_at(to: SetSubject, known: ParameterSet, options: RestoreOptions) -> Procedure[tuple[list[str], bool]]:
     """Compare the identities of the set and the drive; return remarks, and whether the set is of this drive."""
-    identity = yield from identity_told()
+    identity = yield from read_identity()
     there = ParameterSet(protocol=to.protocol, drive=to.name, model=to.model.name, identity=identity, entries={})
     if reason := of_another_drive(known, there):
         if not options.another_drive:
@@ -128,8 +136,8 @@ def _model_of(known: ParameterSet) -> Model:
 
 
 def _chosen(
-    entries: list[Entry], skipped: list[Planned], options: RestoreOptions
-) -> tuple[list[Entry], list[Planned], int]:
+    entries: list[ParameterEntry], skipped: list[PlannedItem], options: RestoreOptions
+) -> tuple[list[ParameterEntry], list[PlannedItem], int]:
     """Return the entries and skipped items that the options select, and the number of the others."""
     if not options.only:
         return entries, skipped, 0
@@ -148,8 +156,15 @@ def _chosen(
 
 
 def _items(
-    to: Subject, entry: Entry, known: ParameterSet, model: Model, options: RestoreOptions, *, across: bool, own: bool
-) -> Procedure[list[Planned]]:
+    to: SetSubject,
+    entry: ParameterEntry,
+    known: ParameterSet,
+    model: Model,
+    options: RestoreOptions,
+    *,
+    across: bool,
+    own: bool,
+) -> Procedure[list[PlannedItem]]:
     """Return the planned items of an entry; another maker's watchdog time becomes all parameters of a watchdog."""
     if not across:
         return [_item(to, entry, options, across=False, own=own)]
@@ -161,7 +176,7 @@ def _items(
         except UsageError as error:
             return [_skipped(entry, str(error))]
         return [
-            Planned(action="write", address=info.address, name=info.name, value=value, unit=info.unit,
+            PlannedItem(action="write", address=info.address, name=info.name, value=value, unit=info.unit,
                     stage=Stage.WATCHDOG)
             for info, value in values
         ]  # fmt: skip
@@ -171,7 +186,7 @@ def _items(
     return [item]
 
 
-def _item(to: Subject, entry: Entry, options: RestoreOptions, *, across: bool, own: bool) -> Planned:
+def _item(to: SetSubject, entry: ParameterEntry, options: RestoreOptions, *, across: bool, own: bool) -> PlannedItem:
     info = to.info(to.model.quantities[entry.common] if across else entry.address)
     if info is None:
         return _skipped(entry, f"model {to.model.name} has no such parameter")
@@ -186,7 +201,7 @@ def _item(to: Subject, entry: Entry, options: RestoreOptions, *, across: bool, o
         if not own or entry.unit or not to.plugin.plain_writing:
             return _skipped(entry, f"unit: {error}", info)
         value, unit, plain = entry.value, "", dict(to.plugin.plain_writing)
-    return Planned(
+    return PlannedItem(
         action="write",
         address=entry.address,
         name=info.name,
@@ -194,11 +209,13 @@ def _item(to: Subject, entry: Entry, options: RestoreOptions, *, across: bool, o
         unit=unit,
         stage=stage_of(info, entry.common, to.model.watchdog),
         options=plain,
-        told=number_told(entry) if own and not plain and to.plugin.plain_writing else None,
+        told=raw_number(entry) if own and not plain and to.plugin.plain_writing else None,
     )
 
 
-def _reason_to_skip(to: Subject, entry: Entry, info: ParameterInfo, options: RestoreOptions, *, across: bool) -> str:
+def _reason_to_skip(
+    to: SetSubject, entry: ParameterEntry, info: ParameterInfo, options: RestoreOptions, *, across: bool
+) -> str:
     if not across and entry.name and entry.name != info.name:
         return f"it is {entry.name} in the set and {info.name} on this drive"
     if info.address in to.references:
@@ -219,8 +236,8 @@ def _reason_to_skip(to: Subject, entry: Entry, info: ParameterInfo, options: Res
     return ""
 
 
-def _skipped(entry: Entry, reason: str, info: ParameterInfo | None = None) -> Planned:
-    return Planned(
+def _skipped(entry: ParameterEntry, reason: str, info: ParameterInfo | None = None) -> PlannedItem:
+    return PlannedItem(
         action="skip",
         address=entry.address,
         name=info.name if info else entry.name,
@@ -232,8 +249,8 @@ def _skipped(entry: Entry, reason: str, info: ParameterInfo | None = None) -> Pl
 
 
 def _checked(
-    wanted: list[Planned], plain: Mapping[str, Any], *, store: bool
-) -> Procedure[tuple[list[Planned], list[Planned], dict[str, str]]]:
+    wanted: list[PlannedItem], plain: Mapping[str, Any], *, store: bool
+) -> Procedure[tuple[list[PlannedItem], list[PlannedItem], dict[str, str]]]:
     """Return the items that can be written, those that cannot be sent by themselves, and unfit values by address."""
     fit, unfit, wrong = [], [], {}
     for item in wanted:
@@ -254,11 +271,11 @@ def _checked(
     return fit, unfit, wrong
 
 
-def _number_that_fits(item: Planned, plain: Mapping[str, Any], *, store: bool) -> Procedure[Planned | None]:
+def _number_that_fits(item: PlannedItem, plain: Mapping[str, Any], *, store: bool) -> Procedure[PlannedItem | None]:
     """Return the item with the raw number that the drive reported, None if the drive does not accept that number."""
     if item.told is None:
         return None
-    found = as_told(item, plain)
+    found = as_raw_number(item, plain)
     try:
         yield check_write(found.address, found.value, store=store, options=found.options)
     except UsageError:
@@ -266,7 +283,7 @@ def _number_that_fits(item: Planned, plain: Mapping[str, Any], *, store: bool) -
     return found
 
 
-def _must_fit(items: list[Planned], wrong: dict[str, str]) -> None:
+def _must_fit(items: list[PlannedItem], wrong: dict[str, str]) -> None:
     """Raise ValueRefusedError for values that do not fit, unless the drive already holds them."""
     told = [wrong[item.address] for item in items if item.action == "write" and item.address in wrong]
     if told:
@@ -276,7 +293,7 @@ def _must_fit(items: list[Planned], wrong: dict[str, str]) -> None:
         )
 
 
-def _compared(item: Planned, plain: Mapping[str, Any], *, store: bool) -> Procedure[Planned]:
+def _compared(item: PlannedItem, plain: Mapping[str, Any], *, store: bool) -> Procedure[PlannedItem]:
     try:
         reading = yield read_parameter(item.address)
     except DriveError:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import in_ram_only, read_parameter
-from drivecomm.commissioning.exploring import identity_told, is_there, lasting
-from drivecomm.commissioning.parameter_sets.parameter_set import Entry, ParameterSet, in_order
+from drivecomm.commissioning.exploring import is_there, lasting_identity, read_identity
+from drivecomm.commissioning.parameter_sets.parameter_set import ParameterEntry, ParameterSet, in_order
 from drivecomm.errors import DriveError, ReplyError, UnexpectedReplyError, UsageError, in_one_line
 from drivecomm.models import quantities
 from drivecomm.protocol import installed, resolve_options
@@ -31,16 +31,16 @@ IN_RAM = "it was written to RAM, so that what the drive stores is not known"
 """Reason why a set has no value of a parameter that the same program wrote to RAM only."""
 
 
-def reading_out(of: Subject, parts: Collection[Part], progress: Progress) -> Procedure[ParameterSet]:
+def reading_out(of: SetSubject, parts: Collection[Part], progress: Progress) -> Procedure[ParameterSet]:
     """Read all parameters of these parts; the set lists those that the drive refuses, with the reason.
 
     Raises ReplyError or LinkError if the drive or the line does not respond, so that a set is never partial.
     """
-    identity = yield from identity_told()
+    identity = yield from read_identity()
     return (yield from _read(of, parts, {}, identity, progress))
 
 
-def factory_values(of: Subject, parts: Collection[Part], progress: Progress) -> Procedure[ParameterSet]:
+def factory_values(of: SetSubject, parts: Collection[Part], progress: Progress) -> Procedure[ParameterSet]:
     """Read the factory values of all parameters of these parts, if drives of this protocol report them.
 
     Raises UsageError if they do not.
@@ -55,12 +55,12 @@ def factory_values(of: Subject, parts: Collection[Part], progress: Progress) -> 
 
 
 def _read(
-    of: Subject, parts: Collection[Part], options: Mapping[str, Any], identity: Mapping[str, str], progress: Progress
+    of: SetSubject, parts: Collection[Part], options: Mapping[str, Any], identity: Mapping[str, str], progress: Progress
 ) -> Procedure[ParameterSet]:
     common = of.common_names()
     wanted = [each for each in of.values_known() if each[2] in parts]
     in_ram: Collection[str] = yield in_ram_only()
-    entries: dict[str, Entry] = {}
+    entries: dict[str, ParameterEntry] = {}
     not_read: dict[str, str] = {}
     time: datetime | None = None
     for done, (address, info, part) in enumerate(wanted):
@@ -87,7 +87,7 @@ def _read(
         protocol=of.protocol,
         drive=of.name,
         model=of.model.name,
-        firmware=(yield from firmware_told(of, identity)),
+        firmware=(yield from read_firmware(of, identity)),
         identity=identity,
         entries={address: entries[address] for address in in_order(entries)},
         not_read={address: not_read[address] for address in in_order(not_read)},
@@ -112,10 +112,10 @@ def _must_be_there(error: ReplyError) -> Procedure[None]:
         raise error from None
 
 
-def entry_of(address: str, info: ParameterInfo, reading: Reading, part: Part, common: str) -> Entry:
+def entry_of(address: str, info: ParameterInfo, reading: Reading, part: Part, common: str) -> ParameterEntry:
     """Return a reading as an entry of a parameter set."""
     says_no_more = str(reading.raw) == str(reading.value)
-    return Entry(
+    return ParameterEntry(
         address=address,
         name=info.name,
         value=reading.value,
@@ -127,7 +127,7 @@ def entry_of(address: str, info: ParameterInfo, reading: Reading, part: Part, co
     )
 
 
-def firmware_told(of: Subject, identity: Mapping[str, str]) -> Procedure[str]:
+def read_firmware(of: SetSubject, identity: Mapping[str, str]) -> Procedure[str]:
     """Return the software version, by its common name or else by the field of the drive's identity."""
     if "software_version" in of.model.quantities:
         try:
@@ -144,7 +144,7 @@ def _is_firmware(key: str) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class Subject:
+class SetSubject:
     """Name, model and capabilities of a drive for parameter sets. options: protocol options of the model."""
 
     name: str
@@ -177,14 +177,14 @@ class Subject:
         return {address: name for name, address in self.model.quantities.items() if name in known}
 
 
-def subject(drive: Drive | AsyncDrive) -> Subject:
+def subject(drive: Drive | AsyncDrive) -> SetSubject:
     """Return a drive as a subject of parameter sets. Raises UsageError for a drive without a model."""
     if drive.model is None:
         raise UsageError(f"{drive.name}: which parameters it has is said by its model; name one, such as with --model")
     protocol = drive.name.partition(":")[0]
     plugin = installed[protocol]
     _, options = resolve_options(plugin, drive.model, {})
-    return Subject(drive.name, plugin, drive.model, options, drive.capabilities)
+    return SetSubject(drive.name, plugin, drive.model, options, drive.capabilities)
 
 
 def values_known(model: Model, plugin: Protocol, options: Any) -> Iterator[tuple[str, ParameterInfo, Part]]:
@@ -225,7 +225,7 @@ def of_another_drive(known: ParameterSet, there: ParameterSet) -> str:
     return next(_differences(known.identity, there.identity), "")
 
 
-def changes_told(before: ParameterSet, after: ParameterSet) -> list[str]:
+def identity_changes(before: ParameterSet, after: ParameterSet) -> list[str]:
     """Return the differences between the identities and firmware in two sets of one drive, as sentences."""
     told = list(_differences(before.identity, after.identity, "there"))
     if before.firmware != after.firmware and before.protocol == after.protocol:
@@ -234,6 +234,6 @@ def changes_told(before: ParameterSet, after: ParameterSet) -> list[str]:
 
 
 def _differences(before: Mapping[str, str], after: Mapping[str, str], where: str = "on this drive") -> Iterator[str]:
-    for key, text in lasting(before).items():
+    for key, text in lasting_identity(before).items():
         if key in after and after[key] != text:
             yield f"its {key} is {text!r}, and {after[key]!r} {where}"

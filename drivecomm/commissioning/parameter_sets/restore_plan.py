@@ -83,7 +83,7 @@ class RestoreOptions:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Planned:
+class PlannedItem:
     """Planned action for one entry of a parameter set.
 
     address: on the drive, or a common name. value, unit: the value to write, in the drive's unit. current: the present
@@ -110,20 +110,20 @@ class Planned:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Plan:
+class RestorePlan:
     """Items of a restore, in their order. store: whether writes are kept over power-off, as far as is known."""
 
     drive: str
     store: bool
-    items: tuple[Planned, ...]
+    items: tuple[PlannedItem, ...]
     remarks: tuple[str, ...] = ()
 
-    def to(self, action: Action) -> list[Planned]:
+    def to(self, action: Action) -> list[PlannedItem]:
         """Return the items with this action."""
         return [item for item in self.items if item.action == action]
 
     @property
-    def missed(self) -> list[Planned]:
+    def missed(self) -> list[PlannedItem]:
         """Items that are left alone although they should have been restored.
 
         For a set of the same model, that is every setting; for parameters named in the options, all of them.

@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from drivecomm.bus import Procedure
-    from drivecomm.commissioning.parameter_sets.journal import Remembers
+    from drivecomm.commissioning.parameter_sets.journal import RestoreRecord
     from drivecomm.commissioning.parameter_sets.reading_out import Progress
-    from drivecomm.commissioning.parameter_sets.restore_plan import Plan, Planned
+    from drivecomm.commissioning.parameter_sets.restore_plan import PlannedItem, RestorePlan
     from drivecomm.protocol import DriveStatus, Reading
 
 _ROUNDS = 5
@@ -24,7 +24,7 @@ _ROUNDS = 5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Restored:
+class RestoreResult:
     """Result of a restore.
 
     written: the written parameters, in order, each read back. refused: why others do not hold the planned value, by
@@ -32,7 +32,7 @@ class Restored:
     not written for that reason.
     """
 
-    plan: Plan
+    plan: RestorePlan
     written: tuple[str, ...]
     refused: Mapping[str, str] = field(default_factory=dict)
     unconfirmed: tuple[str, ...] = ()
@@ -40,11 +40,11 @@ class Restored:
 
     @property
     def complete(self) -> bool:
-        """Whether the drive now has all planned values, and the plan missed none; see `Plan.missed`."""
+        """Whether the drive now has all planned values, and the plan missed none; see `RestorePlan.missed`."""
         return not (self.refused or self.unconfirmed or self.left or self.plan.missed)
 
 
-def restoring(plan: Plan, journal: Remembers, progress: Progress) -> Procedure[Restored]:
+def restoring(plan: RestorePlan, journal: RestoreRecord, progress: Progress) -> Procedure[RestoreResult]:
     """Carry out a restore plan.
 
     After all parameters are written, all are read once more. A value that a later write changed, or that was refused
@@ -63,7 +63,7 @@ def restoring(plan: Plan, journal: Remembers, progress: Progress) -> Procedure[R
     unconfirmed, left = yield from work.write_communication()
     if not (unconfirmed or left):
         journal.over()
-    return Restored(
+    return RestoreResult(
         plan=plan,
         written=tuple(work.written),
         refused=work.refused,
@@ -84,7 +84,7 @@ def must_stand(drive: str) -> Procedure[None]:
 class _Work:
     """Restore in progress. refused: why parameters do not hold the planned value, as far as is known."""
 
-    def __init__(self, plan: Plan, journal: Remembers) -> None:
+    def __init__(self, plan: RestorePlan, journal: RestoreRecord) -> None:
         chosen = [item for item in plan.items if item.action != "skip"]
         self.items = [item for item in chosen if item.stage is not Stage.COMMUNICATION]
         self.written: list[str] = []
@@ -95,13 +95,13 @@ class _Work:
         self._writes = 0
         self._tried_at: dict[str, int] = {}
 
-    def write(self, items: list[Planned], progress: Progress) -> Procedure[None]:
+    def write(self, items: list[PlannedItem], progress: Progress) -> Procedure[None]:
         """Write these items and read each back."""
         for place, item in enumerate(items):
             progress(item.address, place, len(items))
             yield from self._write(item)
 
-    def differing(self, progress: Progress) -> Procedure[list[Planned]]:
+    def differing(self, progress: Progress) -> Procedure[list[PlannedItem]]:
         """Return the items whose value the drive does not hold now."""
         found = []
         for place, item in enumerate(self.items):
@@ -114,7 +114,7 @@ class _Work:
                 self.refused.pop(item.address, None)
         return found
 
-    def may_help(self, item: Planned) -> bool:
+    def may_help(self, item: PlannedItem) -> bool:
         """Return whether another parameter was written since the last attempt, so that a retry may succeed."""
         return self._tried_at.get(item.address, -1) < self._writes
 
@@ -128,7 +128,7 @@ class _Work:
                 return [item.address], [later.address for later in items[place + 1 :]]
         return [], []
 
-    def _write(self, item: Planned) -> Procedure[None]:
+    def _write(self, item: PlannedItem) -> Procedure[None]:
         self.refused.pop(item.address, None)
         try:
             yield from self._send(item)
@@ -148,7 +148,7 @@ class _Work:
             self.written.append(item.address)
         self._journal.wrote(item.address)
 
-    def _send(self, item: Planned) -> Procedure[None]:
+    def _send(self, item: PlannedItem) -> Procedure[None]:
         """Write a value; after a missing reply, read the value and write it again if the drive does not hold it."""
         try:
             yield write_parameter(item.address, item.value, store=self._store, options=item.options)
@@ -157,7 +157,7 @@ class _Work:
             if not same(item.held_by(reading), item.value):
                 yield write_parameter(item.address, item.value, store=self._store, options=item.options)
 
-    def _held(self, item: Planned) -> Procedure[str]:
+    def _held(self, item: PlannedItem) -> Procedure[str]:
         """Return why the drive does not hold the planned value, empty if it does."""
         try:
             reading: Reading = yield read_parameter(item.address)

@@ -7,7 +7,7 @@ from importlib import import_module
 
 for _name in (
     "plain",
-    "on_the_line",
+    "line_behaviour",
     "reading",
     "late_replies",
     "refusals",

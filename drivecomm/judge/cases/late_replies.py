@@ -5,15 +5,22 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
-from drivecomm.judge.cases.judging import check_values, holding, needs_values, pause_s, right_value, shown_by
+from drivecomm.judge.cases.value_checks import (
+    check_values,
+    needs_values,
+    right_value,
+    set_test_values,
+    shown_by,
+    watch_time_s,
+)
 from drivecomm.judge.catalogue import case
 from drivecomm.judge.verdicts import CaseFailure, fail
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from drivecomm.judge.shown import Shown
-    from drivecomm.judge.trial import Trial
+    from drivecomm.judge.shown_values import Shown
+    from drivecomm.judge.trial import CaseContext
     from drivecomm.protocol import Framed, VirtualReply
 
 _BEFORE_S, _LEEWAY_S = 0.04, 0.02
@@ -24,14 +31,14 @@ _TIME_AFTER_TIME = 3
 
 
 @case("doubled", "read", "run", title="every reply arrives twice")
-def doubled(trial: Trial) -> str:
+def doubled(trial: CaseContext) -> str:
     """The master shows the drive's value or an error, and does not mistake a copy for the next reply."""
     why = "every reply arrived twice, and a copy is taken for the reply to the next request"
     return _twice(lambda: _alternating(trial, lambda data: [(0.0, data), (0.0, data)], why))
 
 
 @case("late", "read", "run", title="the first reply arrives late, at several moments around the next request")
-def late(trial: Trial) -> str:
+def late(trial: CaseContext) -> str:
     """The master shows the drive's value or an error, and does not accept a late reply for a later request."""
     needs_values(trial)
     again_s = _asks_again_after(trial)
@@ -43,7 +50,7 @@ def late(trial: Trial) -> str:
     return reason
 
 
-def _late_by(trial: Trial, late_s: float) -> str:
+def _late_by(trial: CaseContext, late_s: float) -> str:
     return _alternating(trial, _late_once(late_s), "a reply came late", late_s=late_s)
 
 
@@ -65,9 +72,9 @@ def _late_once(late_s: float) -> Callable[[bytes], Sequence[tuple[float, bytes]]
     return meddle
 
 
-def _asks_again_after(trial: Trial) -> float | None:
+def _asks_again_after(trial: CaseContext) -> float | None:
     """Return the seconds after which the master repeats a request without a reply; None if it never does."""
-    with trial.stand(holding(trial)) as stand:
+    with trial.stand(set_test_values(trial)) as stand:
         stand.meddler.on_reply = lambda _: []
         trial.run(stand, until=lambda: len(stand.drive.heard) > 1, within_s=trial.order.limit_s)
         heard = stand.drive.since()
@@ -77,7 +84,11 @@ def _asks_again_after(trial: Trial) -> float | None:
 
 
 def _alternating(
-    trial: Trial, meddle: Callable[[bytes], Sequence[tuple[float, bytes]]], why: str, *, late_s: float | None = None
+    trial: CaseContext,
+    meddle: Callable[[bytes], Sequence[tuple[float, bytes]]],
+    why: str,
+    *,
+    late_s: float | None = None,
 ) -> str:
     """Change the drive's value with each request, and fail if the master shows the value of an earlier request.
 
@@ -87,10 +98,10 @@ def _alternating(
     raws = {parameter: values for parameter, values in trial.learned.raws.items() if len(values) == 2}
     asked: dict[str, list[float]] = {parameter: [] for parameter in raws}
     replied: list[float] = []
-    with trial.stand(holding(trial)) as stand:
+    with trial.stand(set_test_values(trial)) as stand:
 
         def between(find: Framed, act: Callable[[], VirtualReply | None]) -> VirtualReply | None:
-            for parameter in set(trial.known.told_by(find)) & set(raws):
+            for parameter in set(trial.known.parameters_read_by(find)) & set(raws):
                 stand.drive.inner.poke(parameter, raws[parameter][len(asked[parameter]) % 2])
                 asked[parameter].append(stand.line.time)
             return act()
@@ -103,7 +114,7 @@ def _alternating(
 
         stand.drive.between = between
         stand.meddler.on_reply = on_reply
-        run = trial.run(stand, within_s=pause_s(trial))
+        run = trial.run(stand, within_s=watch_time_s(trial))
         heard = stand.drive.since()
     reason = check_values(trial, run, why, numbers=(0, 1))
     for parameter in raws:
@@ -141,7 +152,7 @@ class _Times(NamedTuple):
         return time_s - last > _FRESH_S and (pending or asks)
 
 
-def _check_order(trial: Trial, parameter: str, shown: Sequence[Shown], times: _Times, why: str) -> None:
+def _check_order(trial: CaseContext, parameter: str, shown: Sequence[Shown], times: _Times, why: str) -> None:
     """Fail if the master repeatedly shows values from the reply to the previous request."""
     behind = 0
     for each in shown:

@@ -4,26 +4,26 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm.judge.cases.judging import OBSERVED_S, check_values, holding, shown_by, shows_nothing
+from drivecomm.judge.cases.value_checks import OBSERVED_S, check_values, set_test_values, shown_by, shows_nothing
 from drivecomm.judge.catalogue import case
 from drivecomm.judge.verdicts import NotTried, fail
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from drivecomm.judge.stand import Stand
-    from drivecomm.judge.trial import Trial
+    from drivecomm.judge.stand import JudgeLine
+    from drivecomm.judge.trial import CaseContext
 
 _OFF_S = 2.5
 _SHORT_S = 0.3
 
 
 @case("off-on", "read", "run", title="the drive is off for a while, and comes back")
-def off_on(trial: Trial) -> str:
+def off_on(trial: CaseContext) -> str:
     """The master works again when the drive is back; a continuous master needs no restart."""
     if trial.goes_on:
         return _off_on_while_it_runs(trial)
-    with trial.stand(holding(trial)) as stand:
+    with trial.stand(set_test_values(trial)) as stand:
         stand.power(on=False)
         run = trial.run(stand)
         shows_nothing(trial, run, "the drive is off")
@@ -37,9 +37,9 @@ def off_on(trial: Trial) -> str:
     return check_values(trial, run, "the drive had been off", now_held_by=stand)
 
 
-def _off_on_while_it_runs(trial: Trial) -> str:
+def _off_on_while_it_runs(trial: CaseContext) -> str:
     back: list[float] = []
-    with trial.stand(holding(trial)) as stand:
+    with trial.stand(set_test_values(trial)) as stand:
 
         def meddle(data: bytes) -> Sequence[tuple[float, bytes]]:
             if not back and len(stand.drive.heard) >= 2:
@@ -62,17 +62,17 @@ def _off_on_while_it_runs(trial: Trial) -> str:
     return "it went on by itself"
 
 
-def _goes_on(stand: Stand, back_s: float) -> bool:
+def _goes_on(stand: JudgeLine, back_s: float) -> bool:
     """Whether the master has resumed its requests, or has been watched long enough."""
     last = [each for each in stand.drive.since() if each.time_s > back_s]
     return len(last) >= 4 or stand.now() > back_s + OBSERVED_S + _OFF_S
 
 
 @case("power-cycle", "read", title="the drive loses power for a moment, between a request and its reply")
-def power_cycle(trial: Trial) -> str:
+def power_cycle(trial: CaseContext) -> str:
     """The master shows the drive's value or an error, and starts no motor."""
     cut: list[float] = []
-    with trial.stand(holding(trial)) as stand:
+    with trial.stand(set_test_values(trial)) as stand:
 
         def meddle(data: bytes) -> Sequence[tuple[float, bytes]]:
             if cut:

@@ -8,30 +8,30 @@ from decimal import Decimal
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError
-from drivecomm.judge.cases.judging import must_end
+from drivecomm.judge.cases.value_checks import must_end
 from drivecomm.judge.catalogue import case
-from drivecomm.judge.knowledge import Learned, saying
-from drivecomm.judge.shown import displays_of, learned_display
+from drivecomm.judge.learned_behaviour import LearnedBehaviour, reported_outcome
+from drivecomm.judge.shown_values import displays_of, learned_display
 from drivecomm.judge.verdicts import fail
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from drivecomm.judge.drive import Heard, JudgedDrive
+    from drivecomm.judge.judged_drive import JudgedDrive, ObservedRequest
     from drivecomm.judge.process import Run
-    from drivecomm.judge.shown import Display
-    from drivecomm.judge.trial import Trial
+    from drivecomm.judge.shown_values import Display
+    from drivecomm.judge.trial import CaseContext
 
 _MOST_PARAMETERS = 12
 
 
 @case("plain", "read", "write", "start", "stop", "reset", "run", title="nothing is disturbed")
-def plain(trial: Trial) -> str:
+def plain(trial: CaseContext) -> str:
     """The task has its effect, and the master shows the drive's value."""
     return learned_from(trial)[1]
 
 
-def learned_from(trial: Trial) -> tuple[Learned, str]:
+def learned_from(trial: CaseContext) -> tuple[LearnedBehaviour, str]:
     """Run a task on undisturbed lines; return its behaviour, and a sentence on its success. Raises CaseFailure."""
     return {
         "read": _read,
@@ -43,7 +43,7 @@ def learned_from(trial: Trial) -> tuple[Learned, str]:
     }[trial.task.name](trial)
 
 
-def _run_once(trial: Trial, prepare: Sequence[object] = ()) -> tuple[Run, list[Heard], JudgedDrive]:
+def _run_once(trial: CaseContext, prepare: Sequence[object] = ()) -> tuple[Run, list[ObservedRequest], JudgedDrive]:
     def prepared(drive: JudgedDrive) -> None:
         for each in prepare:
             each(drive)  # type: ignore[operator]
@@ -65,16 +65,16 @@ def _run_once(trial: Trial, prepare: Sequence[object] = ()) -> tuple[Run, list[H
     return run, heard, stand.drive
 
 
-def _learned(run: Run, heard: Sequence[Heard], **further: object) -> Learned:
-    return Learned(
+def _learned(run: Run, heard: Sequence[ObservedRequest], **further: object) -> LearnedBehaviour:
+    return LearnedBehaviour(
         goes_on=run.code is None,
-        saying=saying(run),
+        success_output=reported_outcome(run),
         keys=Counter(each.key for each in heard),
         **further,  # type: ignore[arg-type]
     )
 
 
-def _read(trial: Trial) -> tuple[Learned, str]:
+def _read(trial: CaseContext) -> tuple[LearnedBehaviour, str]:
     run, heard, _ = _run_once(trial)
     parameters = _parameters(trial, heard)
     raws: dict[str, tuple[int, ...]] = {}
@@ -97,7 +97,7 @@ def _read(trial: Trial) -> tuple[Learned, str]:
     return learned, f"it shows {', '.join(displays)} as the drive holds {'it' if len(displays) == 1 else 'them'}"
 
 
-def _displays_of_changing(trial: Trial, raws: Mapping[str, tuple[int, ...]]) -> dict[str, Display]:
+def _displays_of_changing(trial: CaseContext, raws: Mapping[str, tuple[int, ...]]) -> dict[str, Display]:
     runs = []
     for number in range(2):
 
@@ -115,7 +115,7 @@ def _displays_of_changing(trial: Trial, raws: Mapping[str, tuple[int, ...]]) -> 
     return found
 
 
-def _displays_of_steady(trial: Trial, run: Run, parameters: Sequence[str]) -> dict[str, Display]:
+def _displays_of_steady(trial: CaseContext, run: Run, parameters: Sequence[str]) -> dict[str, Display]:
     """Return the displays of parameters that cannot be set, such as measured values."""
     found = {}
     for parameter in parameters:
@@ -130,7 +130,9 @@ def _displays_of_steady(trial: Trial, run: Run, parameters: Sequence[str]) -> di
     return found
 
 
-def _display(trial: Trial, runs: Sequence[Run], physical: Sequence[Decimal], raw: Sequence[int]) -> Display | None:
+def _display(
+    trial: CaseContext, runs: Sequence[Run], physical: Sequence[Decimal], raw: Sequence[int]
+) -> Display | None:
     """Return the display of a parameter: from the task's own expression, or else learned from the runs."""
     scale = Decimal(str(trial.task.scale)) if trial.task.scale else None
     for display in displays_of(trial.task.shows, scale) if trial.task.shows else ():
@@ -141,7 +143,7 @@ def _display(trial: Trial, runs: Sequence[Run], physical: Sequence[Decimal], raw
     return learned_display(runs, physical, raw, scale)
 
 
-def _parameters(trial: Trial, heard: Sequence[Heard]) -> list[str]:
+def _parameters(trial: CaseContext, heard: Sequence[ObservedRequest]) -> list[str]:
     """Return the addresses of the parameters read: those named in the task, or else found from the requests."""
     known, model = trial.known, trial.known.model
     if trial.task.parameter:
@@ -150,7 +152,7 @@ def _parameters(trial: Trial, heard: Sequence[Heard]) -> list[str]:
     words = [word for argument in trial.task.arguments for word in argument.replace("=", " ").replace(",", " ").split()]
     named = [info.address for word in words if (info := model.find(word) or model.find(model.quantities.get(word, "")))]
     asked = {each.key: each.find for each in heard if not known.is_write(each.find)}
-    told = [parameter for find in asked.values() for parameter in known.told_by(find)]
+    told = [parameter for find in asked.values() for parameter in known.parameters_read_by(find)]
     both = [each for each in named if each in told]
     if both:
         return list(dict.fromkeys(both))
@@ -164,9 +166,9 @@ def _last_line(run: Run) -> str:
     return lines[-1] if lines else ""
 
 
-def _write(trial: Trial) -> tuple[Learned, str]:
+def _write(trial: CaseContext) -> tuple[LearnedBehaviour, str]:
     run, heard, drive = _run_once(trial)
-    written = [(each, trial.known.written_by(each.find)) for each in heard]
+    written = [(each, trial.known.parameter_written_by(each.find)) for each in heard]
     found = list(dict.fromkeys(parameter for _, parameter in written if parameter))
     if trial.task.parameter:
         info = trial.known.model.find(trial.task.parameter)
@@ -182,7 +184,7 @@ def _write(trial: Trial) -> tuple[Learned, str]:
     return _learned(run, heard, written=parameter), f"it writes {parameter}"
 
 
-def _start(trial: Trial) -> tuple[Learned, str]:
+def _start(trial: CaseContext) -> tuple[LearnedBehaviour, str]:
     run, heard, _ = _run_once(trial, [trial.known.set_ready])
     starts = tuple(each for each in heard if each.started)
     if not starts:
@@ -190,7 +192,7 @@ def _start(trial: Trial) -> tuple[Learned, str]:
     return _learned(run, heard, starts=starts), "the motor runs"
 
 
-def _stop(trial: Trial) -> tuple[Learned, str]:
+def _stop(trial: CaseContext) -> tuple[LearnedBehaviour, str]:
     run, heard, _ = _run_once(trial, [trial.known.set_running])
     stops = tuple(each for each in heard if each.stopped)
     if not stops:
@@ -198,7 +200,7 @@ def _stop(trial: Trial) -> tuple[Learned, str]:
     return _learned(run, heard, stops=stops), "the motor stops"
 
 
-def _reset(trial: Trial) -> tuple[Learned, str]:
+def _reset(trial: CaseContext) -> tuple[LearnedBehaviour, str]:
     run, heard, drive = _run_once(trial, [trial.known.set_tripped])
     if drive.motor.fault:
         fail(f"the fault is still there after it; its last line is {_last_line(run)!r}")
@@ -207,7 +209,7 @@ def _reset(trial: Trial) -> tuple[Learned, str]:
     return _learned(run, heard), "the fault is gone, and the motor stands"
 
 
-def _run(trial: Trial) -> tuple[Learned, str]:
+def _run(trial: CaseContext) -> tuple[LearnedBehaviour, str]:
     learned, reason = _read(trial)
     with trial.stand(trial.known.set_ready) as stand:
         trial.run(stand)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError
-from drivecomm.judge.cases.judging import (
+from drivecomm.judge.cases.value_checks import (
     check_values,
-    holding,
     needs_values,
-    pause_s,
+    set_test_values,
     shown_by,
     shows_nothing,
+    watch_time_s,
 )
 from drivecomm.judge.catalogue import case
 from drivecomm.judge.verdicts import NotTried, fail
@@ -23,27 +23,27 @@ if TYPE_CHECKING:
     from typing import TypeAlias
 
     from drivecomm.judge.process import Run
-    from drivecomm.judge.stand import Stand
-    from drivecomm.judge.trial import Trial
+    from drivecomm.judge.stand import JudgeLine
+    from drivecomm.judge.trial import CaseContext
 
-    Meddle: TypeAlias = Callable[[Stand, bytes], Sequence[tuple[float, bytes]]]
+    Meddle: TypeAlias = Callable[[JudgeLine, bytes], Sequence[tuple[float, bytes]]]
 
 _MOST_FLIPS = 40
 
 
-def _run(trial: Trial, meddle: Meddle) -> Run:
+def _run(trial: CaseContext, meddle: Meddle) -> Run:
     """Run the master once with a disturbance of each reply."""
-    with trial.stand(holding(trial)) as stand:
+    with trial.stand(set_test_values(trial)) as stand:
         stand.meddler.on_reply = lambda data: meddle(stand, data)
-        return trial.run(stand, within_s=pause_s(trial))
+        return trial.run(stand, within_s=watch_time_s(trial))
 
 
-def _disturbed(trial: Trial, meddle: Meddle, why: str) -> str:
+def _disturbed(trial: CaseContext, meddle: Meddle, why: str) -> str:
     """Run the master with each reply disturbed; return a sentence on the values shown. Raises CaseFailure."""
     return check_values(trial, _run(trial, meddle), why)
 
 
-def _believes_nothing(trial: Trial, meddle: Meddle, believed: str, why: str) -> str:
+def _believes_nothing(trial: CaseContext, meddle: Meddle, believed: str, why: str) -> str:
     """Run the master without any valid reply; return a sentence that it showed no value. Raises CaseFailure."""
     needs_values(trial)
     run = _run(trial, meddle)
@@ -53,17 +53,17 @@ def _believes_nothing(trial: Trial, meddle: Meddle, believed: str, why: str) -> 
 
 
 @case("lost", "read", "run", title="no reply arrives")
-def lost(trial: Trial) -> str:
+def lost(trial: CaseContext) -> str:
     """The master shows an error or nothing, and ends."""
     return shows_nothing(trial, _run(trial, lambda *_: []), "no reply has arrived")
 
 
 @case("lost-once", "read", "run", title="the first reply is lost, the others arrive")
-def lost_once(trial: Trial) -> str:
+def lost_once(trial: CaseContext) -> str:
     """The master repeats its request, as a read may be repeated, and shows the drive's value."""
     lost: list[bytes] = []
 
-    def meddle(_: Stand, data: bytes) -> Sequence[tuple[float, bytes]]:
+    def meddle(_: JudgeLine, data: bytes) -> Sequence[tuple[float, bytes]]:
         if not lost:
             lost.append(data)
             return []
@@ -82,7 +82,7 @@ def lost_once(trial: Trial) -> str:
 
 
 @case("damaged", "read", "run", title="every reply has a wrong bit, so that its check does not fit")
-def damaged(trial: Trial) -> str:
+def damaged(trial: CaseContext) -> str:
     """The master shows an error or nothing."""
     return _believes_nothing(
         trial,
@@ -93,7 +93,7 @@ def damaged(trial: Trial) -> str:
     )
 
 
-def _with_a_wrong_bit(trial: Trial, stand: Stand, data: bytes) -> bytes:
+def _with_a_wrong_bit(trial: CaseContext, stand: JudgeLine, data: bytes) -> bytes:
     """Return a reply with a wrong bit that its checksum detects, preferably within its value."""
     heard = stand.drive.answered(data)
     others = {parameter: raws[1] for parameter, raws in trial.learned.raws.items()}
@@ -118,11 +118,11 @@ def _alike(one: int, other: int) -> bool:
 
 
 @case("cut", "read", "run", title="the end of every reply is missing")
-def cut(trial: Trial) -> str:
+def cut(trial: CaseContext) -> str:
     """The master shows an error or nothing."""
     count = [0]
 
-    def meddle(_: Stand, data: bytes) -> Sequence[tuple[float, bytes]]:
+    def meddle(_: JudgeLine, data: bytes) -> Sequence[tuple[float, bytes]]:
         count[0] += 1
         left = (len(data) - 1, len(data) - 2, len(data) // 2)[count[0] % 3]
         return [(0.0, data[: max(1, left)])]
@@ -132,10 +132,10 @@ def cut(trial: Trial) -> str:
 
 
 @case("noise", "read", "run", title="noise arrives before every reply")
-def noise(trial: Trial) -> str:
+def noise(trial: CaseContext) -> str:
     """The master shows the drive's value or an error."""
 
-    def meddle(_: Stand, data: bytes) -> Sequence[tuple[float, bytes]]:
+    def meddle(_: JudgeLine, data: bytes) -> Sequence[tuple[float, bytes]]:
         junk = bytes(trial.random.choice((0x00, 0xFF, 0x7F, trial.random.randrange(256))) for _ in range(2))
         return [(0.0, junk), (0.0, data)]
 
@@ -143,20 +143,20 @@ def noise(trial: Trial) -> str:
 
 
 @case("echo", "read", "run", title="the master hears itself, as on some two-wire adapters")
-def echo(trial: Trial) -> str:
+def echo(trial: CaseContext) -> str:
     """The master shows the drive's value or an error."""
-    with trial.stand(holding(trial), echo=True) as stand:
-        run = trial.run(stand, within_s=pause_s(trial))
+    with trial.stand(set_test_values(trial), echo=True) as stand:
+        run = trial.run(stand, within_s=watch_time_s(trial))
     return check_values(trial, run, "it heard its own telegrams before the replies")
 
 
 @case("other-drive", "read", "run", title="the reply of another drive arrives first")
-def other_drive(trial: Trial) -> str:
+def other_drive(trial: CaseContext) -> str:
     """The master ignores that reply, and shows its own drive's value or an error."""
     needs_values(trial)
     others = {parameter: raws[1] for parameter, raws in trial.learned.raws.items()}
 
-    def foreign(stand: Stand, data: bytes) -> bytes | None:
+    def foreign(stand: JudgeLine, data: bytes) -> bytes | None:
         heard = stand.drive.answered(data)
         reply = trial.known.reply_of_another(heard.find, others) if heard is not None else None
         return None if reply is None or reply == data else reply
@@ -167,7 +167,7 @@ def other_drive(trial: Trial) -> str:
 
 
 @case("other-question", "read", "run", title="the reply to another question arrives first")
-def other_question(trial: Trial) -> str:
+def other_question(trial: CaseContext) -> str:
     """The master ignores that reply, and shows the requested value or an error."""
     needs_values(trial)
     asked = set(trial.learned.displays)
@@ -175,7 +175,7 @@ def other_question(trial: Trial) -> str:
     spare = [each for each in trial.known.model.parameters if each not in asked]
     trial.random.shuffle(spare)
 
-    def foreign(stand: Stand, data: bytes) -> bytes | None:
+    def foreign(stand: JudgeLine, data: bytes) -> bytes | None:
         heard = stand.drive.answered(data)
         if heard is None or trial.known.is_write(heard.find):
             return None
@@ -193,12 +193,12 @@ def other_question(trial: Trial) -> str:
     return _instead(trial, foreign, why, "replies of this protocol do not name their question")
 
 
-def _instead(trial: Trial, foreign: Callable[[Stand, bytes], bytes | None], why: str, cannot: str) -> str:
+def _instead(trial: CaseContext, foreign: Callable[[JudgeLine, bytes], bytes | None], why: str, cannot: str) -> str:
     """Replace the first reply to each request by a foreign telegram; later replies are the drive's own."""
     begun: dict[object, int] = {}
     replaced: list[bytes] = []
 
-    def meddle(stand: Stand, data: bytes) -> Sequence[tuple[float, bytes]]:
+    def meddle(stand: JudgeLine, data: bytes) -> Sequence[tuple[float, bytes]]:
         heard = stand.drive.answered(data)
         key = heard.key if heard is not None else None
         begun[key] = begun.get(key, 0) + 1
@@ -215,7 +215,7 @@ def _instead(trial: Trial, foreign: Callable[[Stand, bytes], bytes | None], why:
 
 
 @case("other-protocol", "read", "run", title="a telegram of another protocol arrives instead of the first reply")
-def other_protocol(trial: Trial) -> str:
+def other_protocol(trial: CaseContext) -> str:
     """The master shows the drive's value or an error."""
     telegrams = []
     for plugin in installed.working():
@@ -231,7 +231,7 @@ def other_protocol(trial: Trial) -> str:
         raise NotTried("no other protocol is installed whose telegrams could arrive")
     count = [0]
 
-    def meddle(_: Stand, data: bytes) -> Sequence[tuple[float, bytes]]:
+    def meddle(_: JudgeLine, data: bytes) -> Sequence[tuple[float, bytes]]:
         count[0] += 1
         if count[0] % 2 == 0:
             return [(0.0, data)]

@@ -6,22 +6,22 @@ import re
 from functools import partial
 from typing import TYPE_CHECKING
 
-from drivecomm.judge.cases.judging import must_end, pause_s, shown_by
-from drivecomm.judge.cases.prepared import prepared
+from drivecomm.judge.cases.drive_preparation import prepare_drive
+from drivecomm.judge.cases.value_checks import must_end, shown_by, watch_time_s
 from drivecomm.judge.catalogue import case
-from drivecomm.judge.drive import key_of
-from drivecomm.judge.knowledge import says_success
+from drivecomm.judge.judged_drive import key_of
+from drivecomm.judge.learned_behaviour import says_success
 from drivecomm.judge.verdicts import NotTried, fail
 from drivecomm.protocol import Refuses
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from drivecomm.judge.drive import Heard
+    from drivecomm.judge.judged_drive import ObservedRequest
     from drivecomm.judge.known_drive import KnownDrive
-    from drivecomm.judge.order import Order
-    from drivecomm.judge.stand import Stand
-    from drivecomm.judge.trial import Trial
+    from drivecomm.judge.order import JudgeOrder
+    from drivecomm.judge.stand import JudgeLine
+    from drivecomm.judge.trial import CaseContext
     from drivecomm.protocol import Framed, VirtualReply
 
 _ASKS_AGAIN = re.compile(
@@ -34,7 +34,7 @@ _ALL_CODES_OF = ("read", "write", "run", "start", "stop", "reset")
 """Order of preference: the first task that the master has, and writes, are refused with every code, others with one."""
 
 
-def _codes(known: KnownDrive, order: Order, task: str) -> Iterator[tuple[str, str, int]]:
+def _codes(known: KnownDrive, order: JudgeOrder, task: str) -> Iterator[tuple[str, str, int]]:
     """Yield the name, title and code of a case for each code that means a refusal."""
     codes = {code: text for code, text in known.refusals.items() if not _is_none(text)}
     first = next(name for name in _ALL_CODES_OF if order.task(name))
@@ -48,14 +48,14 @@ def _is_none(text: str) -> bool:
 
 
 @case("refused", "read", "write", "start", "stop", "reset", "run", title="the drive refuses it", each=_codes)
-def refused(trial: Trial, code: int) -> str:
+def refused(trial: CaseContext, code: int) -> str:
     """The master reports an error, shows no value, and does not repeat the refused request."""
     known, task = trial.known, trial.task.name
     wanted = _decisive(trial)
-    refused: list[Heard] = []
-    with trial.stand(partial(prepared, trial)) as stand:
+    refused: list[ObservedRequest] = []
+    with trial.stand(partial(prepare_drive, trial)) as stand:
         stand.drive.between = _refusing(stand, wanted, code)
-        run = trial.run(stand, within_s=pause_s(trial))
+        run = trial.run(stand, within_s=watch_time_s(trial))
         refused = [each for each in stand.drive.since() if wanted(each.find)]
         was_refused = bool(stand.drive.refused_with)
     if not refused or not was_refused:
@@ -82,20 +82,20 @@ def refused(trial: Trial, code: int) -> str:
     "read",
     title="it is refused first, and the master is told to do it again",
 )
-def after_refusal(trial: Trial) -> str:
+def after_refusal(trial: CaseContext) -> str:
     """The next task after a refusal works as before, even if a drive first requires its error to be read."""
     codes = [code for code, text in trial.known.refusals.items() if not _is_none(text) and not _ASKS_AGAIN.search(text)]
     if not codes:
         raise NotTried("no refusals are known of this protocol")
     wanted, task = _decisive(trial), trial.task.name
-    with trial.stand(partial(prepared, trial)) as stand:
+    with trial.stand(partial(prepare_drive, trial)) as stand:
         stand.drive.between = _refusing(stand, wanted, codes[0])
-        trial.run(stand, within_s=pause_s(trial))
+        trial.run(stand, within_s=watch_time_s(trial))
         if not stand.drive.refused_with:
             raise NotTried("it sent nothing that drives of this protocol refuse")
         stand.drive.between = lambda _, act: act()
         before = len(stand.drive.since())
-        run = trial.run(stand, within_s=pause_s(trial))
+        run = trial.run(stand, within_s=watch_time_s(trial))
         heard = stand.drive.since(before)
         motor = stand.drive.motor
     if not heard:
@@ -117,32 +117,32 @@ def after_refusal(trial: Trial) -> str:
     return f"its next {task} works"
 
 
-def _accepted(trial: Trial, heard: Heard) -> bool:
+def _accepted(trial: CaseContext, heard: ObservedRequest) -> bool:
     """Whether the drive gave the same reply to a request as a new drive would."""
     return heard.reply is not None and heard.reply == trial.known.answer(heard.find, {})
 
 
-def _decisive(trial: Trial) -> Callable[[Framed], bool]:
+def _decisive(trial: CaseContext) -> Callable[[Framed], bool]:
     """Return a test for the requests that carry out the task: the read, the write, the start or the stop."""
     known, learned, task = trial.known, trial.learned, trial.task.name
     if task in ("read", "run"):
         if not learned.displays:
             raise NotTried("it is not known which of its requests asks for a value")
-        return lambda find: bool(set(known.told_by(find)) & set(learned.displays)) or _reads(trial, find)
+        return lambda find: bool(set(known.parameters_read_by(find)) & set(learned.displays)) or _reads(trial, find)
     if task == "write":
-        return lambda find: known.written_by(find) == learned.written
+        return lambda find: known.parameter_written_by(find) == learned.written
     keys = {each.key for each in (*learned.starts, *learned.stops)}
     if keys:
         return lambda find: key_of(find.message) in keys
     return lambda find: not known.only_asks(find)
 
 
-def _reads(trial: Trial, find: Framed) -> bool:
+def _reads(trial: CaseContext, find: Framed) -> bool:
     return any(trial.known.reads(key_of(find.message), each) for each in trial.learned.displays)
 
 
 def _refusing(
-    stand: Stand, wanted: Callable[[Framed], bool], code: int
+    stand: JudgeLine, wanted: Callable[[Framed], bool], code: int
 ) -> Callable[[Framed, Callable[[], VirtualReply | None]], VirtualReply | None]:
     drive = stand.drive
     if not isinstance(drive.inner, Refuses):

@@ -4,28 +4,28 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm.judge.cases.judging import must_end, pause_s
+from drivecomm.judge.cases.value_checks import must_end, watch_time_s
 from drivecomm.judge.catalogue import case
 from drivecomm.judge.verdicts import NotTried, fail
-from drivecomm.protocol import Command
+from drivecomm.protocol import MotorCommand
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from drivecomm.judge.drive import Heard
-    from drivecomm.judge.stand import Stand
-    from drivecomm.judge.trial import Trial
+    from drivecomm.judge.judged_drive import ObservedRequest
+    from drivecomm.judge.stand import JudgeLine
+    from drivecomm.judge.trial import CaseContext
 
 _OFF_S = 0.3
 _WATCHED_S = 1.0
 _FOR_GOOD_S = 3600.0
 
 
-def _started(stand: Stand) -> bool:
+def _started(stand: JudgeLine) -> bool:
     return any(each.started for each in stand.drive.since())
 
 
-def _once(trial: Trial, meddle: Callable[[Stand, bytes], Sequence[tuple[float, bytes]]], what: str) -> str:
+def _once(trial: CaseContext, meddle: Callable[[JudgeLine, bytes], Sequence[tuple[float, bytes]]], what: str) -> str:
     """Disturb replies from the start on; fail if the request that starts the motor is repeated."""
     starts = trial.learned.starts
     if not starts:
@@ -34,14 +34,14 @@ def _once(trial: Trial, meddle: Callable[[Stand, bytes], Sequence[tuple[float, b
         raise NotTried("it repeats what makes the motor run all the time, also where nothing is disturbed")
     with trial.stand(trial.known.set_ready) as stand:
         stand.meddler.on_reply = lambda data: meddle(stand, data) if _started(stand) else [(0.0, data)]
-        run = trial.run(stand, within_s=pause_s(trial))
+        run = trial.run(stand, within_s=watch_time_s(trial))
         heard = stand.drive.since()
-    sent_once(heard, what)
+    must_be_sent_once(heard, what)
     must_end(trial, run)
     return "what makes the motor run was sent once"
 
 
-def sent_once(heard: Sequence[Heard], what: str) -> None:
+def must_be_sent_once(heard: Sequence[ObservedRequest], what: str) -> None:
     """Fail if the request that starts the motor was repeated."""
     first = next((each for each in heard if each.started), None)
     if first is None:
@@ -55,17 +55,17 @@ def sent_once(heard: Sequence[Heard], what: str) -> None:
 
 @case("start-lost", "run", title="the motor runs, and the reply to the start and all later ones are lost")
 @case("lost", "start", title="the motor runs, and the reply to the start and all later ones are lost")
-def lost(trial: Trial) -> str:
+def lost(trial: CaseContext) -> str:
     """The request that starts the motor is sent once."""
     return _once(trial, lambda _, __: [], "its reply was lost, and the drive had obeyed")
 
 
 @case("lost-once", "start", title="the motor runs, and only the reply to the start is lost")
-def lost_once(trial: Trial) -> str:
+def lost_once(trial: CaseContext) -> str:
     """The request that starts the motor is sent once."""
     lost: list[bytes] = []
 
-    def meddle(_: Stand, data: bytes) -> Sequence[tuple[float, bytes]]:
+    def meddle(_: JudgeLine, data: bytes) -> Sequence[tuple[float, bytes]]:
         lost.append(data)
         return [] if len(lost) == 1 else [(0.0, data)]
 
@@ -73,11 +73,11 @@ def lost_once(trial: Trial) -> str:
 
 
 @case("damaged", "start", title="the motor runs, and the reply to the start is damaged")
-def damaged(trial: Trial) -> str:
+def damaged(trial: CaseContext) -> str:
     """The request that starts the motor is sent once."""
     count = [0]
 
-    def meddle(_: Stand, data: bytes) -> Sequence[tuple[float, bytes]]:
+    def meddle(_: JudgeLine, data: bytes) -> Sequence[tuple[float, bytes]]:
         count[0] += 1
         return [(0.0, data if count[0] > 1 else data[:-1] + bytes([data[-1] ^ 0x15]))]
 
@@ -85,14 +85,14 @@ def damaged(trial: Trial) -> str:
 
 
 @case("late", "start", title="the motor runs, and the reply to the start comes late")
-def late(trial: Trial) -> str:
+def late(trial: CaseContext) -> str:
     """The request that starts the motor is sent once."""
     late_s = trial.known.facts.timing.reply_timeout_s * 2 + 0.2
     return _once(trial, lambda _, data: [(late_s, data)], "its reply was late, and the drive had obeyed")
 
 
 @case("power-cycle", "start", "run", title="the drive loses power when the motor runs, and gets it back")
-def power_cycle(trial: Trial) -> str:
+def power_cycle(trial: CaseContext) -> str:
     """The motor stands until a new start is commanded: the master does not start it by itself."""
     if not trial.learned.starts:
         raise NotTried("it starts no motor")
@@ -108,12 +108,12 @@ def power_cycle(trial: Trial) -> str:
             return []
 
         stand.meddler.on_reply = cut
-        trial.run(stand, within_s=pause_s(trial))
+        trial.run(stand, within_s=watch_time_s(trial))
         stand.comes_about(lambda: bool(back) and stand.now() > back[0] + 0.1, _OFF_S + 1.0)
         if (reading := trial.order.task("read")) is not None and not trial.goes_on:
             trial.run(stand, task=reading)
         heard = stand.drive.since()
-        runs = stand.drive.motor.command is Command.RUN
+        runs = stand.drive.motor.command is MotorCommand.RUN
     again = [each for each in heard if back and each.started and each.time_s > back[0]]
     if again or (runs and back):
         shown = again[0].data.hex(" ").upper() if again else "its telegrams"
@@ -126,7 +126,7 @@ def power_cycle(trial: Trial) -> str:
 
 
 @case("killed", "start", "run", title="the master is killed while the motor runs")
-def killed(trial: Trial) -> str:
+def killed(trial: CaseContext) -> str:
     """The report describes the drive's behaviour without its master; every behaviour passes."""
     if not trial.learned.starts:
         raise NotTried("it starts no motor")
@@ -136,7 +136,7 @@ def killed(trial: Trial) -> str:
     return f"killed while the motor ran; {_watchdog(trial, stand, now)}"
 
 
-def _watchdog(trial: Trial, stand: Stand, now: float) -> str:
+def _watchdog(trial: CaseContext, stand: JudgeLine, now: float) -> str:
     """Return a description of the drive's behaviour without its master."""
     drive, watchdog = stand.drive, trial.known.model.watchdog
     held = ""
@@ -147,7 +147,7 @@ def _watchdog(trial: Trial, stand: Stand, now: float) -> str:
     if drive.motor.fault:
         text = trial.known.model.faults.get(drive.motor.fault, "")
         return f"the drive's watchdog{held} stops the motor with fault {drive.motor.fault:X}h {text}".rstrip()
-    if drive.motor.command is not Command.RUN:
+    if drive.motor.command is not MotorCommand.RUN:
         return f"the drive's watchdog{held} stops the motor"
     if watchdog is not None:
         return f"the motor runs on for ever, since the drive's watchdog{held} is not set"

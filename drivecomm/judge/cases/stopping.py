@@ -4,32 +4,32 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm.judge.cases.judging import must_end, pause_s
+from drivecomm.judge.cases.value_checks import must_end, watch_time_s
 from drivecomm.judge.catalogue import case
-from drivecomm.judge.drive import key_of
+from drivecomm.judge.judged_drive import key_of
 from drivecomm.judge.verdicts import NotTried, fail
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from drivecomm.judge.drive import Heard
-    from drivecomm.judge.trial import Trial
+    from drivecomm.judge.judged_drive import ObservedRequest
+    from drivecomm.judge.trial import CaseContext
     from drivecomm.protocol import Framed, VirtualReply
 
 
-def _must_stop(trial: Trial) -> None:
+def _must_stop(trial: CaseContext) -> None:
     if not trial.learned.stops:
         raise NotTried("it stops no motor")
 
 
-def _times(heard: Sequence[Heard]) -> int:
+def _times(heard: Sequence[ObservedRequest]) -> int:
     """Return the number of times that the telegram that stopped the motor was sent."""
     stop = next((each for each in heard if each.stopped), None)
     return 0 if stop is None else [each.key for each in heard].count(stop.key)
 
 
 @case("lost", "stop", title="the motor stops, and the reply to the stop is lost")
-def lost(trial: Trial) -> str:
+def lost(trial: CaseContext) -> str:
     """The stop is repeated, because it is not confirmed."""
     _must_stop(trial)
     lost: list[bytes] = []
@@ -42,7 +42,7 @@ def lost(trial: Trial) -> str:
             return []
 
         stand.meddler.on_reply = meddle
-        run = trial.run(stand, within_s=pause_s(trial))
+        run = trial.run(stand, within_s=watch_time_s(trial))
         heard = stand.drive.since()
     if not lost:
         raise NotTried("the drive gives no reply to what stops its motor")
@@ -53,7 +53,7 @@ def lost(trial: Trial) -> str:
 
 
 @case("unheard", "stop", title="the first stop does not reach the drive")
-def unheard(trial: Trial) -> str:
+def unheard(trial: CaseContext) -> str:
     """The stop is repeated, and the motor stops."""
     _must_stop(trial)
     keys = {each.key for each in trial.learned.stops}
@@ -67,7 +67,7 @@ def unheard(trial: Trial) -> str:
 
     with trial.stand(trial.known.set_running) as stand:
         stand.drive.between = between
-        run = trial.run(stand, within_s=pause_s(trial))
+        run = trial.run(stand, within_s=watch_time_s(trial))
         heard = stand.drive.since()
     if not missed:
         raise NotTried("it stopped the motor by another telegram than where nothing is disturbed")
@@ -78,12 +78,12 @@ def unheard(trial: Trial) -> str:
 
 
 @case("mute", "stop", title="no reply of the drive arrives any more, and the motor runs")
-def mute(trial: Trial) -> str:
+def mute(trial: CaseContext) -> str:
     """The stop is sent despite missing replies, and repeated."""
     _must_stop(trial)
     with trial.stand(trial.known.set_running) as stand:
         stand.meddler.on_reply = lambda _: []
-        run = trial.run(stand, within_s=pause_s(trial))
+        run = trial.run(stand, within_s=watch_time_s(trial))
         heard = stand.drive.since()
     if not any(each.stopped for each in heard):
         fail("the stop never went out after a time-out: no reply of the drive arrived, and the motor runs on")

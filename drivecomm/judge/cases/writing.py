@@ -7,35 +7,35 @@ from dataclasses import replace
 from decimal import Decimal
 from typing import TYPE_CHECKING
 
-from drivecomm.judge.cases.judging import must_end, pause_s
+from drivecomm.judge.cases.value_checks import must_end, watch_time_s
 from drivecomm.judge.catalogue import case
-from drivecomm.judge.knowledge import says_success
+from drivecomm.judge.learned_behaviour import says_success
 from drivecomm.judge.order import USUAL_VALUE
-from drivecomm.judge.shown import number_in
+from drivecomm.judge.shown_values import number_in
 from drivecomm.judge.verdicts import NotTried, fail
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from drivecomm.judge.order import Task
-    from drivecomm.judge.trial import Trial
+    from drivecomm.judge.order import JudgeTask
+    from drivecomm.judge.trial import CaseContext
     from drivecomm.protocol import ParameterInfo
 
 _STEPS_BEYOND = 10
 
 
 @case("lost", "write", title="the reply to the write never arrives")
-def lost(trial: Trial) -> str:
+def lost(trial: CaseContext) -> str:
     """The master reports an error."""
     known, parameter = trial.known, trial.learned.written
     with trial.stand() as stand:
 
         def meddle(data: bytes) -> Sequence[tuple[float, bytes]]:
             last = stand.drive.heard[-1]
-            return [] if known.written_by(last.find) == parameter else [(0.0, data)]
+            return [] if known.parameter_written_by(last.find) == parameter else [(0.0, data)]
 
         stand.meddler.on_reply = meddle
-        run = trial.run(stand, within_s=pause_s(trial))
+        run = trial.run(stand, within_s=watch_time_s(trial))
     must_end(trial, run)
     if says_success(run, trial.learned):
         fail("it takes the write for done: no reply arrived, and it says what it says when all is well")
@@ -43,14 +43,14 @@ def lost(trial: Trial) -> str:
 
 
 @case("stored", "read", "write", "start", "run", title="its writes to EEPROM are counted")
-def stored(trial: Trial) -> str:
+def stored(trial: CaseContext) -> str:
     """One task stores a parameter in EEPROM once or twice at most."""
     with trial.stand(trial.known.set_ready) as stand:
-        run = trial.run(stand, within_s=pause_s(trial))
+        run = trial.run(stand, within_s=watch_time_s(trial))
         heard = stand.drive.since()
     if not heard:
         raise NotTried("it sent nothing that the drive understands")
-    counts = Counter(parameter for each in heard if (parameter := trial.known.stored_by(each.find)))
+    counts = Counter(parameter for each in heard if (parameter := trial.known.parameter_stored_by(each.find)))
     limit = trial.order.stored_writes
     for parameter, times in counts.most_common(1):
         if times > limit:
@@ -62,21 +62,21 @@ def stored(trial: Trial) -> str:
 
 
 @case("ends", "write", title="values at the ends of the range are written, and beyond")
-def ends(trial: Trial) -> str:
+def ends(trial: CaseContext) -> str:
     """The drive holds the requested value, or the master reports an error; no value is clamped."""
     parameter = trial.learned.written
     info = trial.known.model.find(parameter)
     if info is None:
         raise NotTried(f"the model does not know {parameter}, so that nothing is known of its range")
-    spoken = _Spoken(trial, info)
+    spoken = _ValueArgument(trial, info)
     wanted = _wanted(trial, info, spoken)
     done = []
     for value in wanted:
         with trial.stand() as stand:
             before = trial.known.holds(stand.drive, parameter, 0.0)
-            run = trial.run(stand, task=spoken.task_for(value), within_s=pause_s(trial))
+            run = trial.run(stand, task=spoken.task_for(value), within_s=watch_time_s(trial))
             raw = trial.known.holds(stand.drive, parameter, stand.now())
-            wrote = any(trial.known.written_by(each.find) == parameter for each in stand.drive.since())
+            wrote = any(trial.known.parameter_written_by(each.find) == parameter for each in stand.drive.since())
         held = trial.known.physical(parameter, raw)
         must_end(trial, run)
         if held == value:
@@ -91,7 +91,7 @@ def ends(trial: Trial) -> str:
     return f"the drive holds {' and '.join(done)} after them" if done else "it refuses them"
 
 
-def _wanted(trial: Trial, info: ParameterInfo, spoken: _Spoken) -> list[Decimal]:
+def _wanted(trial: CaseContext, info: ParameterInfo, spoken: _ValueArgument) -> list[Decimal]:
     """Return the values at both ends of the range and beyond; for an unknown range, large values."""
     step = max(info.factor, Decimal(1).scaleb(-spoken.decimals)) * _STEPS_BEYOND
     low, high = info.minimum, info.maximum
@@ -106,10 +106,10 @@ def _wanted(trial: Trial, info: ParameterInfo, spoken: _Spoken) -> list[Decimal]
     return wanted
 
 
-class _Spoken:
+class _ValueArgument:
     """Form in which the value is given to the master on its command line."""
 
-    def __init__(self, trial: Trial, info: ParameterInfo) -> None:
+    def __init__(self, trial: CaseContext, info: ParameterInfo) -> None:
         self._task = trial.task
         self._factor = Decimal(1)
         self._place = -1
@@ -126,13 +126,13 @@ class _Spoken:
                     return
         raise NotTried("it is not clear which of its arguments is the value; write {value} in its place")
 
-    def _written(self, trial: Trial, info: ParameterInfo) -> Decimal | None:
+    def _written(self, trial: CaseContext, info: ParameterInfo) -> Decimal | None:
         with trial.stand() as stand:
-            trial.run(stand, within_s=pause_s(trial))
+            trial.run(stand, within_s=watch_time_s(trial))
             value = trial.known.physical(info.address, trial.known.holds(stand.drive, info.address, stand.now()))
         return Decimal(value) if isinstance(value, Decimal | int) else None
 
-    def task_for(self, value: Decimal) -> Task:
+    def task_for(self, value: Decimal) -> JudgeTask:
         """Return the task that writes this value."""
         text = f"{(value * self._factor).normalize():f}"
         words: Sequence[str] = self._task.arguments

@@ -7,7 +7,7 @@ from dataclasses import replace
 from datetime import timedelta
 from typing import TYPE_CHECKING, Self
 
-from drivecomm.capture import Gaps
+from drivecomm.capture import WriteGaps
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.plant.value_log.csv_files import CsvLog, read_csv
 from drivecomm.plant.value_log.parquet_files import ParquetLog, journal_of, read_parquet
@@ -38,7 +38,7 @@ class ValueLog:
         self.path = path
         self.written = 0
         self._rows = rows
-        self._gaps = Gaps(str(path), kept="values", done="logged", goes_on="polling", tell=tell or _LOGGER.warning)
+        self._gaps = WriteGaps(str(path), kept="values", done="logged", goes_on="polling", tell=tell or _LOGGER.warning)
         self._latest: dict[tuple[str, str], datetime] = {}
 
     @property

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from drivecomm.errors import UsageError
 from drivecomm.line import STATUS
-from drivecomm.plant import Outline
+from drivecomm.plant import SpanOutline
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Sequence
@@ -23,7 +23,7 @@ MOST_POINTS = 4000
 """Limit of points in a curve; more points cannot be distinguished in a picture."""
 
 
-class Stretch(NamedTuple):
+class StateSpan(NamedTuple):
     """Time span in which a drive was in one state: running, ready, fault, no answer. text: fault text."""
 
     drive: str
@@ -63,7 +63,7 @@ class Curve:
         """Return the curve with fewer points, but with all extremes and with unchanged ends of gaps."""
         if len(self.values) <= most:
             return self
-        size = -(-len(self.values) * Outline.POINTS // most)
+        size = -(-len(self.values) * SpanOutline.POINTS // most)
         kept = [place for first in range(0, len(self.values), size) for place in self._standing_out(first, size)]
         return Curve(
             drive=self.drive,
@@ -74,7 +74,7 @@ class Curve:
         )
 
     def _standing_out(self, first: int, size: int) -> list[int]:
-        outline: Outline[int] = Outline()
+        outline: SpanOutline[int] = SpanOutline()
         for place in range(first, min(first + size, len(self.values))):
             value = self.values[place]
             outline.add(place, None if isnan(value) else value)
@@ -82,14 +82,14 @@ class Curve:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Picture:
+class PlotContents:
     """Contents of a plot. panels: curves by their unit, in the order of their first rows."""
 
     panels: dict[str, list[Curve]]
-    states: list[Stretch]
+    states: list[StateSpan]
 
     @property
-    def faults(self) -> list[Stretch]:
+    def faults(self) -> list[StateSpan]:
         """Time spans in which a drive had a fault."""
         return [each for each in self.states if each.state == FAULT]
 
@@ -104,7 +104,7 @@ class Picture:
         return list(dict.fromkeys(each.drive for each in self.states))
 
 
-def picture_of(rows: Iterable[LogRow], *, drives: Collection[str] = (), names: Collection[str] = ()) -> Picture:
+def picture_of(rows: Iterable[LogRow], *, drives: Collection[str] = (), names: Collection[str] = ()) -> PlotContents:
     """Return the contents of a plot of these rows.
 
     drives, names: limit the plot to these; empty for all. The states of a drive are shown independent of names. Raises
@@ -112,7 +112,7 @@ def picture_of(rows: Iterable[LogRow], *, drives: Collection[str] = (), names: C
     """
     curves: dict[tuple[str, str, str], Curve] = {}
     units: dict[tuple[str, str], str] = {}
-    states: dict[str, list[Stretch]] = {}
+    states: dict[str, list[StateSpan]] = {}
     known_drives: dict[str, None] = {}
     known_names: dict[str, None] = {}
     for row in rows:
@@ -131,7 +131,7 @@ def picture_of(rows: Iterable[LogRow], *, drives: Collection[str] = (), names: C
             panels.setdefault(curve.unit, []).append(curve)
     if not panels and not any(states.values()):
         raise UsageError("the log holds no numbers to plot; see its column quality, and note for why")
-    return Picture(panels=panels, states=[each for of_drive in states.values() for each in of_drive])
+    return PlotContents(panels=panels, states=[each for of_drive in states.values() for each in of_drive])
 
 
 def _take_value(curves: dict[tuple[str, str, str], Curve], units: dict[tuple[str, str], str], row: LogRow) -> None:
@@ -150,7 +150,7 @@ def _take_value(curves: dict[tuple[str, str, str], Curve], units: dict[tuple[str
     curve.values.append(number)
 
 
-def _take_state(states: list[Stretch], row: LogRow) -> None:
+def _take_state(states: list[StateSpan], row: LogRow) -> None:
     state = row.value.replace("_", " ") if row.is_fresh else SILENT
     text = row.text if row.is_fresh else row.note
     if states:
@@ -159,7 +159,7 @@ def _take_state(states: list[Stretch], row: LogRow) -> None:
         states[-1] = latest._replace(end=max(latest.end, row.time))
         if (latest.state, latest.text) == (state, text) or latest.state == state == SILENT:
             return
-    states.append(Stretch(row.drive, state, row.time, row.time, text))
+    states.append(StateSpan(row.drive, state, row.time, row.time, text))
 
 
 def _check(what: str, wanted: Iterable[str], known: Iterable[str]) -> None:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
 
-    from drivecomm.plant.value_plots.curves import Picture, Stretch
+    from drivecomm.plant.value_plots.curves import PlotContents, StateSpan
 
 
 _WIDTH, _PANEL_HEIGHT, _STATE_HEIGHT, _MARGIN = 10.0, 2.4, 0.36, 0.9
@@ -36,17 +36,17 @@ _OTHER = ("#90a4ae", "")
 _DASHES = ("-", "--", ":", "-.")
 
 
-def draw_png(picture: Picture, title: str) -> bytes:
+def draw_png(picture: PlotContents, title: str) -> bytes:
     """Return the plot as PNG."""
     return _drawn(picture, title, "png", dpi=130)
 
 
-def draw_svg(picture: Picture, title: str) -> str:
+def draw_svg(picture: PlotContents, title: str) -> str:
     """Return the plot as SVG; the same picture gives the same text."""
     return _drawn(picture, title, "svg", metadata={"Date": None, "Creator": "drivecomm"}).decode("utf-8")
 
 
-def save(picture: Picture, title: str, path: Path) -> None:
+def save(picture: PlotContents, title: str, path: Path) -> None:
     """Write the plot in the format of the file ending.
 
     Raises UsageError for another ending, FileFormatError if the file cannot be written.
@@ -65,7 +65,7 @@ def save(picture: Picture, title: str, path: Path) -> None:
         raise FileFormatError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
-def _drawn(picture: Picture, title: str, form: str, **how: Any) -> bytes:
+def _drawn(picture: PlotContents, title: str, form: str, **how: Any) -> bytes:
     try:
         import matplotlib as mpl
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -91,7 +91,7 @@ def _drawn(picture: Picture, title: str, form: str, **how: Any) -> bytes:
     return content.getvalue()
 
 
-def _draw_values(panel: Any, picture: Picture, unit: str) -> None:
+def _draw_values(panel: Any, picture: PlotContents, unit: str) -> None:
     curves = picture.panels[unit]
     drives = list(dict.fromkeys(curve.drive for curve in picture.curves))
     for place, curve in enumerate(curves):
@@ -115,7 +115,7 @@ def _draw_values(panel: Any, picture: Picture, unit: str) -> None:
     )  # fmt: skip
 
 
-def _draw_states(panel: Any, picture: Picture) -> None:
+def _draw_states(panel: Any, picture: PlotContents) -> None:
     from matplotlib.dates import date2num
 
     first = min(each.begin for each in picture.states)
@@ -139,7 +139,7 @@ def _draw_states(panel: Any, picture: Picture) -> None:
     panel.legend(handles=list(shown.values()), loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8, frameon=False)
 
 
-def _write_fault(panel: Any, fault: Stretch, row: int, whole_s: float) -> None:
+def _write_fault(panel: Any, fault: StateSpan, row: int, whole_s: float) -> None:
     share = (fault.end - fault.begin).total_seconds() / whole_s
     text = fault.text if share >= _SHORTEST_WITH_TEXT else fault.text.partition(" ")[0]
     panel.text(
@@ -168,7 +168,7 @@ td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
 _NUMBER = ' class="number"'
 
 
-def page_of(picture: Picture, title: str, svg: str) -> str:
+def page_of(picture: PlotContents, title: str, svg: str) -> str:
     """Return the HTML page. svg: the plot, as a complete SVG document."""
     drawing = svg[svg.index("<svg") :]
     parts = [f"<h1>{escape(title)}</h1>", drawing, *_curves(picture), *_faults(picture)]
@@ -180,7 +180,7 @@ def page_of(picture: Picture, title: str, svg: str) -> str:
     )
 
 
-def _curves(picture: Picture) -> list[str]:
+def _curves(picture: PlotContents) -> list[str]:
     rows = []
     for curve in picture.curves:
         numbers = curve.numbers
@@ -195,7 +195,7 @@ def _local(at: datetime) -> str:
     return at.astimezone().isoformat(" ", "seconds")
 
 
-def _faults(picture: Picture) -> list[str]:
+def _faults(picture: PlotContents) -> list[str]:
     rows = [
         [
             each.drive,

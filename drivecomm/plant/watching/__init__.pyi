@@ -1,11 +1,3 @@
-from .asked import (
-    OpenLine as OpenLine,
-    SeenDrive as SeenDrive,
-    WatchedLine as WatchedLine,
-    has_answered as has_answered,
-    is_silence as is_silence,
-    lines_of as lines_of,
-)
 from .board import (
     Board as Board,
     DriveEvent as DriveEvent,
@@ -15,5 +7,13 @@ from .board import (
     WatchedValue as WatchedValue,
     changes as changes,
     state_words as state_words,
+)
+from .watched_drive import (
+    OpenLine as OpenLine,
+    TrackedDrive as TrackedDrive,
+    WatchedLine as WatchedLine,
+    has_answered as has_answered,
+    is_silence as is_silence,
+    lines_of as lines_of,
 )
 from .watcher import Watcher as Watcher

@@ -151,7 +151,7 @@ ROOM = 1200
 """Number of samples that a trend holds: twenty minutes at one per second."""
 
 
-class Sample(NamedTuple):
+class TrendSample(NamedTuple):
     """Value at a time; None if the read failed."""
 
     time_s: float
@@ -163,14 +163,14 @@ class Trend:
 
     def __init__(self, *, keeps_s: float, room: int = ROOM) -> None:
         self._keeps_s = keeps_s
-        self._samples: deque[Sample] = deque(maxlen=room)
+        self._samples: deque[TrendSample] = deque(maxlen=room)
 
     def add(self, time_s: float, value: float | None) -> None:
         """Add the next sample; times must not decrease."""
-        self._samples.append(Sample(time_s, value))
+        self._samples.append(TrendSample(time_s, value))
 
     @property
-    def samples(self) -> Sequence[Sample]:
+    def samples(self) -> Sequence[TrendSample]:
         """All stored samples, the oldest first."""
         return tuple(self._samples)
 

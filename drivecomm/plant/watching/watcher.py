@@ -21,8 +21,8 @@ from drivecomm.line import STATUS, PollItem, poll_async
 from drivecomm.link import REOPEN_LONGEST_S, Statistics
 from drivecomm.models import quantities
 from drivecomm.plant import async_bus_of_server
-from drivecomm.plant.watching.asked import OpenLine, SeenDrive, has_answered
 from drivecomm.plant.watching.board import Board, DriveEvent, DriveView, Trend, WatchedValue, changes
+from drivecomm.plant.watching.watched_drive import OpenLine, TrackedDrive, has_answered
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from drivecomm.bus import AsyncDrive
     from drivecomm.line import PollResult
     from drivecomm.link import TraceEvent
-    from drivecomm.plant.watching.asked import WatchedLine
+    from drivecomm.plant.watching.watched_drive import WatchedLine
 
 USUAL_NAMES = (
     "output_frequency",
@@ -82,13 +82,13 @@ class Watcher:
         self._held = ExitStack()
         self._began_s: float | None = None
         self._events: deque[DriveEvent] = deque(maxlen=_KEPT_EVENTS)
-        self._seen: dict[str, SeenDrive] = {}
+        self._seen: dict[str, TrackedDrive] = {}
         self._lines = [self._made(line) for line in lines]
         if not self._lines:
             raise UsageError("there is nothing to watch; name drives, or a plant with some")
 
     @property
-    def nobody_has(self) -> list[str]:
+    def unmapped_names(self) -> list[str]:
         """Names that are read from no drive, because no model of these drives maps them."""
         known = {name for seen in self._seen.values() if seen.drive.model for name in seen.drive.model.quantities}
         return [name for name in self.names if name not in known]
@@ -100,7 +100,9 @@ class Watcher:
         for one in watched.drives:
             if one.name in self._seen:
                 raise UsageError(f"two drives are named {one.name!r}; give each a name of its own")
-            self._seen[one.name] = SeenDrive(line, one.build(line.bus.drive), DriveView(drive=one, line=watched.name))
+            self._seen[one.name] = TrackedDrive(
+                line, one.build(line.bus.drive), DriveView(drive=one, line=watched.name)
+            )
         return line
 
     async def __aenter__(self) -> Self:
@@ -211,7 +213,7 @@ class Watcher:
             if self.told is not None:
                 self.told(result)
 
-    def _plan(self, line: OpenLine) -> list[PollItem[SeenDrive]]:
+    def _plan(self, line: OpenLine) -> list[PollItem[TrackedDrive]]:
         items = []
         for seen in self._on(line):
             known = seen.drive.model.quantities if seen.drive.model else {}
@@ -223,10 +225,10 @@ class Watcher:
                 seen.trends.setdefault(name, Trend(keeps_s=_KEPT_PERIODS * self.period_s))
         return items
 
-    def _on(self, line: OpenLine) -> list[SeenDrive]:
+    def _on(self, line: OpenLine) -> list[TrackedDrive]:
         return [seen for seen in self._seen.values() if seen.line is line]
 
-    def _take(self, seen: SeenDrive, result: PollResult) -> None:
+    def _take(self, seen: TrackedDrive, result: PollResult) -> None:
         cause = result.cause.removeprefix(f"{seen.drive.name}: ").removeprefix(f"{seen.drive.name} ")
         view = seen.view_after(result, cause)
         if has_answered(result.error):
@@ -239,11 +241,11 @@ class Watcher:
             seen.trends[result.parameter].add(seen.line.elapsed_s, _number(result))
         self._update(seen, view)
 
-    def _update(self, seen: SeenDrive, view: DriveView) -> None:
+    def _update(self, seen: TrackedDrive, view: DriveView) -> None:
         self._events.extend(changes(seen.view, view, seen.line.elapsed_s))
         seen.view = view
 
-    def _view(self, seen: SeenDrive) -> DriveView:
+    def _view(self, seen: TrackedDrive) -> DriveView:
         counted = seen.line.bus.statistics.get(seen.drive.name, Statistics())
         return replace(
             seen.view,

@@ -1,8 +1,8 @@
 from .emission import Emission as Emission
 from .form import Form as Form, kind_of as kind_of, message_of as message_of
-from .leaf import Fault as Fault, Leaf as Leaf, Until as Until, deciding as deciding, until as until
+from .leaf import Leaf as Leaf, LeafFault as LeafFault, Until as Until, deciding as deciding, until as until
 from .leaves import (
-    Check as Check,
+    CheckCharacters as CheckCharacters,
     characters as characters,
     choice as choice,
     constant as constant,
@@ -20,7 +20,6 @@ from .leaves import (
     unsure as unsure,
     xor_byte as xor_byte,
 )
-from .lengthening import LengtheningTelegrams as LengtheningTelegrams
 from .registers import (
     bits_as as bits_as,
     bits_in as bits_in,
@@ -36,3 +35,4 @@ from .registers import (
     wrong_field as wrong_field,
 )
 from .telegrams import Telegrams as Telegrams
+from .telegrams_by_length import TelegramsByLength as TelegramsByLength

@@ -18,7 +18,7 @@ from construct.expr import ExprMixin
 from drivecomm.errors import UsageError
 from drivecomm.protocol.schema.emission import Code
 from drivecomm.protocol.schema.leaf import GRAVITY, Until
-from drivecomm.protocol.schema.leaves import Check
+from drivecomm.protocol.schema.leaves import CheckCharacters
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from drivecomm.errors import Category
     from drivecomm.protocol import Message
     from drivecomm.protocol.schema.form import Form
-    from drivecomm.protocol.schema.leaf import Fault
+    from drivecomm.protocol.schema.leaf import LeafFault
 
     # Functions that compute fields of the message, by the names of the fields, each with the leaves that it takes.
     Reads: TypeAlias = Mapping[tuple[str, ...], tuple[Callable[..., Any], tuple[str, ...]]]
@@ -41,7 +41,7 @@ def reader(form: Form[M]) -> Callable[[bytes], M] | None:
     For bytes that are not such a telegram, the function raises a Fault if it knows the gravest one, otherwise any
     exception.
     """
-    if not _sayable(form):
+    if not _is_compilable(form):
         return None
     code = Code()
     found = _Found(code)
@@ -71,7 +71,7 @@ def writer(form: Form[M]) -> Callable[[M], bytes] | None:
 
     The function raises any exception for a message that does not fit.
     """
-    if not _sayable(form):
+    if not _is_compilable(form):
         return None
     code = Code()
     for name, usual in form.absent.items():
@@ -80,7 +80,7 @@ def writer(form: Form[M]) -> Callable[[M], bytes] | None:
         code.line(f"{code.refer(form.check)}(message)")
     given = _fields(code, form)
     written = ""
-    for run, sized in _runs(form.leaves, Check):
+    for run, sized in _runs(form.leaves, CheckCharacters):
         if run:
             cuts = "".join(leaf.emission.cut for _, leaf in run)
             values = [leaf.emission.write(code, given.get(name, "None")) for name, leaf in run]
@@ -89,7 +89,7 @@ def writer(form: Form[M]) -> Callable[[M], bytes] | None:
             continue
         name, leaf = sized
         value = given.get(name, "None")
-        if isinstance(leaf, Check):
+        if isinstance(leaf, CheckCharacters):
             written = _joined(code, written, _check_characters(code, leaf, value, written or "b''"))
         else:
             data = leaf.emission.write(code, value)
@@ -108,7 +108,7 @@ def measurer(form: Form[Any]) -> Callable[[bytes], int]:
     The result is 0 if no such telegram begins with these bytes, and more than their number if more are needed to
     measure.
     """
-    if not _sayable(form):
+    if not _is_compilable(form):
         raise UsageError(f"a {form.message.__name__} has a leaf whose size is neither an expression nor `until`")
     code, place = Code(), _Place()
     values: dict[str, str] = {}
@@ -201,7 +201,7 @@ class _Found:
             with code.trying(refusal):
                 return str(leaf.emission.read(code, cut.text))
         with code.refusing(refusal):
-            if not isinstance(leaf, Check):
+            if not isinstance(leaf, CheckCharacters):
                 return str(leaf.emission.read(code, cut.text))
             covered = f"data[{leaf.start} : {cut.place}]"
             wrong = f"{cut.text} != {code.refer(leaf.compute)}({covered})"
@@ -211,18 +211,18 @@ class _Found:
             return cut.text
 
 
-def _fault_of(name: str, leaf: Any) -> Callable[[int, int, bytes], Fault]:
+def _fault_of(name: str, leaf: Any) -> Callable[[int, int, bytes], LeafFault]:
     """Return a function that finds the fault of a leaf from its place, its size and the telegram."""
 
-    def fault_at(place: int, size: int, data: bytes) -> Fault:
-        fault: Fault = leaf.fault_at(place, size, data)
+    def fault_at(place: int, size: int, data: bytes) -> LeafFault:
+        fault: LeafFault = leaf.fault_at(place, size, data)
         fault.field = name
         return fault
 
     return fault_at
 
 
-def _sayable(form: Form[Any]) -> bool:
+def _is_compilable(form: Form[Any]) -> bool:
     """Return whether all leaves can be expressed in code."""
     return all(
         leaf.emission is not None and (isinstance(leaf.size, Until) or _size(leaf, str) is not None)
@@ -269,7 +269,7 @@ def _cut_run(code: Code, run: list[tuple[str, Any]], found: _Found, place: _Plac
         place.offset += leaf.size
 
 
-def _check_characters(code: Code, leaf: Check, value: str, written: str) -> str:
+def _check_characters(code: Code, leaf: CheckCharacters, value: str, written: str) -> str:
     computed = f"{code.refer(leaf.compute)}({written}[{leaf.start} :])"
     return code.let(computed if leaf.off is None else f"{leaf.off!r} if {value} == {leaf.off!r} else {computed}")
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from drivecomm.errors import TelegramError, UsageError
 from drivecomm.protocol.schema import compiled
-from drivecomm.protocol.schema.leaf import GRAVITY, Fault, Leaf, Until
+from drivecomm.protocol.schema.leaf import GRAVITY, Leaf, LeafFault, Until
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -77,7 +77,7 @@ class Form(Generic[M]):
         """Return the message that these bytes carry. Raises TelegramError."""
         try:
             return self.parse_compiled(data)
-        except Fault as found:
+        except LeafFault as found:
             fault = found
         except Exception:  # noqa: BLE001 - the declared schema repeats the work and names the fault
             return self.parse_declared(data)
@@ -104,17 +104,17 @@ class Form(Generic[M]):
         """Parse by the schema as it is declared. Raises TelegramError for the gravest fault."""
         if (first := self._first_fault(data)) is not None:
             raise self._error(first)
-        faults = list[Fault]()
+        faults = list[LeafFault]()
         container, left = self._taken(data, faults)
         if left:
-            faults.append(Fault("length", f"{left} characters too many"))
+            faults.append(LeafFault("length", f"{left} characters too many"))
         if not faults:
             try:
                 return self._message(container)
             except TelegramError:
                 raise
             except Exception as error:  # noqa: BLE001 - a function of a package rejects the value
-                faults.append(Fault("field", str(error)))
+                faults.append(LeafFault("field", str(error)))
         raise self._error(min(faults, key=lambda found: GRAVITY.index(found.category)))
 
     @property
@@ -131,7 +131,7 @@ class Form(Generic[M]):
         """Return whether the leaf of this name is written straight from the message's field of the same name."""
         return name in self.names and not any(name in names for names in self.writes)
 
-    def _error(self, fault: Fault) -> TelegramError:
+    def _error(self, fault: LeafFault) -> TelegramError:
         where = f"{self._title}, {fault.field}" if fault.field else self._title
         return TelegramError(fault.category, f"{where}: {fault}", field=fault.field)
 
@@ -141,17 +141,17 @@ class Form(Generic[M]):
         sizes = [leaf.size for _, leaf in self.leaves]
         return sum(sizes) if all(isinstance(size, int) for size in sizes) else 0
 
-    def _first_fault(self, data: bytes) -> Fault | None:
+    def _first_fault(self, data: bytes) -> LeafFault | None:
         """Return the fault that is reported before all others: a wrong beginning, or a wrong size of the telegram."""
         for name, begin in self.leaves[:1] if data else ():
             if begin.category == "framing" and (fault := begin.fault_at(0, begin.size, data)):
                 fault.field = name
                 return fault
         if self.size and len(data) != self.size:
-            return Fault("length", f"{self.size} characters expected, {len(data) or 'nothing'} found")
+            return LeafFault("length", f"{self.size} characters expected, {len(data) or 'nothing'} found")
         return None
 
-    def _taken(self, data: bytes, faults: list[Fault]) -> tuple[Mapping[str, Any], int]:
+    def _taken(self, data: bytes, faults: list[LeafFault]) -> tuple[Mapping[str, Any], int]:
         """Return the values of the leaves, None for faulty ones, and the number of characters that are left.
 
         faults: the list to which faults are added.
@@ -171,10 +171,10 @@ class Form(Generic[M]):
                     if announced and leaf.category == "framing":
                         # All announced characters are there, but the constant after them is wrong.
                         faults[:] = [each for each in faults if each.category == "framing"]
-                        faults.append(Fault("framing", str(fault)))
+                        faults.append(LeafFault("framing", str(fault)))
                         return found, 0
                     faults.append(fault)
-            except Fault as wrong:
+            except LeafFault as wrong:
                 wrong.field, counted = name, counted and wrong.category != "length"
                 faults.append(wrong)
                 found[name] = None
@@ -186,7 +186,7 @@ class Form(Generic[M]):
         try:
             for name, leaf in self.leaves:
                 data += leaf.write_behind(data, values.get(name), values)
-        except Fault as fault:
+        except LeafFault as fault:
             where = f"{message.kind} telegram" + (f", {name}" if name else "")
             raise TelegramError("field", f"{where}: {fault}", field=name) from None
         return data

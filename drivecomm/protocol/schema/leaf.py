@@ -22,7 +22,7 @@ GRAVITY: tuple[Category, ...] = ("length", "framing", "checksum", "field")
 """Categories of faults in a telegram, the gravest first, so that noise is never reported as a wrong value."""
 
 
-class Fault(Exception):  # noqa: N818 - internal, the form turns it into a TelegramError
+class LeafFault(Exception):  # noqa: N818 - internal, the form turns it into a TelegramError
     """Failure to read or write one leaf.
 
     field: the name of the leaf, empty if it has none.
@@ -34,9 +34,9 @@ class Fault(Exception):  # noqa: N818 - internal, the form turns it into a Teleg
         super().__init__(message)
 
 
-def cut_off(size: int, found: bytes) -> Fault:
+def cut_off(size: int, found: bytes) -> LeafFault:
     """Return the fault of a leaf in which the telegram ends."""
-    return Fault("length", f"{size} characters expected, {len(found)} left")
+    return LeafFault("length", f"{size} characters expected, {len(found)} left")
 
 
 ANY = bytes(range(256))
@@ -119,13 +119,13 @@ class Leaf(_Construct):
         try:
             return self._parse_found(found)
         except Exception as error:  # noqa: BLE001 - any error of a leaf means an invalid value
-            raise Fault(self.category, str(error)) from None
+            raise LeafFault(self.category, str(error)) from None
 
-    def fault_at(self, place: int, size: int, data: bytes) -> Fault | None:
+    def fault_at(self, place: int, size: int, data: bytes) -> LeafFault | None:
         """Return the fault of this leaf, with this size, at a place of a telegram; None if it is valid."""
         try:
             self.take_at(place, size, data)
-        except Fault as fault:
+        except LeafFault as fault:
             return fault
         return None
 
@@ -137,14 +137,14 @@ class Leaf(_Construct):
         try:
             written = self._write(value)
         except Exception as error:  # noqa: BLE001 - for example a text in place of a number
-            raise Fault("field", "it is missing" if value is None else str(error)) from None
+            raise LeafFault("field", "it is missing" if value is None else str(error)) from None
         if self.values is not None and self.words is not None:
             meant = self.words.get(written)
             if type(meant) is not type(value) or meant != value:
-                raise Fault("field", f"{value!r} is not allowed here")
+                raise LeafFault("field", f"{value!r} is not allowed here")
         size = self.size_in(context, len(written))
         if len(written) != size:
-            raise Fault("field", f"{len(written)} characters where {size} belong")
+            raise LeafFault("field", f"{len(written)} characters where {size} belong")
         return written
 
     def size_in(self, context: Any, left: int) -> int:
@@ -154,7 +154,7 @@ class Leaf(_Construct):
         """
         if isinstance(self.size, Until):
             if not self.size.least <= left <= self.size.most:
-                raise Fault("length", f"{left} characters where {self.size.least} to {self.size.most} belong")
+                raise LeafFault("length", f"{left} characters where {self.size.least} to {self.size.most} belong")
             return left
         if not callable(self.size):
             return int(self.size)
@@ -162,9 +162,9 @@ class Leaf(_Construct):
             size = int(self.size(context))
         except TypeError:
             # A field that could not be read is None while faults are collected.
-            raise Fault("length", "the length field before it is wrong") from None
+            raise LeafFault("length", "the length field before it is wrong") from None
         if size < 0:
-            raise Fault("length", f"the length field before it leaves {size} characters")
+            raise LeafFault("length", f"the length field before it leaves {size} characters")
         return size
 
     @cached_property

@@ -15,7 +15,7 @@ from operator import xor
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.protocol.schema import emission
-from drivecomm.protocol.schema.leaf import ONE_CHARACTER, Fault, Leaf, Until, cut_off
+from drivecomm.protocol.schema.leaf import ONE_CHARACTER, Leaf, LeafFault, Until, cut_off
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Container, Mapping, Sequence
@@ -49,14 +49,14 @@ class _Constant(Leaf):
         if fault := self.fault_at(place, size, data):
             raise fault
 
-    def fault_at(self, place: int, size: int, data: bytes) -> Fault | None:
+    def fault_at(self, place: int, size: int, data: bytes) -> LeafFault | None:
         """Return the fault, without raising it: most damage of telegrams is found here and in check characters."""
         found = data[place : place + size]
         if found == self._data:
             return None
         if len(found) < size:
             return cut_off(size, found)
-        return Fault("framing", f"{self._shown} expected, {found.hex(' ').upper()} found")
+        return LeafFault("framing", f"{self._shown} expected, {found.hex(' ').upper()} found")
 
 
 def constant(data: bytes, meaning: str = "") -> Leaf:
@@ -278,7 +278,7 @@ def unsure(leaf: Leaf, meaning: str = "") -> Leaf:
     def parse(found: bytes) -> Any:
         try:
             return leaf.take_at(0, len(found), found)
-        except Fault:
+        except LeafFault:
             return None
 
     def write(value: Any) -> bytes:
@@ -287,7 +287,7 @@ def unsure(leaf: Leaf, meaning: str = "") -> Leaf:
     return Leaf(leaf.size, parse, write, meaning=meaning or leaf.meaning)
 
 
-class Check(Leaf):
+class CheckCharacters(Leaf):
     """Check characters over all bytes from the byte at `start` up to themselves.
 
     off: characters that stand for a telegram without a check; they are accepted when read, and written if they are
@@ -320,7 +320,7 @@ class Check(Leaf):
             raise fault
         return data[place : place + size]
 
-    def fault_at(self, place: int, size: int, data: bytes) -> Fault | None:
+    def fault_at(self, place: int, size: int, data: bytes) -> LeafFault | None:
         """Return the fault of the check characters; None if they are right."""
         found = data[place : place + size]
         if len(found) < size:
@@ -332,7 +332,7 @@ class Check(Leaf):
             or (self.also and found == self.also(covered))
         ):
             return None
-        return Fault("checksum", f"check characters {found!r} found, {computed!r} computed")
+        return LeafFault("checksum", f"check characters {found!r} found, {computed!r} computed")
 
     @cached_property
     def alphabets(self) -> Sequence[Collection[int]]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import TelegramError, UsageError
 from drivecomm.protocol.schema.form import Form, message_of
-from drivecomm.protocol.schema.telling_apart import Shape, measurer, reader, writer
+from drivecomm.protocol.schema.form_choice import FormShape, measurer, reader, writer
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Mapping
@@ -42,9 +42,9 @@ class Telegrams:
         if len(self.forms) < len(requests) + len(replies):
             raise UsageError("a request and a reply have the same title; a title names one form")
         self.alike = self if alike is None else alike
-        sides: dict[Direction, list[Shape]] = {
-            "request": [Shape(title, form) for title, form in requests.items()],
-            "reply": [Shape(title, form) for title, form in replies.items()],
+        sides: dict[Direction, list[FormShape]] = {
+            "request": [FormShape(title, form) for title, form in requests.items()],
+            "reply": [FormShape(title, form) for title, form in replies.items()],
         }
         self._read = {side: reader(live) for side, live in sides.items()}
         self._measure = {side: measurer(live) for side, live in sides.items()}

@@ -49,7 +49,7 @@ class Alarm:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Transition:
+class AlarmTransition:
     """A change of an alarm. alarm: its state right after the change, even if it is no longer standing."""
 
     what: What
@@ -91,7 +91,7 @@ class Treatment:
     time_s: float
     comment: str = ""
 
-    def of(self, alarm: Alarm) -> Transition | None:
+    def of(self, alarm: Alarm) -> AlarmTransition | None:
         """Return the transition of an alarm by this treatment, or None if it changes nothing.
 
         It changes nothing if the alarm was acknowledged or confirmed before, or cannot be confirmed yet.
@@ -106,4 +106,4 @@ class Treatment:
             if alarm.confirmed_by or not alarm.acknowledged_by:
                 return None
             alarm = replace(alarm, confirmed_by=self.by, confirmed_s=self.time_s)
-        return Transition(what=self.what, alarm=alarm, time_s=self.time_s)
+        return AlarmTransition(what=self.what, alarm=alarm, time_s=self.time_s)

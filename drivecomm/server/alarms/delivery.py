@@ -18,14 +18,14 @@ from drivecomm.server.alarms.receivers import WITHIN_S
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    from drivecomm.server.alarms.receivers import Receiver
+    from drivecomm.server.alarms.receivers import AlarmReceiver
 
 MOST = 1000
 """Queue limit of a receiver; beyond it the oldest entries are dropped."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Waiting:
+class UndeliveredAlarm:
     """An undelivered alarm for one receiver. to: its entry in the plant file. entry: one of the alarms of a message."""
 
     to: str
@@ -33,7 +33,7 @@ class Waiting:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Pace:
+class DeliveryTiming:
     """The timing of deliveries, in seconds.
 
     within_s: time limit of one attempt. first_s, longest_s: the pause after a failure doubles from the first to the
@@ -47,7 +47,7 @@ class Pace:
     gather_s: float = 1.0
 
 
-class Delivery:
+class AlarmDelivery:
     """Delivery of alarms to receivers, with a thread for each of them.
 
     receivers: by their entry in the plant file. plant: its name. say: called from these threads with a sentence when a
@@ -57,14 +57,14 @@ class Delivery:
 
     def __init__(
         self,
-        receivers: Mapping[str, Receiver],
+        receivers: Mapping[str, AlarmReceiver],
         *,
         plant: str,
         say: Callable[[str], None],
         changed: Callable[[], None] = lambda: None,
-        pace: Pace | None = None,
+        pace: DeliveryTiming | None = None,
     ) -> None:
-        pace = pace or Pace()
+        pace = pace or DeliveryTiming()
         self._queues = {entry: _Queue(one, plant, say, changed, pace) for entry, one in receivers.items()}
 
     def start(self) -> None:
@@ -72,13 +72,13 @@ class Delivery:
         for each in self._queues.values():
             each.start()
 
-    def put(self, waiting: Iterable[Waiting]) -> None:
+    def put(self, waiting: Iterable[UndeliveredAlarm]) -> None:
         """Queue alarms for delivery; never waits."""
         for each in waiting:
             if queue := self._queues.get(each.to):
                 queue.put(each)
 
-    def waiting(self) -> Sequence[Waiting]:
+    def waiting(self) -> Sequence[UndeliveredAlarm]:
         """Return all undelivered alarms."""
         return [each for queue in self._queues.values() for each in queue.waiting()]
 
@@ -95,14 +95,19 @@ class _Queue:
     """The queue of one receiver, and the thread that delivers its alarms."""
 
     def __init__(
-        self, receiver: Receiver, plant: str, say: Callable[[str], None], changed: Callable[[], None], pace: Pace
+        self,
+        receiver: AlarmReceiver,
+        plant: str,
+        say: Callable[[str], None],
+        changed: Callable[[], None],
+        pace: DeliveryTiming,
     ) -> None:
         self._receiver = receiver
         self._plant = plant
         self._say = say
         self._changed = changed
         self._pace = pace
-        self._waiting: deque[tuple[float, Waiting]] = deque()
+        self._waiting: deque[tuple[float, UndeliveredAlarm]] = deque()
         self._news = Condition()
         self._closing_until: float | None = None
         self._failures = 0
@@ -113,7 +118,7 @@ class _Queue:
     def start(self) -> None:
         self._thread.start()
 
-    def put(self, waiting: Waiting) -> None:
+    def put(self, waiting: UndeliveredAlarm) -> None:
         with self._news:
             self._waiting.append((time.monotonic(), waiting))
             if full := len(self._waiting) > MOST:
@@ -123,7 +128,7 @@ class _Queue:
         if news:
             self._say(f"more than {MOST} alarms wait for {self._receiver.label}; the oldest are given up")
 
-    def waiting(self) -> list[Waiting]:
+    def waiting(self) -> list[UndeliveredAlarm]:
         with self._news:
             return [each for _, each in self._waiting]
 
@@ -153,7 +158,7 @@ class _Queue:
             if closing is not None:
                 return
 
-    def _try(self, now: Sequence[tuple[float, Waiting]], within_s: float) -> None:
+    def _try(self, now: Sequence[tuple[float, UndeliveredAlarm]], within_s: float) -> None:
         failure = self._receiver.deliver(message_of(self._plant, [each.entry for _, each in now]), within_s)
         if not failure:
             if self._failures:
@@ -172,7 +177,7 @@ class _Queue:
         with self._news:
             self._news.wait_for(lambda: self._closing_until is not None, pause_s)
 
-    def _done(self, done: Sequence[tuple[float, Waiting]]) -> None:
+    def _done(self, done: Sequence[tuple[float, UndeliveredAlarm]]) -> None:
         with self._news:
             gone = {id(each) for each in done}
             self._waiting = deque(each for each in self._waiting if id(each) not in gone)

@@ -12,7 +12,7 @@ from drivecomm.server.alarms.receivers import WITHIN_S, receivers_of
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from drivecomm.server.alarms.alarm import Transition
+    from drivecomm.server.alarms.alarm import AlarmTransition
     from drivecomm.server.alarms.rules import AlarmRule
 
 
@@ -28,7 +28,7 @@ def message_of(plant: str, entries: Sequence[Mapping[str, Any]]) -> dict[str, An
     }
 
 
-def entry_of(transition: Transition) -> dict[str, Any]:
+def entry_of(transition: AlarmTransition) -> dict[str, Any]:
     """Return the message entry of a transition, as receivers get it."""
     alarm = transition.alarm
     title = f"{alarm.rule}: {alarm.drive}" + {"reminded": " (reminder)", "over": " (over)"}.get(transition.what, "")

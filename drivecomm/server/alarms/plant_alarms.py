@@ -13,8 +13,8 @@ from drivecomm.errors import FileFormatError, NotAllowedError, UsageError
 from drivecomm.line import STATUS
 from drivecomm.server import Role
 from drivecomm.server.alarms.alarm import Treatment
-from drivecomm.server.alarms.delivery import Delivery, Waiting
-from drivecomm.server.alarms.kept_state import KeptState, read_state, write_state
+from drivecomm.server.alarms.delivery import AlarmDelivery, UndeliveredAlarm
+from drivecomm.server.alarms.kept_state import StoredAlarms, read_state, write_state
 from drivecomm.server.alarms.messages import entry_of
 from drivecomm.server.alarms.receivers import receivers_of
 from drivecomm.server.alarms.states import Alarms
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from drivecomm.server import Caller, Changes, CurrentValue, Event, EventKind, ServedPlant
-    from drivecomm.server.alarms.alarm import Alarm, Transition, Treated
-    from drivecomm.server.alarms.delivery import Pace
+    from drivecomm.server import Caller, ChangeStream, CurrentValue, Event, EventKind, ServedPlant
+    from drivecomm.server.alarms.alarm import Alarm, AlarmTransition, Treated
+    from drivecomm.server.alarms.delivery import DeliveryTiming
     from drivecomm.server.alarms.rules import AlarmRule
 
 _LOOK_S = 0.2
@@ -57,7 +57,7 @@ class PlantAlarms:
         *,
         file: Path,
         write_event: WriteEvent,
-        pace: Pace | None = None,
+        pace: DeliveryTiming | None = None,
         environment: Mapping[str, str] = os.environ,
     ) -> None:
         self._plant = plant
@@ -164,7 +164,7 @@ class PlantAlarms:
             changes.close()
             await asyncio.to_thread(self._close)
 
-    async def _follow(self, changes: Changes) -> None:
+    async def _follow(self, changes: ChangeStream) -> None:
         lost = changes.lost
         async for values, events in changes:
             if changes.lost != lost:
@@ -195,7 +195,7 @@ class PlantAlarms:
 
     def _see(self, values: Iterable[CurrentValue], events: Iterable[Event]) -> None:
         drives = {event.drive for event in events}
-        found: list[Transition] = []
+        found: list[AlarmTransition] = []
         with self._lock:
             now_s, time_s = time.monotonic(), time.time()
             for value in values:
@@ -209,13 +209,15 @@ class PlantAlarms:
                     found += self._alarms.drive_seen(self._plant.drive(drive), now_s, time_s)
         self._tell(found)
 
-    def _tell(self, found: Sequence[Transition], who: str = "") -> None:
+    def _tell(self, found: Sequence[AlarmTransition], who: str = "") -> None:
         for each in found:
             self._write_event("alarm", each.text, drive=each.alarm.drive, who=who, alarm=each.alarm.id)
             if each.what in _DELIVERED:
                 entry = entry_of(each)
                 with self._lock:
-                    self._outbox += (Waiting(to=to, entry=entry) for to in self._deliver.get(each.alarm.rule, ()))
+                    self._outbox += (
+                        UndeliveredAlarm(to=to, entry=entry) for to in self._deliver.get(each.alarm.rule, ())
+                    )
             self._change()
 
     def _keep(self) -> None:
@@ -226,10 +228,10 @@ class PlantAlarms:
         self._write(new)
         self._delivery.put(new)
 
-    def _write(self, new: Sequence[Waiting]) -> None:
+    def _write(self, new: Sequence[UndeliveredAlarm]) -> None:
         with self._lock:
             waiting = (*self._delivery.waiting(), *new)
-            state = KeptState(number=self._alarms.number, alarms=tuple(self._alarms.standing()), waiting=waiting)
+            state = StoredAlarms(number=self._alarms.number, alarms=tuple(self._alarms.standing()), waiting=waiting)
         try:
             write_state(self._file, state)
         except FileFormatError as error:
@@ -239,8 +241,10 @@ class PlantAlarms:
         else:
             self._kept = True
 
-    def _new_delivery(self) -> Delivery:
-        return Delivery(self._receivers, plant=self._plant.name, say=self._say, changed=self._change, pace=self._pace)
+    def _new_delivery(self) -> AlarmDelivery:
+        return AlarmDelivery(
+            self._receivers, plant=self._plant.name, say=self._say, changed=self._change, pace=self._pace
+        )
 
     def _exchange(self) -> None:
         """Switch to the current receivers, which also get the undelivered alarms."""
@@ -250,7 +254,7 @@ class PlantAlarms:
             self._delivery, self._others = self._new_delivery(), False
         self._change()
 
-    def _read(self, entries: Iterable[str]) -> KeptState:
+    def _read(self, entries: Iterable[str]) -> StoredAlarms:
         try:
             return read_state(self._file, entries)
         except FileFormatError as error:
@@ -259,7 +263,7 @@ class PlantAlarms:
             with suppress(OSError):
                 self._file.replace(aside)
             self._say(f"alarms before this start are not known, their file is {aside.name} now: {error}")
-            return KeptState()
+            return StoredAlarms()
 
     def _close(self) -> None:
         self._keep()

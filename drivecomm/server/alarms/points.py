@@ -10,20 +10,20 @@ from dataclasses import replace
 from math import inf
 from typing import TYPE_CHECKING
 
-from drivecomm.server.alarms.alarm import Alarm, Transition
+from drivecomm.server.alarms.alarm import Alarm, AlarmTransition
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from drivecomm.server.alarms.alarm import Treatment, What
-    from drivecomm.server.alarms.conditions import Finding
+    from drivecomm.server.alarms.conditions import ConditionFinding
     from drivecomm.server.alarms.rules import AlarmRule
 
 AGAIN_S = 60.0
 """An alarm whose acknowledgement has lapsed is sent again no sooner than this after its last message, in seconds."""
 
 
-class Point:
+class RuleState:
     """A rule on a drive. alarm: the standing alarm, None without one.
 
     holds: whether the condition held when last known.
@@ -81,7 +81,7 @@ class Point:
             which=self._which,
         )
 
-    def see(self, finding: Finding, now_s: float, time_s: float) -> None:
+    def see(self, finding: ConditionFinding, now_s: float, time_s: float) -> None:
         """Record the current condition; before that, `due` must be called for transitions that are due already."""
         if finding.holds is None:
             self._held_s = self._held(now_s)
@@ -111,7 +111,7 @@ class Point:
         elif not self.active:
             self._which = finding.which
 
-    def due(self, now_s: float, time_s: float, number: Callable[[], tuple[int, str]]) -> Iterator[Transition]:
+    def due(self, now_s: float, time_s: float, number: Callable[[], tuple[int, str]]) -> Iterator[AlarmTransition]:
         """Yield the transitions that are due by now. number: returns the number and the id of a new alarm."""
         held = self._held(now_s)
         if self.holds and held >= self.rule.for_s:
@@ -134,7 +134,7 @@ class Point:
                 self.alarm = None
             yield told
 
-    def treat(self, treatment: Treatment) -> Transition | None:
+    def treat(self, treatment: Treatment) -> AlarmTransition | None:
         """Record the treatment of the alarm; return None if it changes nothing."""
         alarm = self.shown()
         done = None if alarm is None else treatment.of(alarm)
@@ -166,14 +166,14 @@ class Point:
         each = self.rule.remind_s or inf
         return self._told_at + (min(each, AGAIN_S) if self._again else each)
 
-    def _tell(self, what: What, now_s: float, time_s: float) -> Transition:
+    def _tell(self, what: What, now_s: float, time_s: float) -> AlarmTransition:
         shown = self.shown()
         assert shown is not None  # noqa: S101 - only called with an alarm
         over_s = time_s if what == "over" else None
         self.alarm = replace(shown, told=shown.told + 1, told_s=time_s, over_s=over_s)
         self._told_at = now_s
         self._again = False
-        return Transition(what=what, alarm=self.alarm, time_s=time_s)
+        return AlarmTransition(what=what, alarm=self.alarm, time_s=time_s)
 
 
 def _known(text: str) -> str:

@@ -25,7 +25,7 @@ from threading import Timer
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 from urllib.parse import unquote, urlsplit
 
-from drivecomm.errors import UsageError, near
+from drivecomm.errors import UsageError, did_you_mean
 from drivecomm.version import __version__
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ _SECRET = re.compile(r"@([A-Za-z0-9_-]+)")
 _ENVIRONMENT = "DRIVECOMM_ALARM_"
 
 
-class Receiver(Protocol):
+class AlarmReceiver(Protocol):
     """A receiver of alarm messages. label: names it without any secret."""
 
     @property
@@ -52,7 +52,7 @@ class Receiver(Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Webhook:
+class WebhookReceiver:
     """A URL that takes the message as the body of a POST, and responds with 2xx."""
 
     label: str
@@ -100,7 +100,7 @@ def _cut(connection: http.client.HTTPConnection) -> None:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Command:
+class CommandReceiver:
     """A program on this machine that takes the message on its standard input, and ends with exit status 0."""
 
     label: str
@@ -118,7 +118,7 @@ class Command:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ByApprise:
+class AppriseReceiver:
     """A URL of apprise, used in a separate process: apprise takes a second and 45 MB to load, and services may hang."""
 
     label: str
@@ -186,7 +186,7 @@ def check_entry(entry: str) -> None:
         raise UsageError(f"invalid name of a secret {entry!r}; write @ and letters, digits, - or _, such as @mail")
 
 
-def receivers_of(entries: Sequence[str], environment: Mapping[str, str]) -> dict[str, Receiver]:
+def receivers_of(entries: Sequence[str], environment: Mapping[str, str]) -> dict[str, AlarmReceiver]:
     """Return the receivers of deliver entries, by entry. Raises UsageError if a secret cannot be looked up."""
     return {
         entry: _receiver(_secret(entry, environment), entry) if entry.startswith("@") else _receiver(entry, "")
@@ -204,10 +204,10 @@ def key_of(entry: str) -> str:
     return sha256(entry.encode()).hexdigest()[:16]
 
 
-def _receiver(entry: str, label: str) -> Receiver:
+def _receiver(entry: str, label: str) -> AlarmReceiver:
     kind, colon, rest = entry.partition(":")
     if kind == "webhook":
-        return Webhook(label=label or f"webhook {_host(rest, {'http', 'https'})}", url=rest)
+        return WebhookReceiver(label=label or f"webhook {_host(rest, {'http', 'https'})}", url=rest)
     if kind == "command":
         try:
             argv = tuple(shlex.split(rest, posix=os.name != "nt"))
@@ -215,15 +215,15 @@ def _receiver(entry: str, label: str) -> Receiver:
             raise UsageError(f"invalid command {rest!r}: {error}") from None
         if not argv:
             raise UsageError("the command is missing; write command:/usr/local/bin/page-me")
-        return Command(label=label or f"command {Path(argv[0]).name}", argv=argv)
+        return CommandReceiver(label=label or f"command {Path(argv[0]).name}", argv=argv)
     if not colon or not rest.startswith("//"):
-        question = near(kind, ["webhook", "command"])
+        question = did_you_mean(kind, ["webhook", "command"])
         raise UsageError(
             f"unknown receiver{'' if label else f' {entry!r}'}; {question or 'write'} "
             "webhook:URL, command:PROGRAM, a URL of apprise such as mailto://..., or @NAME of a secret"
         )
     # The whole URL behind the scheme may be a token.
-    return ByApprise(label=label or kind, url=entry)
+    return AppriseReceiver(label=label or kind, url=entry)
 
 
 def _host(url: str, schemes: set[str]) -> str:

@@ -20,7 +20,7 @@ from decimal import Decimal
 from math import inf
 from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 
-from drivecomm.errors import UsageError, meant
+from drivecomm.errors import UsageError, suggestion
 from drivecomm.models import quantities
 from drivecomm.server.alarms.receivers import check_entry, label_of
 from drivecomm.tomlfile import LIST, NUMBER, SECONDS, TEXT
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
 
     from drivecomm.protocol import DriveConfig
-    from drivecomm.tomlfile import Table
+    from drivecomm.tomlfile import TomlTable
 
 Watched: TypeAlias = Literal["fault", "warning", "silent", "changed_since_baseline", "limit"]
 OVER_S = 60.0
@@ -54,7 +54,7 @@ _LEAST_S = {"for_s": 0.0, "over_s": 1.0, "remind_s": 60.0}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Limit:
+class AlarmLimit:
     """A limit of a quantity. side: of the alarm, above or below. at, hysteresis: exact."""
 
     quantity: str
@@ -95,7 +95,7 @@ class AlarmRule:
     name: str
     on: Watched
     drives: tuple[str, ...]
-    limit: Limit | None = None
+    limit: AlarmLimit | None = None
     for_s: float = 0.0
     over_s: float = OVER_S
     remind_s: float | None = None
@@ -126,7 +126,7 @@ class AlarmRule:
 
 
 def read_alarms(
-    tables: Sequence[Table], drives: Sequence[DriveConfig], backed_up: Collection[str] = ()
+    tables: Sequence[TomlTable], drives: Sequence[DriveConfig], backed_up: Collection[str] = ()
 ) -> tuple[AlarmRule, ...]:
     """Return the rules of a plant file.
 
@@ -142,7 +142,7 @@ def read_alarms(
     return tuple(rules.values())
 
 
-def _rule(table: Table, drives: Sequence[DriveConfig], backed_up: Collection[str]) -> AlarmRule:
+def _rule(table: TomlTable, drives: Sequence[DriveConfig], backed_up: Collection[str]) -> AlarmRule:
     given = table.take(_KEYS)
     for key, least in _LEAST_S.items():
         if key in given and not least <= given[key] < inf:
@@ -156,7 +156,7 @@ def _rule(table: Table, drives: Sequence[DriveConfig], backed_up: Collection[str
         if "on" not in given:
             raise table.error(f"an alarm has on = {_ONES_OF_STATE}, or a quantity with above or below")
         if given["on"] not in _STATES:
-            raise table.error(f"unknown on = {given['on']!r}; {meant(given['on'], _STATES, 'use')}", "on")
+            raise table.error(f"unknown on = {given['on']!r}; {suggestion(given['on'], _STATES, 'use')}", "on")
     elif "on" in given:
         raise table.error("on and quantity are two alarms; write an [[alarm]] for each", "on")
     watched = _drives(table, drives, limit)
@@ -178,7 +178,7 @@ def _rule(table: Table, drives: Sequence[DriveConfig], backed_up: Collection[str
     )
 
 
-def _limit(table: Table) -> Limit:
+def _limit(table: TomlTable) -> AlarmLimit:
     given = table.content
     sides: list[Literal["above", "below"]] = [side for side in ("above", "below") if side in given]
     if len(sides) != 1:
@@ -190,15 +190,15 @@ def _limit(table: Table) -> Limit:
             )
     # From the text in the file, because a float such as 0.1 is not exact.
     at, hysteresis = Decimal(str(given[sides[0]])), Decimal(str(given.get("hysteresis", 0)))
-    return Limit(quantity=given["quantity"], side=sides[0], at=at, hysteresis=hysteresis)
+    return AlarmLimit(quantity=given["quantity"], side=sides[0], at=at, hysteresis=hysteresis)
 
 
-def _drives(table: Table, drives: Sequence[DriveConfig], limit: Limit | None) -> tuple[str, ...]:
+def _drives(table: TomlTable, drives: Sequence[DriveConfig], limit: AlarmLimit | None) -> tuple[str, ...]:
     by_name = {drive.name: drive for drive in drives}
     named = _texts(table, "drives") if "drives" in table.content else tuple(by_name)
     for name in named:
         if name not in by_name:
-            raise table.error(f"unknown drive {name!r}; {meant(name, by_name, 'the plant has')}", "drives")
+            raise table.error(f"unknown drive {name!r}; {suggestion(name, by_name, 'the plant has')}", "drives")
     if limit is None:
         return tuple(dict.fromkeys(named))
     polled = {name: [each for group in by_name[name].poll for each in group.parameters] for name in named}
@@ -207,13 +207,13 @@ def _drives(table: Table, drives: Sequence[DriveConfig], limit: Limit | None) ->
         name = without[0]
         if "drives" in table.content or not with_it:
             raise table.error(
-                f"{limit.quantity} is not polled of {name}; {meant(limit.quantity, polled[name], 'polled are')}",
+                f"{limit.quantity} is not polled of {name}; {suggestion(limit.quantity, polled[name], 'polled are')}",
                 "quantity",
             )
     return with_it
 
 
-def _backed_up(table: Table, drives: tuple[str, ...], backed_up: Collection[str]) -> tuple[str, ...]:
+def _backed_up(table: TomlTable, drives: tuple[str, ...], backed_up: Collection[str]) -> tuple[str, ...]:
     """Return those of these drives that the server backs up. Raises FileFormatError if a named drive is not."""
     found = tuple(name for name in drives if name in backed_up)
     if len(found) < len(drives) and ("drives" in table.content or not found):
@@ -226,7 +226,7 @@ def _backed_up(table: Table, drives: tuple[str, ...], backed_up: Collection[str]
     return found
 
 
-def _texts(table: Table, key: str) -> tuple[str, ...]:
+def _texts(table: TomlTable, key: str) -> tuple[str, ...]:
     found = table.content.get(key, [])
     if not all(isinstance(each, str) and each for each in found) or (key == "drives" and not found):
         raise table.error(f'{key} cannot be {found!r}; write a list of texts, such as ["one", "two"]', key)

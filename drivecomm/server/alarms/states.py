@@ -6,16 +6,16 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import UsageError, shortened
-from drivecomm.server.alarms.alarm import Alarm, Transition
-from drivecomm.server.alarms.conditions import of_drive, of_value
-from drivecomm.server.alarms.points import Point
+from drivecomm.server.alarms.alarm import Alarm, AlarmTransition
+from drivecomm.server.alarms.conditions import check_drive, check_value
+from drivecomm.server.alarms.points import RuleState
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from drivecomm.server import CurrentValue, DriveState
+    from drivecomm.server import CurrentValue, DriveSnapshot
     from drivecomm.server.alarms.alarm import Treatment
-    from drivecomm.server.alarms.conditions import Finding
+    from drivecomm.server.alarms.conditions import ConditionFinding
     from drivecomm.server.alarms.rules import AlarmRule
 
 
@@ -38,12 +38,12 @@ class Alarms:
     ) -> None:
         self.number = number
         self._run = run
-        self._of_drives: dict[str, list[Point]] = {}
-        self._of_values: dict[tuple[str, str], list[Point]] = {}
-        self._points: dict[tuple[str, str], Point] = {}
+        self._of_drives: dict[str, list[RuleState]] = {}
+        self._of_values: dict[tuple[str, str], list[RuleState]] = {}
+        self._points: dict[tuple[str, str], RuleState] = {}
         for rule in rules:
             for drive in rule.drives:
-                point = self._points[rule.name, drive] = Point(rule, drive)
+                point = self._points[rule.name, drive] = RuleState(rule, drive)
                 if rule.limit is None:
                     self._of_drives.setdefault(drive, []).append(point)
                 else:
@@ -59,24 +59,24 @@ class Alarms:
         """Return whether a rule watches the state of this drive."""
         return drive in self._of_drives
 
-    def drive_seen(self, state: DriveState, now_s: float, time_s: float) -> Sequence[Transition]:
+    def drive_seen(self, state: DriveSnapshot, now_s: float, time_s: float) -> Sequence[AlarmTransition]:
         """Record a drive's state, and return the transitions."""
-        found: list[Transition] = []
+        found: list[AlarmTransition] = []
         for point in self._of_drives.get(state.name, ()):
-            found += self._seen(point, of_drive(point.rule.on, state), now_s, time_s)
+            found += self._seen(point, check_drive(point.rule.on, state), now_s, time_s)
         return found
 
-    def value_seen(self, value: CurrentValue, now_s: float, time_s: float) -> Sequence[Transition]:
+    def value_seen(self, value: CurrentValue, now_s: float, time_s: float) -> Sequence[AlarmTransition]:
         """Record a value, and return the transitions."""
-        found: list[Transition] = []
+        found: list[AlarmTransition] = []
         for point in self._of_values.get((value.drive, value.name), ()):
             if limit := point.rule.limit:
-                found += self._seen(point, of_value(limit, value, before=bool(point.holds)), now_s, time_s)
+                found += self._seen(point, check_value(limit, value, before=bool(point.holds)), now_s, time_s)
         return found
 
-    def look(self, now_s: float, time_s: float) -> Sequence[Transition]:
+    def look(self, now_s: float, time_s: float) -> Sequence[AlarmTransition]:
         """Return the transitions that are due by time alone."""
-        found: list[Transition] = []
+        found: list[AlarmTransition] = []
         for point in self._points.values():
             if point.busy:
                 found += point.due(now_s, time_s, self._number)
@@ -89,7 +89,7 @@ class Alarms:
                 )
                 if not over.acknowledged_by:
                     self._left.append(over)
-                found.append(Transition(what="over", alarm=over, time_s=time_s))
+                found.append(AlarmTransition(what="over", alarm=over, time_s=time_s))
         return found
 
     def standing(self) -> Sequence[Alarm]:
@@ -97,7 +97,7 @@ class Alarms:
         shown = (point.shown() for point in self._points.values())
         return sorted([*self._left, *(each for each in shown if each)], key=lambda alarm: alarm.number)
 
-    def treat(self, alarm_id: str, treatment: Treatment) -> Transition | None:
+    def treat(self, alarm_id: str, treatment: Treatment) -> AlarmTransition | None:
         """Record the treatment of an alarm by a person; return None if it changes nothing.
 
         Raises UsageError for an alarm that does not stand.
@@ -112,7 +112,7 @@ class Alarms:
                 return point.treat(treatment)
         raise UsageError(f"no alarm {shortened(alarm_id)} stands; it may be over, and acknowledged before")
 
-    def _seen(self, point: Point, finding: Finding, now_s: float, time_s: float) -> list[Transition]:
+    def _seen(self, point: RuleState, finding: ConditionFinding, now_s: float, time_s: float) -> list[AlarmTransition]:
         # Transitions that were due before the finding come first.
         found = list(point.due(now_s, time_s, self._number))
         point.see(finding, now_s, time_s)

@@ -14,16 +14,16 @@ from drivecomm.bus import carry_out_async
 from drivecomm.commissioning.exploring import Logbook, logbook_path, unseen
 from drivecomm.commissioning.parameter_sets import (
     back_up_async,
+    backup_plan,
     file_stem,
     reading_everything,
     subject,
-    way_through,
 )
 from drivecomm.errors import DriveCommError, FileFormatError, in_one_line
-from drivecomm.server.backups.drift_watch import DriftWatch, Read
+from drivecomm.server.backups.drift_watch import DriftWatch, SetReading
 from drivecomm.server.backups.shelf import Shelf, change_text
-from drivecomm.server.backups.unhurried import Unhurried
-from drivecomm.tomlfile import write_whole
+from drivecomm.server.backups.unhurried import PacedDrive
+from drivecomm.tomlfile import write_atomically
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from drivecomm.commissioning.parameter_sets import Difference, ParameterSet
     from drivecomm.protocol import DriveConfig
     from drivecomm.server.backups.settings import BackupSettings, PlantBackups
-    from drivecomm.server.backups.shelf import Extent, Kept
+    from drivecomm.server.backups.shelf import Extent, StoredBackup
     from drivecomm.server.core import Core
 
 LOOK_S = 1.0
@@ -161,7 +161,7 @@ class Backups:
         self._tell(drive, kept)
         if extent == "settings":
             # Not after a full reading, parts of which may be days old.
-            await self._drift.backed_up(drive, Read(began_s, read_s, found), self._shelf)
+            await self._drift.backed_up(drive, SetReading(began_s, read_s, found), self._shelf)
 
     async def _read(self, drive: DriveConfig, settings: BackupSettings, extent: Extent) -> ParameterSet:
         line = self._core.line(drive.line)
@@ -173,7 +173,7 @@ class Backups:
             if extent == "everything" and (due := self._due(drive.line)) is not None and due[2] == "settings":
                 raise GaveWayError
 
-        unhurried: Any = Unhurried(whom, settings.share, check)
+        unhurried: Any = PacedDrive(whom, settings.share, check)
         if extent == "settings":
             return await back_up_async(unhurried)
         return await self._everything(whom, unhurried, drive.name)
@@ -181,7 +181,7 @@ class Backups:
     async def _everything(self, whom: AsyncDrive, unhurried: Any, name: str) -> ParameterSet:
         """Read everything that a drive holds, resuming where an earlier run was interrupted."""
         of = subject(whom)
-        way = await asyncio.to_thread(way_through, of)
+        way = await asyncio.to_thread(backup_plan, of)
         path = logbook_path(self._state / f"backup of {file_stem(name)}.toml")
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         try:
@@ -201,7 +201,7 @@ class Backups:
             self._cannot[drive.name] = why
             self._core.table.happened("warning", f"cannot be backed up: {why}", drive=drive.name, line=drive.line)
 
-    def _tell(self, drive: DriveConfig, kept: Kept) -> None:
+    def _tell(self, drive: DriveConfig, kept: StoredBackup) -> None:
         happened, about = self._core.table.happened, {"drive": drive.name, "line": drive.line}
         if kept.another and kept.before is not None:
             happened("warning", f"differs from its last backup, {kept.before.name}: {'; '.join(kept.another)}", **about)
@@ -221,7 +221,7 @@ class Backups:
 
     def _remember_times(self) -> None:
         self._times_file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        write_whole(self._times_file, json.dumps(self._times, indent=1) + "\n")
+        write_atomically(self._times_file, json.dumps(self._times, indent=1) + "\n")
 
 
 def _times_in(file: Path) -> dict[str, dict[str, float]]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.client import json_text, parsed, plain
 from drivecomm.server.drift_state import DriveDrift, NotComparable, SetChange
-from drivecomm.tomlfile import write_whole
+from drivecomm.tomlfile import write_atomically
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -18,7 +18,7 @@ _FORMAT = 1
 def write_drifts(file: Path, drifts: Mapping[str, DriveDrift]) -> None:
     """Replace the file with these drifts, by drive. Raises FileFormatError and OSError."""
     file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-    write_whole(file, json_text(plain({"format": _FORMAT, "drives": dict(drifts)})) + "\n")
+    write_atomically(file, json_text(plain({"format": _FORMAT, "drives": dict(drifts)})) + "\n")
 
 
 def read_drifts(file: Path) -> dict[str, DriveDrift]:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from drivecomm.commissioning.drift import Drift
-    from drivecomm.commissioning.parameter_sets import Entry, ParameterSet
+    from drivecomm.commissioning.parameter_sets import ParameterEntry, ParameterSet
     from drivecomm.protocol import Value
     from drivecomm.server.drift_state import DriftKind
 
@@ -60,7 +60,7 @@ def drift_record(
     )
 
 
-def newly_changed(found: Drift, before: DriveDrift) -> dict[str, Entry]:
+def newly_changed(found: Drift, before: DriveDrift) -> dict[str, ParameterEntry]:
     """Return the current values that were not recorded before, by address; they are searched for in the backups."""
     earlier = {each.address: each for each in before.changes} if found.replaced == before.replaced else {}
     return {
@@ -72,7 +72,7 @@ def newly_changed(found: Drift, before: DriveDrift) -> dict[str, Entry]:
 
 
 def first_seen(
-    wanted: Mapping[str, Entry], now: ParameterSet, backups: Iterable[tuple[float, ParameterSet]]
+    wanted: Mapping[str, ParameterEntry], now: ParameterSet, backups: Iterable[tuple[float, ParameterSet]]
 ) -> dict[str, float]:
     """Return the time since which each of these values was seen unchanged, by address.
 
@@ -122,5 +122,5 @@ def _is_value(change: SetChange, value: Value, unit: str) -> bool:
     return change.unit == unit and same(change.now, value)
 
 
-def _is_approved(change: SetChange, approved: Entry) -> bool:
+def _is_approved(change: SetChange, approved: ParameterEntry) -> bool:
     return same(in_unit(approved.value, approved.unit, change.unit), change.approved)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
 
     from drivecomm.commissioning.drift import Drift
-    from drivecomm.commissioning.parameter_sets import ParameterSet, Subject
+    from drivecomm.commissioning.parameter_sets import ParameterSet, SetSubject
     from drivecomm.protocol import DriveConfig
     from drivecomm.server.backups.shelf import Shelf
     from drivecomm.server.core import Core
@@ -41,7 +41,7 @@ _Stamp = tuple[int, ...] | None
 _log = logging.getLogger("drivecomm.server")
 
 
-class Read(NamedTuple):
+class SetReading(NamedTuple):
     """A parameter set of a drive, with the times at which its reading began and ended, in seconds since 1970."""
 
     began_s: float
@@ -67,7 +67,7 @@ class DriftWatch:
         known = await asyncio.to_thread(read_drifts, self._file)
         self._core.drift.update({name: drift for name, drift in known.items() if name in self._names()})
 
-    async def backed_up(self, drive: DriveConfig, read: Read, shelf: Shelf) -> None:
+    async def backed_up(self, drive: DriveConfig, read: SetReading, shelf: Shelf) -> None:
         """Compare a drive that has just been read with its baseline. Raises nothing."""
         async with self._comparing:
             stamp = await asyncio.to_thread(_stamp, self._path(drive))
@@ -97,7 +97,7 @@ class DriftWatch:
             await asyncio.sleep(asyncio.get_running_loop().time() - start_s)
 
     async def _take(
-        self, drive: DriveConfig, stamp: _Stamp, shelf: Shelf, last: Callable[[], Read | None] | None
+        self, drive: DriveConfig, stamp: _Stamp, shelf: Shelf, last: Callable[[], SetReading | None] | None
     ) -> None:
         """Compare a drive with its current baseline.
 
@@ -187,7 +187,7 @@ def _stamp(path: Path) -> _Stamp:
     return told.st_mtime_ns, told.st_size, told.st_ino
 
 
-def _newest(shelf: Shelf, drive: str, began_s: float | None) -> Read | None:
+def _newest(shelf: Shelf, drive: str, began_s: float | None) -> SetReading | None:
     """Return the newest backup of a drive: its last file, which may be older than its last reading.
 
     Raises FileFormatError for a damaged file, because an older one would not show the drive's current state.
@@ -196,10 +196,10 @@ def _newest(shelf: Shelf, drive: str, began_s: float | None) -> Read | None:
         return None
     time_s = time_of(files[-1])
     began_s = time_s if began_s is None else began_s
-    return Read(began_s, max(began_s, time_s), read_set(files[-1]))
+    return SetReading(began_s, max(began_s, time_s), read_set(files[-1]))
 
 
-def _compared(path: Path, of: Subject, last: Callable[[], Read | None] | None) -> tuple[float, Drift] | None:
+def _compared(path: Path, of: SetSubject, last: Callable[[], SetReading | None] | None) -> tuple[float, Drift] | None:
     """Compare the latest reading with a baseline: a backup, or the baseline itself if it was read later.
 
     Returns None if nothing was read. Raises FileFormatError and UsageError.

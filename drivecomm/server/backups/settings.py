@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from drivecomm.tomlfile import Table
+    from drivecomm.tomlfile import TomlTable
 
 _OF_A_DRIVE = {"every": TEXT, "keep": WHOLE, "everything": TEXT, "share": NUMBER}
 _OF_A_PLANT = {**_OF_A_DRIVE, "folder": TEXT, "git": CHOICE}
@@ -53,7 +53,7 @@ class PlantBackups:
     drives: Mapping[str, BackupSettings]
 
 
-def read_backups(top: Table) -> PlantBackups:
+def read_backups(top: TomlTable) -> PlantBackups:
     """Return the backup settings of a plant file. Raises FileFormatError."""
     server = top.table("server")
     said = _said(server, _OF_A_PLANT)
@@ -68,14 +68,14 @@ def read_backups(top: Table) -> PlantBackups:
     return PlantBackups(folder=top.beside(folder), git=git, drives=drives)
 
 
-def _merged(above: Mapping[str, Any] | None, table: Table) -> dict[str, Any] | None:
+def _merged(above: Mapping[str, Any] | None, table: TomlTable) -> dict[str, Any] | None:
     if "backup" not in table.content:
         return None if above is None else dict(above)
     said = _said(table, _OF_A_DRIVE)
     return None if said is None else {**(above or {}), **said}
 
 
-def _said(table: Table, keys: Mapping[str, Any]) -> dict[str, Any] | None:
+def _said(table: TomlTable, keys: Mapping[str, Any]) -> dict[str, Any] | None:
     """Return the backup settings in one table, or None if it has none or disables backups."""
     said = table.content.get("backup", False)
     if isinstance(said, bool):
@@ -94,7 +94,7 @@ def _said(table: Table, keys: Mapping[str, Any]) -> dict[str, Any] | None:
     return given
 
 
-def _seconds(table: Table, key: str, text: str) -> float:
+def _seconds(table: TomlTable, key: str, text: str) -> float:
     seconds = seconds_in(text)
     if seconds is None or seconds < _SHORTEST_S:
         raise table.error(f'invalid {key} = "{text}"; write a number and {UNITS}, such as "1 d"', key)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
-from drivecomm.commissioning.exploring import lasting
+from drivecomm.commissioning.exploring import lasting_identity
 from drivecomm.commissioning.parameter_sets import WRITABLE, compare, file_stem, read_set, write_set
 from drivecomm.errors import FileFormatError, UsageError, in_one_line
 
@@ -27,7 +27,7 @@ _PATTERNS = {"settings": "????-??-??T??-??-??Z.toml", "everything": "????-??-??T
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Kept:
+class StoredBackup:
     """The result of storing a backup.
 
     file: the new file, None if nothing had changed. before: the file before it. changed: parameters whose values differ
@@ -67,13 +67,13 @@ class Shelf:
             with suppress(FileFormatError):
                 yield file, read_set(file)
 
-    def keep(self, drive: str, found: ParameterSet, extent: Extent, *, most: int, time_s: float) -> Kept:
+    def keep(self, drive: str, found: ParameterSet, extent: Extent, *, most: int, time_s: float) -> StoredBackup:
         """Write a set unless nothing has changed since the last one, and remove the oldest files beyond `most`.
 
         Raises UsageError if it cannot be written.
         """
         before, kept = self._latest(drive, extent)
-        result = Kept(file=None, before=before) if kept is None else _since(before, kept, found, extent)
+        result = StoredBackup(file=None, before=before) if kept is None else _since(before, kept, found, extent)
         if kept is not None and not (result.changed or result.another or _told_more(kept, found)):
             return result
         file = self.folder / file_stem(drive) / datetime.fromtimestamp(time_s, UTC).strftime(_NAMES[extent])
@@ -86,9 +86,9 @@ class Shelf:
         except OSError as error:
             raise UsageError(f"{file}: the backup cannot be written: {error.strerror or error}") from error
         trouble = self._committed(drive, [file, *gone], result) if self._git else ""
-        return Kept(file=file, before=before, changed=result.changed, another=result.another, trouble=trouble)
+        return StoredBackup(file=file, before=before, changed=result.changed, another=result.another, trouble=trouble)
 
-    def _committed(self, drive: str, files: Sequence[Path], result: Kept) -> str:
+    def _committed(self, drive: str, files: Sequence[Path], result: StoredBackup) -> str:
         """Commit only these files; return the reason for a failure, "" on success."""
         count = len(result.changed)
         what = f"{count} parameter{'' if count == 1 else 's'} changed" if count else "first backup"
@@ -122,16 +122,16 @@ def change_text(change: Difference) -> str:
     return f"{named}: {change.left or '-'} -> {change.right or '-'}"
 
 
-def _since(before: Path | None, kept: ParameterSet, found: ParameterSet, extent: Extent) -> Kept:
+def _since(before: Path | None, kept: ParameterSet, found: ParameterSet, extent: Extent) -> StoredBackup:
     parts = WRITABLE if extent == "settings" else (*WRITABLE, "unknown")
     changed = [each for each in compare(kept, found, parts).differences if each.kind == "value"]
-    return Kept(file=None, before=before, changed=changed, another=tuple(_another(kept, found)))
+    return StoredBackup(file=None, before=before, changed=changed, another=tuple(_another(kept, found)))
 
 
 def _another(kept: ParameterSet, found: ParameterSet) -> list[str]:
     told = [
         f"{key} was {text!r} and is {found.identity[key]!r}"
-        for key, text in lasting(kept.identity).items()
+        for key, text in lasting_identity(kept.identity).items()
         if found.identity.get(key, text) != text
     ]
     for what in ("protocol", "model", "firmware"):

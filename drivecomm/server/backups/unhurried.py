@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Reading
 
 
-class Unhurried:
+class PacedDrive:
     """A drive for procedures that only read, which leaves most of the line's time to other users.
 
     share: of the line's time, above 0 and up to 1. check: called before each read; its errors end the procedure.

@@ -1,11 +1,11 @@
 from .broker import Broker as Broker, Messages as Messages
 from .connection import (
-    Connection as Connection,
+    BrokerConnection as BrokerConnection,
+    BrokerMessage as BrokerMessage,
     IdentityTakenOver as IdentityTakenOver,
-    Message as Message,
-    Received as Received,
+    ReceivedMessage as ReceivedMessage,
     VersionRefused as VersionRefused,
-    connected as connected,
+    connect_to_broker as connect_to_broker,
     refusal as refusal,
     tls_context as tls_context,
 )

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Protocol
 
 from drivecomm.errors import LinkDownError, LinkError, UsageError, in_one_line
 from drivecomm.link import Backoff
-from drivecomm.server import ended
-from drivecomm.server.broker.connection import IdentityTakenOver, connected
+from drivecomm.server import cancel_and_wait
+from drivecomm.server.broker.connection import IdentityTakenOver, connect_to_broker
 from drivecomm.server.broker.identity import Identity, client_id_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from drivecomm.server.broker.connection import Connection, Message, Received
+    from drivecomm.server.broker.connection import BrokerConnection, BrokerMessage, ReceivedMessage
     from drivecomm.server.broker.settings import BrokerSettings
 
 FIRST_S, LONGEST_S = 0.5, 3.0
@@ -34,16 +34,16 @@ _FAREWELL_S = 1.0
 class Messages(Protocol):
     """The part of a door that uses the broker; called in the door's event loop."""
 
-    def will(self) -> Message | None:
+    def will(self) -> BrokerMessage | None:
         """Return the message that the broker publishes if this gateway vanishes; called before each connection."""
 
-    async def serve(self, connection: Connection) -> None:
+    async def serve(self, connection: BrokerConnection) -> None:
         """Serve a new connection until cancelled; the task is cancelled when the connection is lost."""
 
-    def received(self, received: Received) -> None:
+    def received(self, received: ReceivedMessage) -> None:
         """Process a message; must be quick and never wait."""
 
-    async def farewell(self, connection: Connection) -> None:
+    async def farewell(self, connection: BrokerConnection) -> None:
         """Publish that this gateway leaves; the broker publishes the will only after an unexpected end."""
 
 
@@ -65,7 +65,7 @@ class Broker:
         self._told = ""
         self._pauses = Backoff(FIRST_S, LONGEST_S)
         self._taken = Backoff(_TAKEN_FIRST_S, _TAKEN_LONGEST_S)
-        self._connection: Connection | None = None
+        self._connection: BrokerConnection | None = None
         self._answering: set[asyncio.Task[None]] = set()
 
     @property
@@ -108,7 +108,7 @@ class Broker:
             await asyncio.sleep((pauses.over_at - now()) * random.uniform(0.5, 1.0))  # noqa: S311 - only spreads attempts over time
 
     async def _serve(self, tried: Callable[[], None]) -> None:
-        async with connected(
+        async with connect_to_broker(
             self.settings, self._identity.client_id, self._received, self._messages.will()
         ) as connection:
             self._connection = connection
@@ -121,7 +121,7 @@ class Broker:
                         task.result()
                 raise LinkDownError(f"broker {self.settings.place}: nothing is left to be done")
             except asyncio.CancelledError:
-                await ended(serving)
+                await cancel_and_wait(serving)
                 with suppress(LinkError, TimeoutError):
                     async with asyncio.timeout(_FAREWELL_S):
                         await self._messages.farewell(connection)
@@ -129,9 +129,9 @@ class Broker:
                 raise
             finally:
                 self._connection = None
-                await ended(lost, serving)
+                await cancel_and_wait(lost, serving)
 
-    async def _all(self, connection: Connection, tried: Callable[[], None]) -> None:
+    async def _all(self, connection: BrokerConnection, tried: Callable[[], None]) -> None:
         await self._identity.hold(connection)
         self.connected = True
         if self._told:
@@ -140,7 +140,7 @@ class Broker:
         tried()
         await self._messages.serve(connection)
 
-    def _received(self, received: Received) -> None:
+    def _received(self, received: ReceivedMessage) -> None:
         message = self._identity.answer_to(received)
         if message is None:
             self._messages.received(received)
@@ -149,6 +149,6 @@ class Broker:
             self._answering.add(answering)
             answering.add_done_callback(self._answering.discard)
 
-    async def _answer(self, connection: Connection, message: Message) -> None:
+    async def _answer(self, connection: BrokerConnection, message: BrokerMessage) -> None:
         with suppress(LinkError):
             await connection.publish(message)

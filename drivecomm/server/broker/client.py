@@ -22,7 +22,7 @@ WITHIN_S = 10.0
 _NO_ANSWER = "the broker did not answer in time"
 
 
-class Client(aiomqtt.Client):
+class BrokerClient(aiomqtt.Client):
     """A client that also notices refusals by the broker, which otherwise look like successful deliveries."""
 
     def __init__(self, *content: Any, **further: Any) -> None:

@@ -16,7 +16,7 @@ from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
 from drivecomm.errors import LinkDownError, PortError, UsageError
-from drivecomm.server.broker.client import IN_FLIGHT, WITHIN_S, Client
+from drivecomm.server.broker.client import IN_FLIGHT, WITHIN_S, BrokerClient
 from drivecomm.server.broker.settings import VERSIONS
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ _of_library.setLevel(logging.ERROR)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Message:
+class BrokerMessage:
     """A message to publish.
 
     expires_s: seconds after which the broker drops it, if the version of MQTT supports that.
@@ -53,7 +53,7 @@ class Message:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Received:
+class ReceivedMessage:
     """A message of another client.
 
     retained: published as retained, or sent from the broker's store; MQTT 3.1.1 reports only the latter. answer_to,
@@ -79,10 +79,12 @@ class VersionRefused(PortError):  # noqa: N818 - as above
     """The broker does not support this version of MQTT."""
 
 
-class Sent:
+class PendingMessage:
     """A message on its way to the broker."""
 
-    def __init__(self, connection: Connection, message: Message, answer: asyncio.Future[Exception | None]) -> None:
+    def __init__(
+        self, connection: BrokerConnection, message: BrokerMessage, answer: asyncio.Future[Exception | None]
+    ) -> None:
         self._connection, self._message, self._answer = connection, message, answer
 
     async def arrived(self) -> None:
@@ -95,32 +97,32 @@ class Sent:
         self._connection.check_taken(self._message)
 
 
-class Connection:
+class BrokerConnection:
     """An open connection. Methods raise LinkDownError once it is lost."""
 
-    def __init__(self, client: Client, settings: BrokerSettings) -> None:
+    def __init__(self, client: BrokerClient, settings: BrokerSettings) -> None:
         self._client = client
         self._has_properties = settings.version == "5"
         self._settings = settings
 
-    async def publish(self, message: Message) -> None:
+    async def publish(self, message: BrokerMessage) -> None:
         """Publish a message; from QoS 1 on, wait until the broker has it."""
         await (await self.hand_over(message)).arrived()
 
-    async def hand_over(self, message: Message) -> Sent:
+    async def hand_over(self, message: BrokerMessage) -> PendingMessage:
         """Publish a message as soon as there is room, without waiting until the broker has it."""
         return await self._hand_over(message, self._properties_of(message))
 
-    async def _hand_over(self, message: Message, properties: Properties | None) -> Sent:
+    async def _hand_over(self, message: BrokerMessage, properties: Properties | None) -> PendingMessage:
         try:
             answer = await self._client.hand_over(
                 message.topic, message.payload, message.qos, message.retain, properties
             )
         except (aiomqtt.MqttError, OSError) as error:
             raise self.lost_by(error) from error
-        return Sent(self, message, answer)
+        return PendingMessage(self, message, answer)
 
-    def check_taken(self, message: Message) -> None:
+    def check_taken(self, message: BrokerMessage) -> None:
         """Raise LinkDownError if the broker has refused a published message."""
         if self._client.refusal:
             raise LinkDownError(
@@ -128,7 +130,7 @@ class Connection:
                 f"such as {message.topic} ({self._client.refusal}); allow it in the broker's access control"
             )
 
-    async def answer(self, received: Received, message: Message) -> None:
+    async def answer(self, received: ReceivedMessage, message: BrokerMessage) -> None:
         """Publish an answer, and also send it to the response topic of the request, with its correlation data."""
         await self.publish(message)
         # Without waiting: a response topic chosen by another client may be refused.
@@ -136,7 +138,7 @@ class Connection:
             properties = Properties(PacketTypes.PUBLISH)
             if received.correlation is not None:
                 properties.CorrelationData = received.correlation
-            await self._hand_over(Message(topic=received.answer_to, payload=message.payload, qos=0), properties)
+            await self._hand_over(BrokerMessage(topic=received.answer_to, payload=message.payload, qos=0), properties)
 
     async def subscribe(self, *filters: str, qos: int = 1) -> None:
         """Subscribe to messages from now on; with MQTT 5, without those that the broker has retained.
@@ -197,7 +199,7 @@ class Connection:
                     f"to {topic}; allow it in the broker's access control"
                 )
 
-    def _properties_of(self, message: Message) -> Properties | None:
+    def _properties_of(self, message: BrokerMessage) -> Properties | None:
         if message.expires_s is None or not self._has_properties:
             return None
         properties = Properties(PacketTypes.PUBLISH)
@@ -216,15 +218,18 @@ class Connection:
 
 
 @asynccontextmanager
-async def connected(
-    settings: BrokerSettings, client_id: str, received: Callable[[Received], None], will: Message | None = None
-) -> AsyncIterator[Connection]:
+async def connect_to_broker(
+    settings: BrokerSettings,
+    client_id: str,
+    received: Callable[[ReceivedMessage], None],
+    will: BrokerMessage | None = None,
+) -> AsyncIterator[BrokerConnection]:
     """Connect to a broker for the duration of the block.
 
     received: called with each message in the event loop; must be quick. Raises PortError if the broker cannot be
     reached or refuses (IdentityRefused, VersionRefused), and UsageError for unusable passwords and certificates.
     """
-    client = Client(
+    client = BrokerClient(
         settings.host,
         settings.port,
         identifier=client_id,
@@ -248,7 +253,7 @@ async def connected(
         raise refusal(settings, client_id, error) from error
     client.timeout = WITHIN_S
     try:
-        yield Connection(client, settings)
+        yield BrokerConnection(client, settings)
     finally:
         try:
             await client.__aexit__(None, None, None)
@@ -257,7 +262,7 @@ async def connected(
         client.over()
 
 
-def _handing_to(received: Callable[[Received], None]) -> type[asyncio.Queue[aiomqtt.Message]]:
+def _handing_to(received: Callable[[ReceivedMessage], None]) -> type[asyncio.Queue[aiomqtt.Message]]:
     class Straight(asyncio.Queue[aiomqtt.Message]):
         """A queue that passes each message on immediately, so that none waits behind others and none pile up."""
 
@@ -270,8 +275,8 @@ def _handing_to(received: Callable[[Received], None]) -> type[asyncio.Queue[aiom
     return Straight
 
 
-def _received(message: aiomqtt.Message) -> Received:
-    return Received(
+def _received(message: aiomqtt.Message) -> ReceivedMessage:
+    return ReceivedMessage(
         topic=str(message.topic),
         payload=bytes(message.payload or b""),
         retained=message.retain,

@@ -16,10 +16,10 @@ from urllib.parse import quote
 
 from drivecomm.client import json_text, parsed
 from drivecomm.errors import UsageError
-from drivecomm.server.broker.connection import Connection, IdentityRefused, Message, connected
+from drivecomm.server.broker.connection import BrokerConnection, BrokerMessage, IdentityRefused, connect_to_broker
 
 if TYPE_CHECKING:
-    from drivecomm.server.broker.connection import Received
+    from drivecomm.server.broker.connection import ReceivedMessage
     from drivecomm.server.broker.settings import BrokerSettings
 
 _LONGEST_ID = 64
@@ -56,9 +56,9 @@ class Identity:
         """
         asking = _Asking(self._holder_topic, self._asked_topic, self.instance)
         try:
-            async with connected(settings, f"{self.client_id}-{self.instance}", asking.heard) as connection:
+            async with connect_to_broker(settings, f"{self.client_id}-{self.instance}", asking.heard) as connection:
                 await connection.subscribe_with_kept(self._holder_topic, self._asked_topic)
-                await connection.publish(Message(topic=self._asked_topic, payload=json_text(asking.word)))
+                await connection.publish(BrokerMessage(topic=self._asked_topic, payload=json_text(asking.word)))
                 holder = await asking.holder()
         except IdentityRefused:
             # This broker admits only known client ids, so it cannot be asked. It admits each id only once anyway.
@@ -69,23 +69,23 @@ class Identity:
                 f"{holder.get('pid', '?')}) has this identity already; stop it, or give this one another prefix ="
             )
 
-    async def hold(self, connection: Connection) -> None:
+    async def hold(self, connection: BrokerConnection) -> None:
         """Announce that this gateway has the identity, and subscribe to requests, which `answer_to` answers."""
         self._held_since_s = time.time()
         await connection.subscribe(self._asked_topic)
         await connection.publish(self._holder())
 
-    async def leave(self, connection: Connection) -> None:
+    async def leave(self, connection: BrokerConnection) -> None:
         """Announce that the identity is free."""
-        await connection.publish(Message(topic=self._holder_topic, payload=b"", retain=True))
+        await connection.publish(BrokerMessage(topic=self._holder_topic, payload=b"", retain=True))
 
-    def answer_to(self, received: Received) -> Message | None:
+    def answer_to(self, received: ReceivedMessage) -> BrokerMessage | None:
         """Return the answer to a request for the holder, or None for any other message."""
         if received.topic != self._asked_topic:
             return None
         return self._holder(_word(received))
 
-    def _holder(self, asked: str = "") -> Message:
+    def _holder(self, asked: str = "") -> BrokerMessage:
         content = {
             "instance": self.instance,
             "host": socket.gethostname(),
@@ -93,10 +93,10 @@ class Identity:
             "since_s": round(self._held_since_s, 3),
             "answers": asked,
         }
-        return Message(topic=self._holder_topic, payload=json_text(content), retain=True)
+        return BrokerMessage(topic=self._holder_topic, payload=json_text(content), retain=True)
 
 
-def _word(received: Received) -> str:
+def _word(received: ReceivedMessage) -> str:
     return received.payload.decode(errors="replace")[:100].strip('"')
 
 
@@ -110,7 +110,7 @@ class _Asking:
         self._answer: asyncio.Future[dict[str, Any]] = asyncio.get_running_loop().create_future()
         self._asked = asyncio.Event()
 
-    def heard(self, received: Received) -> None:
+    def heard(self, received: ReceivedMessage) -> None:
         if received.topic == self._asked_topic and _word(received) == self.word:
             # Our own request has come back, so the broker has sent the retained message already.
             self._asked.set()

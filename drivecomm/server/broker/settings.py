@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
-    from drivecomm.tomlfile import Table
+    from drivecomm.tomlfile import TomlTable
 
 _URL = Kind((str,), '"mqtt://127.0.0.1:1883", or mqtts:// and the name of a broker')
 _FILE = Kind((str,), "the path of a PEM file in quotes")
@@ -86,7 +86,7 @@ class BrokerSettings:
 
 
 def broker_settings(
-    table: Table, given: Mapping[str, Any], environment: Mapping[str, str] = os.environ
+    table: TomlTable, given: Mapping[str, Any], environment: Mapping[str, str] = os.environ
 ) -> BrokerSettings:
     """Return the broker settings in a table. Raises FileFormatError with its line.
 
@@ -126,7 +126,7 @@ def broker_settings(
     )
 
 
-def _place(table: Table, url: str) -> tuple[str, int, bool]:
+def _place(table: TomlTable, url: str) -> tuple[str, int, bool]:
     try:
         parts = urlsplit(url)
         port = parts.port
@@ -139,7 +139,7 @@ def _place(table: Table, url: str) -> tuple[str, int, bool]:
     return parts.hostname, port or _SCHEMES[parts.scheme], parts.scheme == "mqtts"
 
 
-def _password(table: Table, given: Mapping[str, Any], environment: Mapping[str, str]) -> Callable[[], str] | None:
+def _password(table: TomlTable, given: Mapping[str, Any], environment: Mapping[str, str]) -> Callable[[], str] | None:
     said, file = given.get("password"), given.get("password_file")
     if said is None and file is None:
         return None

@@ -8,20 +8,20 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.client import json_text, parsed
-from drivecomm.errors import NotAllowedError, ServerLostError, UsageError, meant
-from drivecomm.server.broker import Message, VersionRefused, connected
-from drivecomm.server.fleet.following import OLDER, Following
+from drivecomm.errors import NotAllowedError, ServerLostError, UsageError, suggestion
+from drivecomm.server.broker import BrokerMessage, VersionRefused, connect_to_broker
+from drivecomm.server.fleet.following import OLDER, FleetSubscription
 from drivecomm.server.mqtt import BRIDGE, level
 
 if TYPE_CHECKING:
-    from drivecomm.server.broker import BrokerSettings, Received
+    from drivecomm.server.broker import BrokerSettings, ReceivedMessage
     from drivecomm.server.fleet.plants import Fleet
 
 ANSWER_S = 5.0
 """Timeout for the response of the plant's server."""
 
 
-async def acknowledged(
+async def acknowledge_over_broker(
     settings: BrokerSettings, fleet: Fleet, plant: str, alarm: str, token: str = ""
 ) -> dict[str, Any]:
     """Acknowledge an alarm by its id, and return it in plain form.
@@ -30,9 +30,11 @@ async def acknowledged(
     NotAllowedError with the server's reason if it refuses, ServerLostError if it does not respond, LinkError for a
     broker that cannot be reached.
     """
-    await Following(settings, fleet).known()
+    await FleetSubscription(settings, fleet).known()
     if plant not in fleet.plants:
-        raise UsageError(f"no plant {plant!r} below {fleet.prefix}; {meant(plant, sorted(fleet.plants), 'there are')}")
+        raise UsageError(
+            f"no plant {plant!r} below {fleet.prefix}; {suggestion(plant, sorted(fleet.plants), 'there are')}"
+        )
     known = fleet.plants[plant]
     if known.gateway != "online":
         raise ServerLostError(f"the server of {plant} is not connected with the broker; nothing was acknowledged")
@@ -53,15 +55,15 @@ async def acknowledged(
 async def _answer(settings: BrokerSettings, bridge: str, asked: dict[str, str]) -> dict[str, Any]:
     answered: asyncio.Future[dict[str, Any]] = asyncio.get_running_loop().create_future()
 
-    def hear(received: Received) -> None:
+    def hear(received: ReceivedMessage) -> None:
         content = parsed(received.payload)
         if content.get("id") == asked["id"] and not answered.done():
             answered.set_result(content)
 
     name = f"drivecomm-fleet-{secrets.token_urlsafe(6)}"
-    async with connected(settings, settings.client_id or name, hear) as connection:
+    async with connect_to_broker(settings, settings.client_id or name, hear) as connection:
         await connection.subscribe(f"{bridge}/response/acknowledge")
-        await connection.publish(Message(topic=f"{bridge}/request/acknowledge", payload=json_text(asked)))
+        await connection.publish(BrokerMessage(topic=f"{bridge}/request/acknowledge", payload=json_text(asked)))
         try:
             async with asyncio.timeout(ANSWER_S):
                 return await answered

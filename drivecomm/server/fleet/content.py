@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from drivecomm.server.fleet.following import Following
+    from drivecomm.server.fleet.following import FleetSubscription
     from drivecomm.server.fleet.plants import FleetDrive
 
 
-def fleet_content(following: Following) -> dict[str, Any]:
+def fleet_content(following: FleetSubscription) -> dict[str, Any]:
     """Return the summaries of all plants, in plain form, sorted by name."""
     fleet = following.fleet
     summaries = sorted((plant.summary for plant in fleet.plants.values()), key=lambda each: each.name)
@@ -20,7 +20,7 @@ def fleet_content(following: Following) -> dict[str, Any]:
     }
 
 
-def plant_content(following: Following, name: str) -> dict[str, Any]:
+def plant_content(following: FleetSubscription, name: str) -> dict[str, Any]:
     """Return a plant and its drives, in plain form. Raises KeyError for a plant that has published nothing."""
     plant = following.fleet.plants[name]
     return {

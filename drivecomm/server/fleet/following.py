@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 from drivecomm.errors import LinkDownError, LinkError, in_one_line
 from drivecomm.link import Backoff
-from drivecomm.server import ended
-from drivecomm.server.broker import VersionRefused, connected
+from drivecomm.server import cancel_and_wait
+from drivecomm.server.broker import VersionRefused, connect_to_broker
 
 if TYPE_CHECKING:
-    from drivecomm.server.broker import BrokerSettings, Connection, Received
+    from drivecomm.server.broker import BrokerConnection, BrokerSettings, ReceivedMessage
     from drivecomm.server.fleet.plants import Fleet
 
 _FIRST_S, _LONGEST_S = 0.5, 3.0
@@ -22,7 +22,7 @@ OLDER = "3.1.1"
 _MOST_TOPICS = 1_000_000
 
 
-class Following:
+class FleetSubscription:
     """A subscription that keeps a fleet up to date. problem: why no messages arrive now, empty without a problem."""
 
     def __init__(self, settings: BrokerSettings, fleet: Fleet) -> None:
@@ -68,7 +68,7 @@ class Following:
             if self.problem:
                 raise LinkDownError(self.problem)
         finally:
-            await ended(hearing)
+            await cancel_and_wait(hearing)
 
     async def _hear(self) -> None:
         try:
@@ -80,7 +80,7 @@ class Following:
 
     async def _hear_by(self, settings: BrokerSettings) -> None:
         name = f"drivecomm-fleet-{secrets.token_urlsafe(6)}"
-        async with connected(settings, settings.client_id or name, self._received) as connection:
+        async with connect_to_broker(settings, settings.client_id or name, self._received) as connection:
             lost = asyncio.create_task(connection.lost())
             wanted: list[str] = []
             try:
@@ -93,9 +93,9 @@ class Following:
                     more.cancel()
                 await lost
             finally:
-                await ended(lost)
+                await cancel_and_wait(lost)
 
-    async def _subscribe(self, connection: Connection, wanted: list[str], lost: asyncio.Task[None]) -> None:
+    async def _subscribe(self, connection: BrokerConnection, wanted: list[str], lost: asyncio.Task[None]) -> None:
         """Subscribe to the fleet's new topics. A later refusal by the broker does not affect earlier subscriptions."""
         news = [each for each in self.fleet.filters if each not in wanted]
         try:
@@ -109,7 +109,7 @@ class Following:
         wanted += news
         self._new_s = asyncio.get_running_loop().time()
 
-    def _received(self, received: Received) -> None:
+    def _received(self, received: ReceivedMessage) -> None:
         if received.topic not in self._topics and len(self._topics) < _MOST_TOPICS:
             self._topics.add(received.topic)
             self._new_s = asyncio.get_running_loop().time()

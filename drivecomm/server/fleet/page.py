@@ -13,7 +13,7 @@ from starlette.routing import Route
 
 from drivecomm.client import json_text
 from drivecomm.errors import LinkError, UsageError
-from drivecomm.server import Bounds, allotted, needed, system_limits
+from drivecomm.server import Bounds, needed_descriptors, share_connections, system_limits
 from drivecomm.server.fleet.content import fleet_content, plant_content
 from drivecomm.server.http import check_place, files_of, guarded, own_names, serve
 
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from starlette.requests import Request
     from starlette.types import ASGIApp
 
-    from drivecomm.server.fleet.following import Following
-    from drivecomm.server.fleet.past_pages import PastPages
+    from drivecomm.server.fleet.following import FleetSubscription
+    from drivecomm.server.fleet.past_pages import RecordPages
 
 _BOUNDS = Bounds(1000, 250)
 _TREND_S = 86_400.0
@@ -33,16 +33,18 @@ T = TypeVar("T")
 
 
 async def fleet_page(
-    following: Following, listening: socket.socket, opened: Callable[[], None], past: PastPages | None = None
+    following: FleetSubscription, listening: socket.socket, opened: Callable[[], None], past: RecordPages | None = None
 ) -> None:
     """Serve the page until cancelled. opened: called when the page can be opened. past: None without a record."""
     wishes = [_BOUNDS]
-    _, (bounds,) = allotted(system_limits(needed(wishes, lines=0, doors=1)), wishes, lines=0, doors=1)
+    _, (bounds,) = share_connections(
+        system_limits(needed_descriptors(wishes, lines=0, doors=1)), wishes, lines=0, doors=1
+    )
     with listening:
         await serve(_application(following, past), listening, opened, _nothing, bounds=bounds, clients=set())
 
 
-def _application(following: Following, past: PastPages | None) -> ASGIApp:
+def _application(following: FleetSubscription, past: RecordPages | None) -> ASGIApp:
     # Style sheets and shared scripts are those of a server's page.
     shared, own = files_of("drivecomm.server.http"), files_of("drivecomm.server.fleet")
 
@@ -81,7 +83,7 @@ def _application(following: Following, past: PastPages | None) -> ASGIApp:
     )
 
 
-def _recorded(past: PastPages | None) -> PastPages:
+def _recorded(past: RecordPages | None) -> RecordPages:
     if past is None:
         raise HTTPException(404, "there is no record; give one with --from")
     return past

@@ -8,7 +8,7 @@ from contextlib import closing
 from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import escape
 
-from drivecomm.server.record import Past, Stretch
+from drivecomm.server.record import RecordQueries, TimePeriod
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -20,7 +20,7 @@ _WIDTH, _HEIGHT = 1000, 200
 _MOST_ALARMS = 200
 
 
-class PastPages:
+class RecordPages:
     """The record behind the page, opened and read in a thread for each request.
 
     Methods raise LinkDownError, and UsageError for unknown names.
@@ -34,7 +34,7 @@ class PastPages:
 
         def read() -> list[dict[str, Any]]:
             with closing(self._open()) as database:
-                return Past(database).alarms(limit=_MOST_ALARMS)[::-1]
+                return RecordQueries(database).alarms(limit=_MOST_ALARMS)[::-1]
 
         return await asyncio.to_thread(read)
 
@@ -44,7 +44,7 @@ class PastPages:
         def read() -> str:
             now = time.time()
             with closing(self._open()) as database:
-                points = Past(database).points(plant, drive, quantity, Stretch(now - seconds, now), _POINTS)
+                points = RecordQueries(database).points(plant, drive, quantity, TimePeriod(now - seconds, now), _POINTS)
             return _picture(f"{drive} {quantity}", points, now - seconds, seconds)
 
         return await asyncio.to_thread(read)

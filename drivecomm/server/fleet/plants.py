@@ -79,7 +79,7 @@ class FleetAlarm(NamedTuple):
     acknowledged_by: str
 
 
-class Summary(NamedTuple):
+class PlantSummary(NamedTuple):
     """The summary of a plant. read_s: when a status was last read, None without one.
 
     alarms: number of standing alarms. version: of drivecomm. file, file_sha256, file_read_s: the plant file that its
@@ -124,7 +124,7 @@ class FleetPlant:
         return [drive for name, drive in self.drives.items() if self.listed is None or name in self.listed]
 
     @property
-    def summary(self) -> Summary:
+    def summary(self) -> PlantSummary:
         """The summary of the plant.
 
         While its server is away, its drives count as neither answering, running nor silent.
@@ -133,7 +133,7 @@ class FleetPlant:
         live = drives if self.gateway == "online" else []
         states = Counter(drive.state for drive in live)
         read = [drive.values[STATUS].time_s for drive in drives if STATUS in drive.values]
-        return Summary(
+        return PlantSummary(
             name=self.name,
             gateway=self.gateway,
             drives=len(drives),

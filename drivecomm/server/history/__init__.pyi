@@ -1,13 +1,13 @@
-from .journal import Journal as Journal
+from .journal import HistoryWriter as HistoryWriter
 from .reading import History as History
 from .records import (
     FaultLogEntry as FaultLogEntry,
     PastCommand as PastCommand,
     PastEvent as PastEvent,
     PastValue as PastValue,
-    Quantity as Quantity,
+    StoredQuantity as StoredQuantity,
     log_row as log_row,
 )
-from .store import Store as Store
-from .summaries import Summary as Summary, summarized as summarized
-from .thinning import Point as Point
+from .store import HistoryFile as HistoryFile
+from .summaries import PeriodSummary as PeriodSummary, summarized as summarized
+from .thinning import CoursePoint as CoursePoint

@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.server.history.age import AgeLimit
 from drivecomm.server.history.schema import code_of, is_damaged, move_aside
-from drivecomm.server.history.store import CommandDone, FaultLogRead, Gap, Other, Store
+from drivecomm.server.history.store import CommandDone, FaultLogRead, Gap, HistoryFile, JournalEntry
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from drivecomm.protocol import Reading
-    from drivecomm.server import Answer, Caller, Command, CurrentValue, Event
+    from drivecomm.server import Caller, CommandAnswer, CommandRequest, CurrentValue, Event
 
 COMMITTED_EVERY_S = 0.5
 ROWS_A_COMMIT = 5_000
@@ -34,7 +34,7 @@ _LEAST_MEGABYTES = 10
 _LOGGER = logging.getLogger("drivecomm.history")
 
 
-class Journal:
+class HistoryWriter:
     """The writer of one history file. All methods may be called from any thread and never wait.
 
     Queued items are committed within half a second, and then survive any end of the process. While the file cannot be
@@ -66,10 +66,10 @@ class Journal:
         self._guard = threading.Lock()
         self._values: deque[Sequence[CurrentValue]] = deque()
         self._waiting = 0
-        self._others: deque[Other] = deque(maxlen=MOST_WAITING)
+        self._others: deque[JournalEntry] = deque(maxlen=MOST_WAITING)
         self._dropped: Gap | None = None
         self._trouble = ""
-        self._store: Store | None = None
+        self._store: HistoryFile | None = None
         self._wake = threading.Event()
         self._closing = False
         self._lock = _locked(file)
@@ -109,7 +109,9 @@ class Journal:
         with self._guard:
             self._others.extend(events)
 
-    def add_command(self, caller: Caller, command: Command, answer: Answer, *, asked_s: float, done_s: float) -> None:
+    def add_command(
+        self, caller: Caller, command: CommandRequest, answer: CommandAnswer, *, asked_s: float, done_s: float
+    ) -> None:
         """Queue a command with its caller and its outcome. asked_s, done_s: in seconds since 1970."""
         with self._guard:
             self._others.append(CommandDone(caller, command, answer, asked_s, done_s))
@@ -166,7 +168,7 @@ class Journal:
                 self._store.close()
         self._lock.close()
 
-    def _write(self, store: Store) -> None:
+    def _write(self, store: HistoryFile) -> None:
         """Write all queued items, in batches. Raises sqlite3.Error; unwritten items then stay queued."""
         with self._guard:
             values = [each for piece in self._values for each in piece]
@@ -194,7 +196,7 @@ class Journal:
             self._tell(f"{self.file}: the history is written again; {self.missing} values are missing in all")
             self._trouble = ""
 
-    def _put_back(self, values: Sequence[CurrentValue], others: Sequence[Other], dropped: Gap | None) -> None:
+    def _put_back(self, values: Sequence[CurrentValue], others: Sequence[JournalEntry], dropped: Gap | None) -> None:
         with self._guard:
             if dropped:
                 later = self._dropped
@@ -206,15 +208,15 @@ class Journal:
             self._others.extendleft(reversed(others))
             self._drop_oldest()
 
-    def _opened(self) -> Store:
+    def _opened(self) -> HistoryFile:
         """Open the file, at the start and after each problem; move a damaged file aside."""
         try:
-            return Store(self.file)
+            return HistoryFile(self.file)
         except sqlite3.Error as error:
             if not is_damaged(error):
                 raise
             self._move_aside()
-            return Store(self.file)
+            return HistoryFile(self.file)
 
     def _note_the_time_without_a_server(self) -> None:
         latest_s, now_s = self._store.latest_s() if self._store else None, time.time()

@@ -7,12 +7,12 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeAlias
 
 from drivecomm.client import parsed
-from drivecomm.errors import FileFormatError, UsageError, meant
+from drivecomm.errors import FileFormatError, UsageError, suggestion
 from drivecomm.line import FRESH
 from drivecomm.server import Event
-from drivecomm.server.history.records import FaultLogEntry, PastCommand, PastEvent, PastValue, Quantity, value_of
+from drivecomm.server.history.records import FaultLogEntry, PastCommand, PastEvent, PastValue, StoredQuantity, value_of
 from drivecomm.server.history.schema import open_for_reading
-from drivecomm.server.history.thinning import Point, thinned
+from drivecomm.server.history.thinning import CoursePoint, thinned
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -29,7 +29,7 @@ class _Key(NamedTuple):
     """A quantity as stored in the file, with its power of ten; None for texts."""
 
     id: int
-    quantity: Quantity
+    quantity: StoredQuantity
     exponent: int | None
 
 
@@ -75,7 +75,7 @@ class History:
         """Return the drives that have values, in the order of their first values."""
         return list(dict.fromkeys(key.quantity.drive for key in self._keys(None, None)))
 
-    def quantities(self, drive: str | None = None) -> list[Quantity]:
+    def quantities(self, drive: str | None = None) -> list[StoredQuantity]:
         """Return the quantities that have values, drive by drive, in the order of their first values."""
         found = [key.quantity for key in self._keys(drive, None) if key.quantity.address]
         order = list(dict.fromkeys(each.drive for each in found))
@@ -106,7 +106,7 @@ class History:
 
     def points(
         self, drive: str, name: str, from_s: float | None = None, to_s: float | None = None, points: int = 500
-    ) -> list[Point]:
+    ) -> list[CoursePoint]:
         """Return the course of a quantity in about `points` points, in the order of time.
 
         Each period contributes its first and last value, its lowest and highest, and where gaps begin and end: in a gap
@@ -115,7 +115,7 @@ class History:
         begin, end = self._extent()
         begin, end = begin if from_s is None else _ms(from_s, 0), end if to_s is None else _ms(to_s, 0)
         found = (
-            Point(
+            CoursePoint(
                 each.time_ms / 1000,
                 value_of(each.whole, each.key.exponent) if each.remark[0] in FRESH else None,
                 each.remark[0],
@@ -223,7 +223,7 @@ class History:
     def _keys(self, drive: str | None, name: str | None) -> list[_Key]:
         found = self._all("SELECT id, drive, name, address, unit, exponent FROM quantity ORDER BY id")
         return [
-            _Key(number, Quantity(*rest), exponent)
+            _Key(number, StoredQuantity(*rest), exponent)
             for number, *rest, exponent in found
             if drive in (None, rest[0]) and name in (None, rest[1])
         ]
@@ -233,9 +233,9 @@ class History:
         if not keys and drive is not None:
             drives = self.drives()
             if drive not in drives:
-                raise UsageError(f"{self.file} has no drive {drive!r}; {meant(drive, drives, 'it has')}")
+                raise UsageError(f"{self.file} has no drive {drive!r}; {suggestion(drive, drives, 'it has')}")
             names = dict.fromkeys(key.quantity.name for key in self._keys(drive, None))
-            raise UsageError(f"{self.file} has no {name!r} of {drive}; {meant(name, names, 'it has')}")
+            raise UsageError(f"{self.file} has no {name!r} of {drive}; {suggestion(name, names, 'it has')}")
         return keys
 
     def _extent(self) -> tuple[int, int]:

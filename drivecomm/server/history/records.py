@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _LARGEST_WHOLE = 2**63 - 1
 
 
-class Quantity(NamedTuple):
+class StoredQuantity(NamedTuple):
     """One quantity of one drive, in one unit. address: of the parameter, empty if only failed readings are known."""
 
     drive: str

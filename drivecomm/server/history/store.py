@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from drivecomm.protocol import Reading
-    from drivecomm.server import Answer, Caller, Command, CurrentValue, Event
+    from drivecomm.server import Caller, CommandAnswer, CommandRequest, CurrentValue, Event
 
 _FULL = 0.95
 """Share of the size limit above which old data are deleted."""
@@ -30,8 +30,8 @@ class CommandDone(NamedTuple):
     """A command with its caller and outcome, and the times of both."""
 
     caller: Caller
-    command: Command
-    answer: Answer
+    command: CommandRequest
+    answer: CommandAnswer
     asked_s: float
     done_s: float
 
@@ -52,11 +52,11 @@ class Gap(NamedTuple):
     text: str
 
 
-Other: TypeAlias = "Event | CommandDone | FaultLogRead | Gap"
+JournalEntry: TypeAlias = "Event | CommandDone | FaultLogRead | Gap"
 _UNFIT = (ValueError, TypeError, ArithmeticError)
 
 
-class Store:
+class HistoryFile:
     """An open history file. Raises FileFormatError and sqlite3.Error, as its methods do; after an error, close it."""
 
     def __init__(self, path: Path) -> None:
@@ -87,7 +87,7 @@ class Store:
         found = found or self._execute("SELECT end_ms FROM segment ORDER BY number DESC LIMIT 1").fetchone()
         return found[0] / 1000 if found else None
 
-    def add(self, values: Sequence[CurrentValue], others: Sequence[Other]) -> None:
+    def add(self, values: Sequence[CurrentValue], others: Sequence[JournalEntry]) -> None:
         """Add a batch atomically; items that cannot be stored, such as those with an invalid time, are dropped."""
         try:
             self._add(values, others)
@@ -99,7 +99,7 @@ class Store:
                 with suppress(*_UNFIT):
                     self._add([], [other])
 
-    def _add(self, values: Sequence[CurrentValue], others: Sequence[Other]) -> None:
+    def _add(self, values: Sequence[CurrentValue], others: Sequence[JournalEntry]) -> None:
         with self._transaction():
             for other in others:
                 self._add_other(other)
@@ -215,7 +215,7 @@ class Store:
             self._execute("INSERT INTO remark VALUES (?, ?, ?, ?, ?)", (self._segment, known, *key))
         return known
 
-    def _add_other(self, other: Other) -> None:
+    def _add_other(self, other: JournalEntry) -> None:
         if isinstance(other, Gap):
             gap = (self._row, round(other.from_s * 1000), round(other.to_s * 1000), other.text)
             self._execute("INSERT INTO gap VALUES (NULL, ?, ?, ?, ?)", gap)

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from drivecomm.server.history.thinning import Point
+    from drivecomm.server.history.thinning import CoursePoint
 
 
 @dataclass(slots=True)
-class Summary:
+class PeriodSummary:
     """The summary of one period, in seconds since 1970 and in the unit of the number.
 
     number, total, lowest, highest: of the values that were read in it; a value at its end belongs to the next period.
@@ -63,13 +63,13 @@ class _Known(NamedTuple):
     value: float
 
 
-def summarized(points: Iterable[Point], stretches: Sequence[tuple[float, float]]) -> list[Summary]:
+def summarized(points: Iterable[CoursePoint], stretches: Sequence[tuple[float, float]]) -> list[PeriodSummary]:
     """Return the summaries of a number over consecutive periods.
 
     points: in the order of time, including the last one before the first period and the first one after the last
     period, if there are any. A value that is not a number counts as missing.
     """
-    course = _Course([Summary(begin_s, end_s) for begin_s, end_s in stretches])
+    course = _Course([PeriodSummary(begin_s, end_s) for begin_s, end_s in stretches])
     last: _Known | None = None
     missing_s: float | None = None
     for point in points:
@@ -97,7 +97,7 @@ def summarized(points: Iterable[Point], stretches: Sequence[tuple[float, float]]
 class _Course:
     """The summaries while the course of the number is being added."""
 
-    def __init__(self, found: list[Summary]) -> None:
+    def __init__(self, found: list[PeriodSummary]) -> None:
         self.found = found
         self._begins = [each.begin_s for each in found]
 
@@ -134,7 +134,7 @@ class _Course:
         for each in self._between(from_s, to_s):
             each.has_gap = True
 
-    def _between(self, from_s: float, to_s: float) -> Iterator[Summary]:
+    def _between(self, from_s: float, to_s: float) -> Iterator[PeriodSummary]:
         """Yield the periods that overlap a time; for a single moment, the period that contains it."""
         place = max(0, bisect_right(self._begins, from_s) - 1)
         while place < len(self.found) and (self._begins[place] < to_s or self._begins[place] <= from_s):

@@ -13,7 +13,7 @@ from drivecomm.protocol import DriveStatus, LinkLoss, Quality, Reading, Stop
 from drivecomm.server import (
     DriftKind,
     Event,
-    LineState,
+    LineSnapshot,
     NotComparable,
     RememberedFault,
     SetChange,
@@ -70,7 +70,7 @@ You = _model("You", name=str, role=Literal["nobody", "view", "operate", "commiss
 Plant: Any = _model(
     "Plant", "session: a random word of this run of the server.",
     name=str, file=str, session=str, version=str, started_s=float, time_s=float, you=You, drives=list[str],
-    lines=_many(_plain(LineState)), alarms=int,
+    lines=_many(_plain(LineSnapshot)), alarms=int,
 )  # fmt: skip
 Lease = _model("Lease", **_LEASE)
 Leases: Any = _many(Lease)

@@ -14,7 +14,7 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route as PlainRoute
 
 from drivecomm.errors import DriveCommError
-from drivecomm.server.http import answers, commanding, past, problems, reading  # noqa: F401 - which add their routes
+from drivecomm.server.http import answers, commanding, history_routes, problems, reading  # noqa: F401 - which add their routes
 from drivecomm.server.http.guard import guarded
 from drivecomm.server.http.page_files import files_of
 from drivecomm.server.http.route import ROUTES, json_answer
@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from starlette.requests import Request
     from starlette.types import ASGIApp, Scope
 
-    from drivecomm.server.http.route import DoorState
+    from drivecomm.server.http.route import HttpDoorState
 
 
-def application(door: DoorState, check_place: Callable[[Scope], None]) -> ASGIApp:
+def application(door: HttpDoorState, check_place: Callable[[Scope], None]) -> ASGIApp:
     """Return the ASGI application of a door. check_place: raises HTTPException for a forbidden origin."""
     file = files_of("drivecomm.server.http")
 
@@ -65,7 +65,7 @@ def application(door: DoorState, check_place: Callable[[Scope], None]) -> ASGIAp
         PlainRoute("/page/{path:path}", file),
         PlainRoute("/", file),
     ]
-    return guarded(app, check_place, problems.told)
+    return guarded(app, check_place, problems.http_error_response)
 
 
 @cache

@@ -11,31 +11,31 @@ from starlette.responses import Response
 from drivecomm.client import error_content, json_text, plain
 from drivecomm.errors import DriveCommError, NotAllowedError, TooOftenError, UsageError
 from drivecomm.protocol import Stop
-from drivecomm.server import Command, Role
+from drivecomm.server import CommandRequest, Role
 from drivecomm.server.http import answers, fields
 from drivecomm.server.http.content import answer_content, lease_content
 from drivecomm.server.http.fields import DriveName, LineName, Verb
 from drivecomm.server.http.problems import problem, status_of
-from drivecomm.server.http.reading import known
-from drivecomm.server.http.route import V1, Asked, Lines, json_answer, route
+from drivecomm.server.http.reading import find_drive
+from drivecomm.server.http.route import V1, ApiRequest, Lines, json_answer, route
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Awaitable, Mapping
 
-    from drivecomm.server import Answer, Examination, Lease
+    from drivecomm.server import CommandAnswer, Examination, Lease
 
 _EVERY_COMMAND = set(fields.Fresh.model_fields)
 _DRIVE, _LINE = f"{V1}/drives/{{name}}", f"{V1}/lines/{{line}}"
 
 
 @route("POST", f"{V1}/alarms/{{id}}/acknowledge", answers.Alarm, named=True)
-async def acknowledge(asked: Asked, id: fields.AlarmId) -> Response:
+async def acknowledge(asked: ApiRequest, id: fields.AlarmId) -> Response:
     """Acknowledge an alarm."""
     return json_answer(await asked.plant.acknowledge(asked.caller, id))
 
 
 @route("POST", f"{V1}/login", answers.Login, role=Role.NOBODY)
-async def login(asked: Asked, body: fields.Credentials) -> Response:
+async def login(asked: ApiRequest, body: fields.Credentials) -> Response:
     """Exchange a name and a password for a token, which is then sent as Authorization: Bearer TOKEN."""
     users, rate = asked.plant.users, asked.door.logins
     address = asked.client.host if asked.client else ""
@@ -53,7 +53,7 @@ async def login(asked: Asked, body: fields.Credentials) -> Response:
 
 
 @route("POST", f"{V1}/stop", answers.Stops, named=True)
-async def stop(asked: Asked, body: fields.StopAll) -> Response:
+async def stop(asked: ApiRequest, body: fields.StopAll) -> Response:
     """Stop all drives of all lines, or of the named lines; needs no lease."""
     stopped = await asked.plant.stop_all(asked.caller, (body.how or Stop.RAMP).value, body.lines or ())
     return json_answer([
@@ -63,65 +63,65 @@ async def stop(asked: Asked, body: fields.StopAll) -> Response:
 
 
 @route("POST", f"{_DRIVE}/lease", answers.OwnLease, named=True)
-async def take_lease(asked: Asked, name: DriveName, body: fields.TakeLease) -> Response:
+async def take_lease(asked: ApiRequest, name: DriveName, body: fields.TakeLease) -> Response:
     """Acquire the lease of a drive, which gives the right to command it."""
-    return _with_key(asked, await asked.plant.take_lease(asked.caller, known(asked, name).name, body.seconds))
+    return _with_key(asked, await asked.plant.take_lease(asked.caller, find_drive(asked, name).name, body.seconds))
 
 
 @route("PUT", f"{_DRIVE}/lease", answers.OwnLease, named=True)
-async def renew_lease(asked: Asked, name: DriveName, body: fields.RenewLease) -> Response:
+async def renew_lease(asked: ApiRequest, name: DriveName, body: fields.RenewLease) -> Response:
     """Renew a lease."""
-    drive = known(asked, name).name
+    drive = find_drive(asked, name).name
     return _with_key(asked, await asked.plant.renew_lease(asked.caller, drive, body.key, body.seconds))
 
 
 @route("DELETE", f"{_DRIVE}/lease", answers.EndedLease, named=True)
-async def end_lease(asked: Asked, name: DriveName, body: fields.EndLease) -> Response:
+async def end_lease(asked: ApiRequest, name: DriveName, body: fields.EndLease) -> Response:
     """Release a lease."""
-    await asked.plant.end_lease(asked.caller, known(asked, name).name, body.key)
+    await asked.plant.end_lease(asked.caller, find_drive(asked, name).name, body.key)
     return json_answer({"drive": name})
 
 
-def _with_key(asked: Asked, lease: Lease) -> Response:
+def _with_key(asked: ApiRequest, lease: Lease) -> Response:
     return json_answer({**lease_content(lease, asked.caller), "key": lease.key})
 
 
 @route("GET", f"{_DRIVE}/keep/events", form=Lines)
-async def kept_events(asked: Asked, name: DriveName) -> Response:
+async def kept_events(asked: ApiRequest, name: DriveName) -> Response:
     """Events of a kept motor, until the server no longer keeps it running."""
-    return _lines(asked.plant.kept_events(asked.caller, known(asked, name).name))
+    return _lines(asked.plant.kept_events(asked.caller, find_drive(asked, name).name))
 
 
 @route("POST", f"{_DRIVE}/keep", answers.Answer, named=True)
-async def keep(asked: Asked, name: DriveName, body: fields.Keep) -> Response:
+async def keep(asked: ApiRequest, name: DriveName, body: fields.Keep) -> Response:
     """Set a drive's watchdog, start its motor, and keep it while the lease is renewed."""
     given = body.model_dump(include=body.model_fields_set - _EVERY_COMMAND)
-    return await _carried_out(asked, body, given, drive=known(asked, name).name, verb="keep")
+    return await _carried_out(asked, body, given, drive=find_drive(asked, name).name, verb="keep")
 
 
 @route("POST", f"{_DRIVE}/stop", answers.Answer, named=True)
-async def stop_drive(asked: Asked, name: DriveName, body: fields.StopDrive) -> Response:
+async def stop_drive(asked: ApiRequest, name: DriveName, body: fields.StopDrive) -> Response:
     """Stop a drive. Every request sends a stop, also a repeated one."""
-    return await _carried_out(asked, body, body.arguments or {}, drive=known(asked, name).name, verb="stop")
+    return await _carried_out(asked, body, body.arguments or {}, drive=find_drive(asked, name).name, verb="stop")
 
 
 @route("POST", f"{_DRIVE}/{{verb}}", answers.Answer, named=True)
-async def command(asked: Asked, name: DriveName, verb: Verb, body: fields.CarryOut) -> Response:
+async def command(asked: ApiRequest, name: DriveName, verb: Verb, body: fields.CarryOut) -> Response:
     """Carry out a verb, such as read, status, start, stop, set_reference or write."""
-    return await _carried_out(asked, body, body.arguments or {}, drive=known(asked, name).name, verb=verb)
+    return await _carried_out(asked, body, body.arguments or {}, drive=find_drive(asked, name).name, verb=verb)
 
 
 @route("POST", f"{_LINE}/drives/{{drive}}/{{verb}}", answers.Answer, named=True, local=True)
 async def command_elsewhere(
-    asked: Asked, line: LineName, drive: fields.DriveAddress, verb: Verb, body: fields.CarryOut
+    asked: ApiRequest, line: LineName, drive: fields.DriveAddress, verb: Verb, body: fields.CarryOut
 ) -> Response:
     """Read or stop a drive outside the plant, named as PROTOCOL:ADDRESS."""
     return await _carried_out(asked, body, body.arguments or {}, drive=drive, verb=verb, line=_line(asked, line))
 
 
-async def _carried_out(asked: Asked, body: fields.Fresh, arguments: Mapping[str, Any], **whom: Any) -> Response:
+async def _carried_out(asked: ApiRequest, body: fields.Fresh, arguments: Mapping[str, Any], **whom: Any) -> Response:
     fresh = body.model_dump(include=body.model_fields_set & _EVERY_COMMAND)
-    doing = asked.plant.command(asked.caller, Command(arguments=arguments, **whom, **fresh))
+    doing = asked.plant.command(asked.caller, CommandRequest(arguments=arguments, **whom, **fresh))
     answer = await (_unless_gone(asked, doing) if whom["verb"] == "wait" else doing)
     if answer.error is None:
         return json_answer(answer_content(answer))
@@ -132,7 +132,7 @@ async def _carried_out(asked: Asked, body: fields.Fresh, arguments: Mapping[str,
     return problem(status, answer.error, id=answer.id, outcome=answer.outcome, result=plain(answer.result))
 
 
-async def _unless_gone(asked: Asked, doing: Awaitable[Answer]) -> Answer:
+async def _unless_gone(asked: ApiRequest, doing: Awaitable[CommandAnswer]) -> CommandAnswer:
     """Return the answer of a waiting command, or raise HTTPException when the client disconnects before."""
     waiting = asyncio.ensure_future(doing)
     gone = asyncio.ensure_future(_gone(asked))
@@ -146,40 +146,40 @@ async def _unless_gone(asked: Asked, doing: Awaitable[Answer]) -> Answer:
         gone.cancel()
 
 
-async def _gone(asked: Asked) -> None:
+async def _gone(asked: ApiRequest) -> None:
     while (await asked.receive())["type"] != "http.disconnect":
         pass
 
 
 @route("POST", f"{_LINE}/scan", form=Lines, role=Role.COMMISSION, named=True, local=True)
-async def scan(asked: Asked, line: LineName, body: fields.Scan) -> Response:
+async def scan(asked: ApiRequest, line: LineName, body: fields.Scan) -> Response:
     """Scan a line for drives."""
     return _examined(asked, line, "scan", body.model_dump(exclude_unset=True))
 
 
 @route("POST", f"{_LINE}/doctor", form=Lines, role=Role.COMMISSION, named=True, local=True)
-async def doctor(asked: Asked, line: LineName, body: fields.Doctor) -> Response:
+async def doctor(asked: ApiRequest, line: LineName, body: fields.Doctor) -> Response:
     """Diagnose a line."""
     return _examined(asked, line, "doctor", body.model_dump(exclude_unset=True))
 
 
 @route("GET", f"{_LINE}/trace", form=Lines, local=True)
-async def trace(asked: Asked, line: LineName) -> Response:
+async def trace(asked: ApiRequest, line: LineName) -> Response:
     """Telegrams of a line as they pass."""
     return _examined(asked, line, "trace", {})
 
 
 @route("GET", f"{_LINE}/statistics", form=Lines, local=True)
-async def statistics(asked: Asked, line: LineName) -> Response:
+async def statistics(asked: ApiRequest, line: LineName) -> Response:
     """Counters of a line."""
     return _examined(asked, line, "statistics", {})
 
 
-def _examined(asked: Asked, line: str, what: Examination, choices: Mapping[str, Any]) -> Response:
+def _examined(asked: ApiRequest, line: str, what: Examination, choices: Mapping[str, Any]) -> Response:
     return _lines(asked.plant.examine(asked.caller, _line(asked, line), what, choices))
 
 
-def _line(asked: Asked, name: str) -> str:
+def _line(asked: ApiRequest, name: str) -> str:
     try:
         return asked.plant.plant.line(name).name
     except UsageError as error:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from drivecomm.plant import Plant
-    from drivecomm.server import Answer, Caller, CurrentValue, DriveState, Lease, ServedPlant, StandingStop
+    from drivecomm.server import Caller, CommandAnswer, CurrentValue, DriveSnapshot, Lease, ServedPlant, StandingStop
 
 SLICE_S = 0.001
 """Seconds of writing before the event loop gets a turn."""
@@ -39,7 +39,7 @@ def plant_content(plant: ServedPlant, caller: Caller) -> dict[str, Any]:
     }
 
 
-def drive_text(plant: ServedPlant, drive: DriveState, values: Iterable[CurrentValue], caller: Caller) -> str:
+def drive_text(plant: ServedPlant, drive: DriveSnapshot, values: Iterable[CurrentValue], caller: Caller) -> str:
     """Return the JSON of a drive and its values."""
     now = time.time()
     config = drive.config
@@ -76,7 +76,7 @@ def drive_text(plant: ServedPlant, drive: DriveState, values: Iterable[CurrentVa
     return f'{json_text(content)[:-1]},"values":[{inside}]}}'
 
 
-def _machine_content(drive: DriveState) -> dict[str, Any]:
+def _machine_content(drive: DriveSnapshot) -> dict[str, Any]:
     machine, status = drive.config.machine, drive.status
     hz = None if status is None else status.actual_hz
     actual = None if machine is None or hz is None else machine.shown(hz).value
@@ -94,7 +94,7 @@ def _stop_content(stop: StandingStop | None) -> Mapping[str, Any] | None:
     return None if stop is None else {**plain(stop), "text": str(stop)}
 
 
-def drift_content(drive: DriveState) -> dict[str, Any]:
+def drift_content(drive: DriveSnapshot) -> dict[str, Any]:
     """Return the drift of a drive."""
     drift = drive.drift
     said = {"drive": drive.name, "text": str(drift), "changed": drift.changed, "since_s": drift.since_s}
@@ -170,7 +170,7 @@ def lease_content(lease: Lease, caller: Caller) -> dict[str, Any]:
     }
 
 
-def answer_content(answer: Answer) -> dict[str, Any]:
+def answer_content(answer: CommandAnswer) -> dict[str, Any]:
     """Return the outcome of a command."""
     return {
         "id": answer.id,

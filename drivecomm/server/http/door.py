@@ -9,7 +9,16 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import PortError, UsageError
-from drivecomm.server import LOCAL, LOCAL_BOUNDS, Bounds, DoorHealth, ListenAddress, Role, read_way_in, way_in_keys
+from drivecomm.server import (
+    LOCAL,
+    LOCAL_BOUNDS,
+    Bounds,
+    DoorHealth,
+    ListenAddress,
+    Role,
+    door_access_keys,
+    read_door_access,
+)
 from drivecomm.tomlfile import LIST
 
 if TYPE_CHECKING:
@@ -19,7 +28,7 @@ if TYPE_CHECKING:
 
     from drivecomm.server import ServedPlant
     from drivecomm.server.http.callers import Callers
-    from drivecomm.tomlfile import Table
+    from drivecomm.tomlfile import TomlTable
 
 _DEFAULT = "127.0.0.1:8080"
 _BACKLOG = 1024
@@ -27,10 +36,10 @@ _BOUNDS = Bounds(4000, 1000)
 _LOCAL_SPARE = 8
 """Spare descriptors for the local door, so that local users can stop drives when the process runs out of them."""
 _HAS_UNIX_SOCKETS = hasattr(socket, "AF_UNIX") and os.name == "posix"
-_KEYS = {**way_in_keys(_DEFAULT), "names": LIST}
+_KEYS = {**door_access_keys(_DEFAULT), "names": LIST}
 
 
-def http_door(table: Table) -> HttpDoor:
+def http_door(table: TomlTable) -> HttpDoor:
     """Return the HTTP door that a table of the plant file describes. Raises FileFormatError."""
     return HttpDoor(table)
 
@@ -38,9 +47,9 @@ def http_door(table: Table) -> HttpDoor:
 class HttpDoor:
     """HTTP on a TCP port."""
 
-    def __init__(self, table: Table) -> None:
+    def __init__(self, table: TomlTable) -> None:
         given = table.take(_KEYS)
-        self._way_in = read_way_in(table, given, _DEFAULT)
+        self._way_in = read_door_access(table, given, _DEFAULT)
         self._names = given.get("names", [])
         if not all(isinstance(name, str) for name in self._names):
             raise table.error('names cannot hold anything but texts; write names = ["drives.example.com"]', "names")
@@ -141,14 +150,16 @@ async def _run(
     from drivecomm.server.http.application import application
     from drivecomm.server.http.guard import LoginRate, check_no_browser, check_place, own_names
     from drivecomm.server.http.metrics import Metrics
-    from drivecomm.server.http.route import DoorState
+    from drivecomm.server.http.route import HttpDoorState
     from drivecomm.server.http.serving import serve
     from drivecomm.server.http.stream import Streams
 
     local = isinstance(door, LocalDoor)
     streams = Streams(plant)
     metrics = Metrics(plant, door.name, streams)
-    state = DoorState(plant=plant, streams=streams, logins=LoginRate(), metrics=metrics, callers=callers, local=local)
+    state = HttpDoorState(
+        plant=plant, streams=streams, logins=LoginRate(), metrics=metrics, callers=callers, local=local
+    )
     check = check_no_browser if names is None else partial(check_place, names=own_names().union(names))
     with listening:
         served, spare = application(state, check), _LOCAL_SPARE if local else 1

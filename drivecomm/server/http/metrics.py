@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from drivecomm.line import ResultQuality
     from drivecomm.models import Quantity
-    from drivecomm.server import CurrentValue, DoorState, DriveState, ServedPlant
+    from drivecomm.server import CurrentValue, DoorSnapshot, DriveSnapshot, ServedPlant
     from drivecomm.server.http.stream import Streams
 
 _DRIVE = ("line", "drive")
@@ -140,7 +140,7 @@ class PlantCollector:
         yield from (up, polls, missed, late)
 
 
-def _of_doors(doors: Iterable[DoorState]) -> Iterable[Metric]:
+def _of_doors(doors: Iterable[DoorSnapshot]) -> Iterable[Metric]:
     up = GaugeMetricFamily("drivecomm_door_up", "Whether the door is open, and reaches its broker.", labels=["door"])
     clients = GaugeMetricFamily("drivecomm_door_clients", "Connections of clients that are open.", labels=["door"])
     backlog = GaugeMetricFamily(
@@ -157,7 +157,7 @@ def _of_doors(doors: Iterable[DoorState]) -> Iterable[Metric]:
     yield from (up, clients, backlog)
 
 
-def _of_drives(drives: Iterable[DriveState], values: Iterable[CurrentValue]) -> Iterable[Metric]:
+def _of_drives(drives: Iterable[DriveSnapshot], values: Iterable[CurrentValue]) -> Iterable[Metric]:
     up = GaugeMetricFamily("drivecomm_drive_up", "Whether the drive answered when it was asked last.", labels=_DRIVE)
     info = InfoMetricFamily("drivecomm_drive", "What the drive is.", labels=_DRIVE)
     state = StateSetMetricFamily("drivecomm_drive_state", "What the drive is doing.", labels=_DRIVE)
@@ -191,7 +191,7 @@ def _of_drives(drives: Iterable[DriveState], values: Iterable[CurrentValue]) -> 
     yield from (up, info, state, fault, changed, replaced, reply)
 
 
-def _of_counters(drives: Iterable[DriveState]) -> Iterable[Metric]:
+def _of_counters(drives: Iterable[DriveSnapshot]) -> Iterable[Metric]:
     for name, about in COUNTERS.items():
         family = CounterMetricFamily(
             f"drivecomm_{name.replace(' ', '_')}", f"{about[0].upper()}{about[1:]}.", labels=_DRIVE

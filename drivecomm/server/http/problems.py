@@ -70,10 +70,10 @@ async def refused(request: Request, error: Any) -> Response:
         detail = f"{request.method} is not for {request.url.path}"
     elif detail == HTTPStatus.NOT_FOUND.phrase:
         detail = f"there is nothing at {request.url.path}"
-    return told(HTTPException(error.status_code, detail, headers))
+    return http_error_response(HTTPException(error.status_code, detail, headers))
 
 
-def told(error: HTTPException) -> Response:
+def http_error_response(error: HTTPException) -> Response:
     """Return the response for an HTTPException."""
     kind = NotAllowedError if error.status_code in (401, 403, 429) else UsageError
     return problem(error.status_code, kind(error.detail), error.headers)

@@ -42,7 +42,7 @@ _FAILURE: Any = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DoorState:
+class HttpDoorState:
     """State of one open door. local: whether it is the local door. readers: limits parallel reads of the history."""
 
     plant: ServedPlant
@@ -55,14 +55,14 @@ class DoorState:
     readers: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(2))
 
 
-class Asked(Request):
+class ApiRequest(Request):
     """Request of a caller who may use the route. fields: fields that its body may have."""
 
     caller: Caller
     fields: Mapping[str, FieldInfo]
 
     @property
-    def door(self) -> DoorState:
+    def door(self) -> HttpDoorState:
         """The door that received the request."""
         return self.app.state.door  # type: ignore[no-any-return]
 
@@ -150,7 +150,7 @@ class Route(APIRoute):
             # Every body is parsed as JSON, whatever its content type.
             headers = [each for each in request.scope["headers"] if each[0] != b"content-type"]
             headers.append((b"content-type", b"application/json"))
-            asked = Asked({**request.scope, "headers": headers}, request.receive)
+            asked = ApiRequest({**request.scope, "headers": headers}, request.receive)
             request.scope["state"]["standing"].streams = self.response_class is EventStream
             asked.caller, asked.fields = self._caller(asked), fields
             given = Counter(name for name, _ in asked.query_params.multi_items())
@@ -161,7 +161,7 @@ class Route(APIRoute):
 
         return handle
 
-    def _caller(self, asked: Asked) -> Caller:
+    def _caller(self, asked: ApiRequest) -> Caller:
         caller = asked.door.callers.of(asked.scope)
         if caller is not None and caller.name != ANONYMOUS:
             asked.scope["state"]["standing"].known = True

@@ -29,7 +29,7 @@ _NEW_DATE_S = 1.0
 
 
 @dataclass(slots=True)
-class Standing:
+class ConnectionState:
     """State of one connection as seen by the door.
 
     known: a named user has sent a request on it. streams: its current request is an endless stream, which the client
@@ -46,7 +46,7 @@ class _Connection(H11Protocol):
     def __init__(self, clients: set[object], **given: Any) -> None:
         super().__init__(**given)
         self._clients = clients
-        self._standing = Standing()
+        self._standing = ConnectionState()
         self._quiet_since_s = self.loop.time()
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from starlette.types import Receive, Send
 
-    from drivecomm.server import Changes, CurrentValue, Event, ServedPlant
+    from drivecomm.server import ChangeStream, CurrentValue, Event, ServedPlant
 
 _log = logging.getLogger("drivecomm.server")
 
@@ -178,7 +178,7 @@ class Streams:
             self._reading = self._pinging = None
             self._latest.clear()
 
-    async def _read(self, changes: Changes) -> None:
+    async def _read(self, changes: ChangeStream) -> None:
         try:
             async for values, events in changes:
                 began = time.thread_time()

@@ -16,19 +16,19 @@ from itertools import count
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import UsageError
-from drivecomm.server import Command
+from drivecomm.server import CommandRequest
 from drivecomm.server.modbus_tcp.heartbeat import HeldLease, counts_up
-from drivecomm.server.modbus_tcp.images import (
-    Image,
+from drivecomm.server.modbus_tcp.layout import COMMANDS, HEARTBEAT_AT, SEQUENCE_AT, STOP_AT, STOPS
+from drivecomm.server.modbus_tcp.outcomes import NOTHING_YET, UNDER_WAY, Outcome, Reason, Result, refused, result_of
+from drivecomm.server.modbus_tcp.register_image import (
     Reference,
+    RegisterImage,
     check,
     heartbeat_of,
     holds,
     nothing_held,
     sequence_of,
 )
-from drivecomm.server.modbus_tcp.layout import COMMANDS, HEARTBEAT_AT, SEQUENCE_AT, STOP_AT, STOPS
-from drivecomm.server.modbus_tcp.outcomes import NOTHING_YET, UNDER_WAY, Outcome, Reason, Result, refused, result_of
 
 if TYPE_CHECKING:
     from collections.abc import Coroutine
@@ -46,7 +46,7 @@ _BACKWARDS, _RESET, _REFERENCE = 2, 3, 4
 
 
 @dataclass(slots=True)
-class Told:
+class CommandResults:
     """Results reported to one address.
 
     answered: sequence number of the command that `command` is the result of. stops: number of stops received.
@@ -59,7 +59,7 @@ class Told:
     stops: int = 0
 
 
-class Commander:
+class RegisterCommander:
     """Commands of a door to one drive; used only within the door's event loop.
 
     caller: the caller, without its address. lease_s: seconds for which a heartbeat holds the lease.
@@ -68,7 +68,7 @@ class Commander:
     def __init__(self, plant: ServedPlant, drive: str, caller: Caller, lease_s: float, refusals: Refusals) -> None:
         self._plant, self._drive, self._anybody, self._refusals = plant, drive, caller, refusals
         self.lease = HeldLease(plant, drive, lease_s)
-        self._told: OrderedDict[str, Told] = OrderedDict()
+        self._told: OrderedDict[str, CommandResults] = OrderedDict()
         self._run, self._numbers = secrets.token_urlsafe(6), count(1)
         self._commanding: asyncio.Task[None] | None = None
         self._referring: asyncio.Task[None] | None = None
@@ -76,19 +76,19 @@ class Commander:
         self._sent: tuple[str, Reference] | None = None
         """The latest reference that was sent, with the key of its lease."""
 
-    def told_to(self, address: str) -> Told:
+    def results_of(self, address: str) -> CommandResults:
         """Return the results for an address, whichever of its connections reads them."""
-        return self._told.get(address) or Told()
+        return self._told.get(address) or CommandResults()
 
-    def _telling(self, address: str) -> Told:
+    def _telling(self, address: str) -> CommandResults:
         """Return the stored results of an address; creates them, and drops those of the address unused for longest."""
-        found = self._told.setdefault(address, Told())
+        found = self._told.setdefault(address, CommandResults())
         self._told.move_to_end(address)
         while len(self._told) > _MOST_ADDRESSES:
             self._told.popitem(last=False)
         return found
 
-    def write(self, image: Image, first: int, written: tuple[int, ...]) -> None:
+    def write(self, image: RegisterImage, first: int, written: tuple[int, ...]) -> None:
         """Process written registers. Raises RefusedRequest, but a stop in the registers has been sent even then."""
         if holds(first, written, STOP_AT):
             self._take_stop(image, written[STOP_AT - first])
@@ -103,7 +103,7 @@ class Commander:
 
     # Stops
 
-    def _take_stop(self, image: Image, code: int) -> None:
+    def _take_stop(self, image: RegisterImage, code: int) -> None:
         before, image.words[0] = image.words[0], code
         if code == before:
             return
@@ -119,7 +119,7 @@ class Commander:
             image.release_stop = self._plant.hold_stop(self._caller(image.address), self._drive, how)
         release()
 
-    async def _stop(self, address: str, how: str, told: Told, number: int) -> None:
+    async def _stop(self, address: str, how: str, told: CommandResults, number: int) -> None:
         result = await self._carried_out(address, "stop", {"how": how})
         if result.outcome is Outcome.REFUSED and how != "ramp":
             # A drive that cannot stop in this way must stop nevertheless.
@@ -129,7 +129,7 @@ class Commander:
 
     def stop_outcome(self, address: str) -> Outcome:
         """Return the present outcome of the latest stop of an address."""
-        told = self.told_to(address).stop
+        told = self.results_of(address).stop
         if told.outcome not in (Outcome.DONE, Outcome.OPEN) or told.reason is Reason.MISTAKE:
             return told.outcome
         stands = self._stands()
@@ -146,7 +146,7 @@ class Commander:
 
     # Heartbeat
 
-    def _take_heartbeat(self, image: Image, heartbeat: int) -> None:
+    def _take_heartbeat(self, image: RegisterImage, heartbeat: int) -> None:
         before, image.heartbeat = image.heartbeat, heartbeat
         if not heartbeat:
             self.lease.give_back(image, self._caller(image.address))
@@ -155,7 +155,7 @@ class Commander:
 
     # Commands
 
-    def _take_sequence(self, image: Image, sequence: int) -> None:
+    def _take_sequence(self, image: RegisterImage, sequence: int) -> None:
         before, image.sequence = image.sequence, sequence
         told = self._telling(image.address)
         if before is None:
@@ -173,7 +173,7 @@ class Commander:
         told.command = UNDER_WAY
         self._commanding = self._begin(self._command(image, image.command, image.reference, sequence, told))
 
-    def _why_not(self, image: Image) -> Reason:
+    def _why_not(self, image: RegisterImage) -> Reason:
         if not image.command:
             return Reason.NO_COMMAND
         if image.stop and image.command != _RESET:
@@ -191,13 +191,15 @@ class Commander:
         """Whether another image or another door demands a stop, for which the server refuses starts."""
         return (stands := self._stands()) is not None and stands.demanded
 
-    def _may_refer(self, image: Image) -> bool:
+    def _may_refer(self, image: RegisterImage) -> bool:
         try:
             return "set_reference" in self._plant.may(self._caller(image.address), self._drive)
         except UsageError:
             return False
 
-    async def _command(self, image: Image, code: int, reference: Reference, sequence: int, told: Told) -> None:
+    async def _command(
+        self, image: RegisterImage, code: int, reference: Reference, sequence: int, told: CommandResults
+    ) -> None:
         arguments: dict[str, Any] = {} if code == _RESET else dict(reference.arguments)
         if code == _BACKWARDS:
             arguments["reverse"] = True
@@ -214,11 +216,11 @@ class Commander:
 
     # Reference
 
-    def _take_reference(self, image: Image) -> None:
+    def _take_reference(self, image: RegisterImage) -> None:
         if self._wants_reference(image) and (self._referring is None or self._referring.done()):
             self._referring = self._begin(self._refer(image))
 
-    def _wants_reference(self, image: Image) -> bool:
+    def _wants_reference(self, image: RegisterImage) -> bool:
         is_commanding = self._commanding is not None and not self._commanding.done()
         return (
             bool(image.reference.kind)
@@ -228,7 +230,7 @@ class Commander:
             and self._sent != (self.lease.key, image.reference)
         )
 
-    async def _refer(self, image: Image) -> None:
+    async def _refer(self, image: RegisterImage) -> None:
         told = self._telling(image.address)
         while self._wants_reference(image):
             key, reference = self.lease.key, image.reference
@@ -243,7 +245,7 @@ class Commander:
         return replace(self._anybody, name=address)
 
     async def _carried_out(self, address: str, verb: str, arguments: dict[str, Any], lease: str = "") -> Result:
-        command = Command(
+        command = CommandRequest(
             drive=self._drive,
             verb=verb,
             arguments=arguments,
@@ -258,10 +260,10 @@ class Commander:
             return Result(Outcome.OPEN, Reason.MISTAKE)
         return result_of(answer)
 
-    def _note_refusal(self, image: Image, reason: Reason) -> None:
+    def _note_refusal(self, image: RegisterImage, reason: Reason) -> None:
         verb = _VERBS.get(image.command, "start")
         why = f"{COMMANDS.get(image.command, 'no command')}: {reason.name.lower().replace('_', ' ')}"
-        command = Command(drive=self._drive, verb=verb, arguments=image.reference.arguments)
+        command = CommandRequest(drive=self._drive, verb=verb, arguments=image.reference.arguments)
         self._refusals.note(self._caller(image.address), command, why)
 
     def _begin(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:

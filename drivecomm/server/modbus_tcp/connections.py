@@ -13,13 +13,13 @@ import time
 from collections import deque
 from typing import TYPE_CHECKING, cast
 
-from drivecomm.server import Acceptor, together
+from drivecomm.server import Acceptor, run_concurrently
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from drivecomm.server import Bounds
-    from drivecomm.server.modbus_tcp.sessions import Session
+    from drivecomm.server.modbus_tcp.sessions import ModbusSession
 
 SILENT_S = 10.0
 """Seconds without a request after which a connection is closed for a new one when the door is full."""
@@ -45,7 +45,7 @@ class Connections:
 
     def __init__(
         self,
-        answering: Callable[[str], Session],
+        answering: Callable[[str], ModbusSession],
         may_command: Callable[[str], bool] | None = None,
         *,
         bounds: Bounds,
@@ -66,7 +66,7 @@ class Connections:
         """Serve until cancelled. opened: called once connections are accepted."""
         opened()
         try:
-            await together(self._acceptor.run(listening), self._take_turns(), self._look())
+            await run_concurrently(self._acceptor.run(listening), self._take_turns(), self._look())
         finally:
             for connection in list(self._open):
                 connection.cut_off()
@@ -144,7 +144,7 @@ class _Pace:
 class _Connection(asyncio.BufferedProtocol):
     """One connection: it collects a whole telegram, waits for its turn, and sends the response."""
 
-    def __init__(self, connections: Connections, answering: Session, *, known: bool) -> None:
+    def __init__(self, connections: Connections, answering: ModbusSession, *, known: bool) -> None:
         self._connections = connections
         self._answering = answering
         self._known = known

@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from drivecomm.plant import Plant
     from drivecomm.protocol import DriveConfig
     from drivecomm.server import ServedPlant
-    from drivecomm.tomlfile import Table
+    from drivecomm.tomlfile import TomlTable
 
 _BOUNDS = Bounds(64, 32)
 
 
-def modbus_tcp_door(table: Table) -> ModbusTcpDoor:
+def modbus_tcp_door(table: TomlTable) -> ModbusTcpDoor:
     """Return the Modbus TCP door that a table of the plant file describes.
 
     Raises FileFormatError, or UsageError if pymodbus is not installed.
@@ -43,7 +43,7 @@ def modbus_tcp_door(table: Table) -> ModbusTcpDoor:
 class ModbusTcpDoor:
     """Modbus TCP on a port."""
 
-    def __init__(self, table: Table) -> None:
+    def __init__(self, table: TomlTable) -> None:
         self._table = table
         self.settings = read_door_settings(table)
         self.connections = _BOUNDS
@@ -80,7 +80,7 @@ class ModbusTcpDoor:
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
         """Serve until cancelled. Raises PortError."""
         from drivecomm.server.modbus_tcp.connections import Connections
-        from drivecomm.server.modbus_tcp.sessions import Session, Units
+        from drivecomm.server.modbus_tcp.sessions import ModbusSession, Units
 
         listening = self.settings.listen.open()
         # Port 0 means any free port; the name has to show which one it became.
@@ -89,6 +89,6 @@ class ModbusTcpDoor:
         units = Units(plant, self.settings, self.name)
         with listening:
             may_command = self.settings.may_command if self.settings.commands_from else None
-            connections = Connections(partial(Session, units), may_command, bounds=self.connections)
+            connections = Connections(partial(ModbusSession, units), may_command, bounds=self.connections)
             self._clients = connections
             await connections.serve(listening, opened)

@@ -10,7 +10,7 @@ from drivecomm.errors import DriveCommError, LeaseError
 
 if TYPE_CHECKING:
     from drivecomm.server import Caller, ServedPlant
-    from drivecomm.server.modbus_tcp.images import Image
+    from drivecomm.server.modbus_tcp.register_image import RegisterImage
 
 _WRAP = 2**16
 RENEWED_EVERY_S = 0.1
@@ -33,16 +33,16 @@ class HeldLease:
     def __init__(self, plant: ServedPlant, drive: str, seconds: float) -> None:
         self._plant, self._drive, self._seconds = plant, drive, seconds
         self.key = ""
-        self.owner: Image | None = None
+        self.owner: RegisterImage | None = None
         self._until_s = 0.0
         self._again_s = 0.0
-        self._counted: tuple[Image, Caller] | None = None
+        self._counted: tuple[RegisterImage, Caller] | None = None
         """The image whose heartbeat has counted since the last request for the lease, and its caller."""
         self._counted_s = 0.0
         self._asking: asyncio.Task[None] | None = None
         self._ending: asyncio.Task[None] | None = None
 
-    def is_held_by(self, image: Image) -> bool:
+    def is_held_by(self, image: RegisterImage) -> bool:
         """Whether this image holds the lease now."""
         return self.owner is image and self.left_s > 0
 
@@ -51,7 +51,7 @@ class HeldLease:
         """Seconds until the lease expires; 0 without a lease."""
         return max(0.0, self._until_s - time.monotonic()) if self.key else 0.0
 
-    def counted(self, image: Image, caller: Caller) -> None:
+    def counted(self, image: RegisterImage, caller: Caller) -> None:
         """Acquire or renew the lease, because the heartbeat of an image has counted up."""
         if not self._may_have(image):
             return
@@ -59,7 +59,7 @@ class HeldLease:
         if self._asking is None and (self.key or time.monotonic() >= self._again_s):
             self._asking = asyncio.create_task(self._ask(), name=f"lease of {self._drive}")
 
-    def give_back(self, image: Image, caller: Caller) -> None:
+    def give_back(self, image: RegisterImage, caller: Caller) -> None:
         """Release the lease if this image holds it: the motor is then treated by its policy immediately."""
         if self._counted is not None and self._counted[0] is image:
             self._counted = None
@@ -67,7 +67,7 @@ class HeldLease:
             key, self.key, self.owner = self.key, "", None
             self._ending = asyncio.create_task(self._end(caller, key), name=f"end of the lease of {self._drive}")
 
-    def _may_have(self, image: Image) -> bool:
+    def _may_have(self, image: RegisterImage) -> bool:
         """Whether this image may request the lease: it holds it, no other image does, or its peer has reconnected.
 
         After a cut cable the old connection is still open: only its heartbeat is silent.

@@ -20,7 +20,7 @@ from drivecomm.errors import (
 
 if TYPE_CHECKING:
     from drivecomm.errors import DriveCommError
-    from drivecomm.server import Answer
+    from drivecomm.server import CommandAnswer
 
 
 class Outcome(IntEnum):
@@ -100,7 +100,7 @@ def refused(reason: Reason) -> Result:
     return Result(Outcome.REFUSED, reason)
 
 
-def result_of(answer: Answer) -> Result:
+def result_of(answer: CommandAnswer) -> Result:
     """Return the numeric form of an answer from the server."""
     return Result(_OUTCOMES[answer.outcome], Reason.NONE if answer.error is None else reason_of(answer.error))
 

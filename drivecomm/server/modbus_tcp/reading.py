@@ -44,10 +44,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from drivecomm.protocol import DriveStatus
-    from drivecomm.server import CurrentValue, DriveState, ServedPlant
+    from drivecomm.server import CurrentValue, DriveSnapshot, ServedPlant
     from drivecomm.server.modbus_tcp.layout import NumberType
 
-Told: TypeAlias = tuple[Sequence[int], Quality | None]
+QualifiedWords: TypeAlias = tuple[Sequence[int], Quality | None]
 """Register words and their quality; None for data of the server itself."""
 
 _KEPT_READS = 64
@@ -59,14 +59,14 @@ class _Moment:
     """State of a drive during one read."""
 
     plant: ServedPlant
-    drive: DriveState
+    drive: DriveSnapshot
     now_s: float
     polled: frozenset[str] | None = None
     """Names of the polled parameters; None until looked up."""
     seen: tuple[CurrentValue | None, Quality, DriveStatus | None] | None = None
     """The status value, its quality and its content; None until looked up."""
 
-    def value(self, name: str, number: NumberType) -> Told:
+    def value(self, name: str, number: NumberType) -> QualifiedWords:
         """Return the register words of a value, its quality and its age, together with the quality."""
         found = self.plant.value(self.drive.name, name)
         if found is None:
@@ -80,7 +80,7 @@ class _Moment:
             return (*NOTHING[number], Quality.UNAVAILABLE, NO_AGE), Quality.UNAVAILABLE
         return (*words, quality, age_word(found, self.now_s)), quality
 
-    def status(self, address: int) -> Told:
+    def status(self, address: int) -> QualifiedWords:
         """Return one of the status words that come before the values."""
         if self.seen is None:
             self.seen = self._status()
@@ -110,7 +110,7 @@ class _Moment:
         return found, quality, status
 
 
-_Tell: TypeAlias = Callable[[_Moment], Told]
+_Tell: TypeAlias = Callable[[_Moment], QualifiedWords]
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,7 +208,7 @@ def _value_of(name: str, number: NumberType) -> _Tell:
 def _part_of(tell: _Tell, begin: int, end: int) -> _Tell:
     """Return a source for a part of a block; the quality counts only if the part includes the value."""
 
-    def part(moment: _Moment) -> Told:
+    def part(moment: _Moment) -> QualifiedWords:
         words, quality = tell(moment)
         return words[begin:end], None if begin else quality
 

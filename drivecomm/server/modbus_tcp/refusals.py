@@ -7,7 +7,7 @@ from collections import OrderedDict
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from drivecomm.server import Caller, Command, ServedPlant
+    from drivecomm.server import Caller, CommandRequest, ServedPlant
 
 EVERY_S = 1.0
 _MOST_KINDS = 1000
@@ -20,7 +20,7 @@ class Refusals:
         self._plant = plant
         self._noted: OrderedDict[tuple[str, str, str], tuple[float, int]] = OrderedDict()
 
-    def note(self, caller: Caller, command: Command, why: str) -> None:
+    def note(self, caller: Caller, command: CommandRequest, why: str) -> None:
         """Record a refusal in the audit. Repetitions of the same kind within a second are only counted."""
         kind, now = (caller.name, command.drive, why), time.monotonic()
         last_s, left_out = self._noted.pop(kind, (now - EVERY_S, 0))

@@ -60,7 +60,7 @@ class RefusedRequest(Exception):  # noqa: N818 - it is an answer, and not an err
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Asked:
+class RegisterRequest:
     """Request. write_at, written: registers to write before the read; empty if nothing is written."""
 
     function: int
@@ -70,7 +70,7 @@ class Asked:
     written: tuple[int, ...] = ()
 
 
-def understood(telegram: bytes) -> Asked:
+def parse_request(telegram: bytes) -> RegisterRequest:
     """Return the request in a telegram that starts with its function code. Raises RefusedRequest."""
     function = telegram[0]
     if function not in _REQUESTS:
@@ -93,9 +93,9 @@ def understood(telegram: bytes) -> Asked:
     return asked
 
 
-def _asked(function: int, request: ModbusPDU) -> Asked:
+def _asked(function: int, request: ModbusPDU) -> RegisterRequest:
     if isinstance(request, ReadWriteMultipleRegistersRequest):
-        return Asked(
+        return RegisterRequest(
             function=function,
             read_at=request.read_address,
             read_count=request.read_count,
@@ -105,11 +105,11 @@ def _asked(function: int, request: ModbusPDU) -> Asked:
     if function in (_WRITE_ONE, _WRITE):
         if not request.registers:
             raise RefusedRequest(ExceptionCode.VALUE)
-        return Asked(function=function, write_at=request.address, written=tuple(request.registers))
-    return Asked(function=function, read_at=request.address, read_count=request.count)
+        return RegisterRequest(function=function, write_at=request.address, written=tuple(request.registers))
+    return RegisterRequest(function=function, read_at=request.address, read_count=request.count)
 
 
-def answer_to(asked: Asked, words: Sequence[int]) -> bytes:
+def encode_response(asked: RegisterRequest, words: Sequence[int]) -> bytes:
     """Return the response to a request, starting with its function code. words: the registers read."""
     written: ModbusPDU | None = None
     if asked.function == _WRITE_ONE:
@@ -122,7 +122,7 @@ def answer_to(asked: Asked, words: Sequence[int]) -> bytes:
     return struct.pack(f">BB{len(words)}H", asked.function, 2 * len(words), *words)
 
 
-def exception_to(telegram: bytes, code: ExceptionCode) -> bytes:
+def encode_exception(telegram: bytes, code: ExceptionCode) -> bytes:
     """Return the exception response to a refused request."""
     # A function code that already has the exception bit is answered unchanged.
     refused = ExceptionResponse(telegram[0] & 0x7F, code)

@@ -6,19 +6,25 @@ import logging
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import UsageError
-from drivecomm.server import Caller, Command, Role
-from drivecomm.server.modbus_tcp.commanding import Commander
-from drivecomm.server.modbus_tcp.images import SIZE, Image
+from drivecomm.server import Caller, CommandRequest, Role
+from drivecomm.server.modbus_tcp.commanding import RegisterCommander
 from drivecomm.server.modbus_tcp.layout import COMMANDS_END, RESULTS_END, STOP_AT
 from drivecomm.server.modbus_tcp.reading import UnitRegisters
 from drivecomm.server.modbus_tcp.refusals import Refusals
-from drivecomm.server.modbus_tcp.requests import ExceptionCode, RefusedRequest, answer_to, exception_to, understood
+from drivecomm.server.modbus_tcp.register_image import SIZE, RegisterImage
+from drivecomm.server.modbus_tcp.requests import (
+    ExceptionCode,
+    RefusedRequest,
+    encode_exception,
+    encode_response,
+    parse_request,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from drivecomm.server import ServedPlant
-    from drivecomm.server.modbus_tcp.requests import Asked
+    from drivecomm.server.modbus_tcp.requests import RegisterRequest
     from drivecomm.server.modbus_tcp.settings import DoorSettings
 
 _log = logging.getLogger("drivecomm.server.modbus_tcp")
@@ -37,39 +43,39 @@ class Units:
         }
         self.refusals = Refusals(plant)
         self.commanders = {
-            unit: Commander(
+            unit: RegisterCommander(
                 plant, drive, Caller(name="", role=Role.OPERATE, door=name), settings.lease_s, self.refusals
             )
             for unit, drive in settings.units.items()
         }
 
-    def note_stranger(self, address: str, unit: int, asked: Asked) -> None:
+    def note_stranger(self, address: str, unit: int, asked: RegisterRequest) -> None:
         """Record in the audit that an address without permission tried to command."""
         caller = Caller(name=address, role=Role.VIEW, door=self.name)
         words = " ".join(f"{word:04X}" for word in asked.written)
-        command = Command(
+        command = CommandRequest(
             drive=self.settings.units[unit], verb="write", arguments={"register": asked.write_at, "words": words}
         )
         self.refusals.note(caller, command, "commands_from of the door does not list this address")
 
 
-class Session:
+class ModbusSession:
     """Responses on one connection. address: address of the peer."""
 
     def __init__(self, units: Units, address: str) -> None:
         self._units, self._address = units, address
         self._may_command = units.settings.may_command(address)
-        self._images: dict[int, Image] = {}
+        self._images: dict[int, RegisterImage] = {}
 
     def answer(self, unit: int, telegram: bytes) -> bytes:
         """Return the response to a telegram; both start with the function code."""
         try:
             return self._answer(unit, telegram)
         except RefusedRequest as refused:
-            return exception_to(telegram, refused.code)
+            return encode_exception(telegram, refused.code)
         except Exception:  # noqa: BLE001 - whoever asks is answered
             _log.exception("unit %d", unit)
-            return exception_to(telegram, ExceptionCode.FAILURE)
+            return encode_exception(telegram, ExceptionCode.FAILURE)
 
     def closed(self) -> None:
         """Release the stops of the connection. Its lease expires unless its address connects again."""
@@ -80,15 +86,15 @@ class Session:
     def _answer(self, unit: int, telegram: bytes) -> bytes:
         if unit not in self._units.registers:
             raise RefusedRequest(ExceptionCode.NO_PATH)
-        asked = understood(telegram)
+        asked = parse_request(telegram)
         words: Sequence[int] = ()
         if asked.written:
             self._write(unit, asked)
         if asked.read_count:
             words = self._read(unit, asked.read_at, asked.read_count)
-        return answer_to(asked, words)
+        return encode_response(asked, words)
 
-    def _write(self, unit: int, asked: Asked) -> None:
+    def _write(self, unit: int, asked: RegisterRequest) -> None:
         if not self._units.settings.commands_from:
             raise RefusedRequest(ExceptionCode.FUNCTION)
         if not self._may_command:
@@ -97,7 +103,7 @@ class Session:
         commander = self._units.commanders[unit]
         image = self._images.get(unit)
         if image is None:
-            image = self._images[unit] = Image(self._address)
+            image = self._images[unit] = RegisterImage(self._address)
         commander.write(image, asked.write_at, asked.written)
 
     def _read(self, unit: int, address: int, count: int) -> Sequence[int]:
@@ -111,7 +117,7 @@ class Session:
 
     def _command_words(self, unit: int) -> list[int]:
         commander = self._units.commanders[unit]
-        told, image = commander.told_to(self._address), self._images.get(unit)
+        told, image = commander.results_of(self._address), self._images.get(unit)
         lease, left = self._lease(unit)
         return [
             *(image.words if image is not None else [0] * SIZE),

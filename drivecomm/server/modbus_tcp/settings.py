@@ -15,10 +15,10 @@ import ipaddress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from drivecomm.errors import meant
+from drivecomm.errors import suggestion
 from drivecomm.server import ListenAddress, listen_address, listen_kind
 from drivecomm.server.modbus_tcp.layout import FIRST_OWN, LAST_OWN, VALUE_WORDS, NumberType, OwnRegister, number_type
-from drivecomm.tomlfile import CHOICE, LIST, SECONDS, TABLE, TEXT, Kind, Table
+from drivecomm.tomlfile import CHOICE, LIST, SECONDS, TABLE, TEXT, Kind, TomlTable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -67,7 +67,7 @@ class DoorSettings:
         return any(plain in network for network in self.commands_from)
 
 
-def read_door_settings(table: Table) -> DoorSettings:
+def read_door_settings(table: TomlTable) -> DoorSettings:
     """Return the settings from the table of a door. Raises FileFormatError."""
     given = table.take(_KEYS, "units")
     listen = listen_address(table, given.get("listen", _DEFAULT), _DEFAULT)
@@ -93,13 +93,14 @@ def read_door_settings(table: Table) -> DoorSettings:
     )
 
 
-def check_plant(table: Table, settings: DoorSettings, plant: Plant) -> None:
+def check_plant(table: TomlTable, settings: DoorSettings, plant: Plant) -> None:
     """Raise FileFormatError if the table names a drive, or a value of a drive, that is not in the plant."""
     drives = {drive.name: drive for drive in plant.drives}
     for unit, name in settings.units.items():
         if name not in drives:
             raise table.error(
-                f"units: there is no drive {name!r} for unit {unit}; {meant(name, drives, 'the plant has')}", "units"
+                f"units: there is no drive {name!r} for unit {unit}; {suggestion(name, drives, 'the plant has')}",
+                "units",
             )
     for name, own in settings.registers.items():
         polled = [parameter for group in drives[name].poll for parameter in group.parameters]
@@ -111,7 +112,7 @@ def check_plant(table: Table, settings: DoorSettings, plant: Plant) -> None:
                 )
 
 
-def _units(table: Table) -> dict[int, str]:
+def _units(table: TomlTable) -> dict[int, str]:
     said = table.table("units")
     units: dict[int, str] = {}
     if not said.content:
@@ -127,12 +128,12 @@ def _units(table: Table) -> dict[int, str]:
     return dict(sorted(units.items()))
 
 
-def _registers(table: Table, units: Mapping[int, str]) -> dict[str, tuple[OwnRegister, ...]]:
+def _registers(table: TomlTable, units: Mapping[int, str]) -> dict[str, tuple[OwnRegister, ...]]:
     said = table.table("registers")
     found: dict[str, tuple[OwnRegister, ...]] = {}
     for drive in said.content:
         if drive not in units.values():
-            raise said.error(f"{drive} is not a unit; {meant(drive, units.values(), 'units are')}", drive)
+            raise said.error(f"{drive} is not a unit; {suggestion(drive, units.values(), 'units are')}", drive)
         of_drive = said.table(drive)
         places: dict[int, OwnRegister] = {}
         for name, place in of_drive.content.items():
@@ -146,7 +147,7 @@ def _registers(table: Table, units: Mapping[int, str]) -> dict[str, tuple[OwnReg
     return found
 
 
-def _own_register(table: Table, name: str, place: Any) -> OwnRegister:
+def _own_register(table: TomlTable, name: str, place: Any) -> OwnRegister:
     number: Any = number_type(name)
     if isinstance(place, dict):
         given = table.table(name).take(_REGISTER, "address")
@@ -161,7 +162,7 @@ def _own_register(table: Table, name: str, place: Any) -> OwnRegister:
     return OwnRegister(name, place, number)
 
 
-def _network(table: Table, said: Any) -> Network:
+def _network(table: TomlTable, said: Any) -> Network:
     try:
         return ipaddress.ip_network(said if isinstance(said, str) else "")
     except ValueError:

@@ -11,7 +11,7 @@ from drivecomm.protocol import DriveState as Motion
 
 if TYPE_CHECKING:
     from drivecomm.protocol import DriveStatus, Value
-    from drivecomm.server import CurrentValue, DriveState
+    from drivecomm.server import CurrentValue, DriveSnapshot
     from drivecomm.server.modbus_tcp.layout import NumberType
 
 _EXACT = 2**24
@@ -82,7 +82,7 @@ def number_words(value: Value, number: NumberType) -> tuple[int, int] | None:
     return high, low
 
 
-def state_word(state: DriveState, status: DriveStatus | None) -> int:
+def state_word(state: DriveSnapshot, status: DriveStatus | None) -> int:
     """Return the state word of a drive. status: None if there is no current status."""
     bits = [False] * 10 if status is None else _status_bits(status)
     bits[1] = state.reachability == "answers"

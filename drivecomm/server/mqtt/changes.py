@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from drivecomm.server import ServedPlant
-    from drivecomm.server.mqtt.content import Sample
+    from drivecomm.server.mqtt.content import PublishedValue
 
 AT_LEAST_EVERY_S = 60.0
 """Default for the longest time in seconds between messages of an unchanged value."""
@@ -48,7 +48,7 @@ def _no_tag(_drive: str, _name: str) -> None:
     return None
 
 
-class Changes:
+class ChangeDetector:
     """Last published value of each quantity, and the comparison with it.
 
     deadband_of: returns the deadband from the tag of a drive's value; None for the one in the rules.
@@ -58,13 +58,13 @@ class Changes:
         self._deadband_of = deadband_of
         self._deadbands = {name: Decimal(str(size)) for name, size in rules.deadbands.items()}
         self._every_ms = rules.at_least_every_s * 1000
-        self._last: dict[tuple[str, str], Sample] = {}
+        self._last: dict[tuple[str, str], PublishedValue] = {}
 
-    def published(self, sample: Sample) -> None:
+    def published(self, sample: PublishedValue) -> None:
         """Record a value as published."""
         self._last[sample.drive, sample.name] = sample
 
-    def is_one(self, sample: Sample) -> bool:
+    def is_change(self, sample: PublishedValue) -> bool:
         """Return whether to publish a value."""
         last = self._last.get((sample.drive, sample.name))
         return (
@@ -74,7 +74,7 @@ class Changes:
             or self._differs(last, sample)
         )
 
-    def _differs(self, last: Sample, sample: Sample) -> bool:
+    def _differs(self, last: PublishedValue, sample: PublishedValue) -> bool:
         before, now = last.value, sample.value
         if isinstance(before, int | Decimal) and isinstance(now, int | Decimal):
             own = self._deadband_of(sample.drive, sample.name)
@@ -83,6 +83,6 @@ class Changes:
         return before != now
 
 
-def _said(sample: Sample) -> tuple[str, ...]:
+def _said(sample: PublishedValue) -> tuple[str, ...]:
     """Return the parts of a value whose change is always published."""
     return sample.quality, sample.unit, sample.text, sample.note

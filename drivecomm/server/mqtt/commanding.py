@@ -18,11 +18,17 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.client import error_content, json_text, plain
 from drivecomm.errors import DriveCommError, LinkError, NotAllowedError, UsageError, in_one_line
-from drivecomm.server import NEEDS, Answer, Command
-from drivecomm.server.broker import Message
-from drivecomm.server.mqtt.asked import command_of, commanded, requested, stopped, why_incomplete
-from drivecomm.server.mqtt.floods import PAUSE_S, Flood
-from drivecomm.server.mqtt.requests import carried_out
+from drivecomm.server import NEEDS, CommandAnswer, CommandRequest
+from drivecomm.server.broker import BrokerMessage
+from drivecomm.server.mqtt.command_parser import (
+    command_of,
+    parse_command,
+    parse_plant_request,
+    parse_stop,
+    why_incomplete,
+)
+from drivecomm.server.mqtt.rate_limit import PAUSE_S, RateLimit
+from drivecomm.server.mqtt.requests import carry_out_request
 from drivecomm.server.mqtt.stops import Stops
 from drivecomm.server.mqtt.topics import name_of
 
@@ -30,7 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
     from drivecomm.server import Caller, ServedPlant
-    from drivecomm.server.broker import Connection, Received
+    from drivecomm.server.broker import BrokerConnection, ReceivedMessage
     from drivecomm.server.mqtt.callers import BrokerCallers
     from drivecomm.server.mqtt.topics import Topics
 
@@ -56,20 +62,20 @@ class Commanding:
         self._plant, self._topics, self._callers, self._keeps_old = plant, topics, callers, keeps_old
         self.session = ""
         """Session of this connection, "" while disconnected."""
-        self._connection: Connection | None = None
+        self._connection: BrokerConnection | None = None
         self._doing: set[asyncio.Task[None]] = set()
         self._stopping: set[asyncio.Task[None]] = set()
         self._stops = Stops(self._begin_stop)
         self._commands = 0
         self._told_s: dict[str, float] = {}
         self._seen: OrderedDict[tuple[str, str], None] = OrderedDict()
-        self._kinds: dict[str, tuple[str, Callable[[str, Received], Coroutine[Any, Any, None]]]] = {
+        self._kinds: dict[str, tuple[str, Callable[[str, ReceivedMessage], Coroutine[Any, Any, None]]]] = {
             "command": (topics.of_all("command"), self._command),
             "stop": (topics.of_all("stop"), self._stop),
             "request": (f"{topics.bridge}/request/#", self._request),
         }
         self._stop_all = f"{topics.bridge}/request/stop"
-        self._rates = {kind: Flood() for kind in self._kinds}
+        self._rates = {kind: RateLimit() for kind in self._kinds}
         self._flooded = asyncio.Event()
 
     @property
@@ -77,7 +83,7 @@ class Commanding:
         """Whether any caller may command here."""
         return self._callers.listens
 
-    async def begin(self, connection: Connection) -> None:
+    async def begin(self, connection: BrokerConnection) -> None:
         """Subscribe on a new connection, with a new session."""
         self.session, self._connection = secrets.token_urlsafe(9), connection
         if self.listens:
@@ -89,7 +95,7 @@ class Commanding:
         for task in self._doing:
             task.cancel()
 
-    async def guard(self, connection: Connection) -> None:
+    async def guard(self, connection: BrokerConnection) -> None:
         """Unsubscribe from flooded topics for a while, until the connection is lost."""
         pausing: set[asyncio.Task[None]] = set()
         try:
@@ -107,7 +113,7 @@ class Commanding:
                 task.cancel()
             await asyncio.gather(*pausing, return_exceptions=True)
 
-    async def _pause(self, connection: Connection, kind: str) -> None:
+    async def _pause(self, connection: BrokerConnection, kind: str) -> None:
         topic = self._kinds[kind][0]
         with suppress(LinkError):
             if kind == "request":
@@ -120,9 +126,9 @@ class Commanding:
             await connection.subscribe(topic)
             if kind == "request":
                 await connection.unsubscribe(self._stop_all)
-            self._plant.refuse(self._callers.unknown, Command(drive="", verb=kind), why)
+            self._plant.refuse(self._callers.unknown, CommandRequest(drive="", verb=kind), why)
 
-    def received(self, received: Received) -> None:
+    def received(self, received: ReceivedMessage) -> None:
         """Accept a message, to be processed in a task."""
         kind, what = self._meant(received)
         if kind not in self._kinds or self._connection is None:
@@ -138,7 +144,7 @@ class Commanding:
             return
         self._begin(kind, what, received, self._doing)
 
-    def _meant(self, received: Received) -> tuple[str, str]:
+    def _meant(self, received: ReceivedMessage) -> tuple[str, str]:
         """Return the kind of a message, and its drive or the name of its request."""
         requests = f"{self._topics.bridge}/request/"
         if received.topic.startswith(requests):
@@ -152,12 +158,12 @@ class Commanding:
     def _admits(self, kind: str) -> bool:
         return self._rates[kind].admits(time.monotonic(), len(self._plant.plant.drives))
 
-    def _begin(self, kind: str, what: str, received: Received, tasks: set[asyncio.Task[None]]) -> None:
+    def _begin(self, kind: str, what: str, received: ReceivedMessage, tasks: set[asyncio.Task[None]]) -> None:
         task = asyncio.create_task(self._heard(kind, what, received), name=f"mqtt {kind}")
         tasks.add(task)
         task.add_done_callback(tasks.discard)
 
-    def _take_stop(self, received: Received) -> None:
+    def _take_stop(self, received: ReceivedMessage) -> None:
         """Carry out a stop. In a flood, queue the latest stop of each drive and drop invalid ones."""
         if not self._stops.wait and self._admits("stop"):
             self._begin_stop(received)
@@ -167,21 +173,21 @@ class Commanding:
                 return
         self._tell(f"too many messages come to {received.topic} that stop nothing: they are thrown away", "stop")
 
-    def _begin_stop(self, received: Received) -> None:
+    def _begin_stop(self, received: ReceivedMessage) -> None:
         # Not among the tasks cancelled with the connection: a received stop must be sent.
         self._begin(*self._meant(received), received, self._stopping)
 
-    def _stopped_by(self, received: Received) -> tuple[str, ...]:
+    def _stopped_by(self, received: ReceivedMessage) -> tuple[str, ...]:
         """Return a key for the target of a stop. Raises UsageError and NotAllowedError if it would be refused."""
         kind, what = self._meant(received)
-        content = stopped(received.payload) if kind == "stop" else requested(what, received.payload)
+        content = parse_stop(received.payload) if kind == "stop" else parse_plant_request(what, received.payload)
         self._callers.of(content)
         self._check_stop(received)
         if kind == "stop":
             self._plant.drive(what)
         return kind, what, *sorted(content.get("lines", ()))
 
-    async def _heard(self, kind: str, what: str, received: Received) -> None:
+    async def _heard(self, kind: str, what: str, received: ReceivedMessage) -> None:
         try:
             await self._kinds[kind][1](what, received)
         except LinkError:
@@ -190,11 +196,11 @@ class Commanding:
         except Exception:  # noqa: BLE001 - a message that we cannot handle costs the others nothing
             _log.exception("message on %s", received.topic)
 
-    async def _command(self, drive: str, received: Received) -> None:
+    async def _command(self, drive: str, received: ReceivedMessage) -> None:
         content: dict[str, Any] = {}
         caller = self._callers.unknown
         try:
-            content = commanded(received.payload)
+            content = parse_command(received.payload)
             caller = self._callers.of(content)
             self._check_topic(drive, received)
             self._check_now(content, received)
@@ -218,7 +224,7 @@ class Commanding:
         finally:
             self._commands -= 1
 
-    def _is_repeated(self, caller: Caller, command: Command) -> bool:
+    def _is_repeated(self, caller: Caller, command: CommandRequest) -> bool:
         key = caller.name, command.id
         repeated = bool(command.id) and key in self._seen
         self._seen[key] = None
@@ -226,13 +232,13 @@ class Commanding:
             self._seen.popitem(last=False)
         return repeated
 
-    def _check_topic(self, drive: str, received: Received) -> None:
+    def _check_topic(self, drive: str, received: ReceivedMessage) -> None:
         """Raise UsageError for a command below the wrong line. A stop there is still carried out."""
         own = self._topics.command(drive)
         if received.topic != own and any(each.name == drive for each in self._plant.plant.drives):
             raise UsageError(f"{received.topic} is not where {drive} is commanded; publish to {own}")
 
-    def _check_now(self, content: dict[str, Any], received: Received) -> None:
+    def _check_now(self, content: dict[str, Any], received: ReceivedMessage) -> None:
         """Raise NotAllowedError or UsageError for a command that may be meant for another time."""
         if received.retained:
             raise NotAllowedError(_RETAINED.format("command"))
@@ -245,10 +251,10 @@ class Commanding:
                 f"the command was meant for an earlier connection; read the session again in {self._topics.state}"
             )
 
-    async def _stop(self, drive: str, received: Received) -> None:
-        caller, command = self._callers.unknown, Command(drive=drive, verb="stop")
+    async def _stop(self, drive: str, received: ReceivedMessage) -> None:
+        caller, command = self._callers.unknown, CommandRequest(drive=drive, verb="stop")
         try:
-            content = stopped(received.payload)
+            content = parse_stop(received.payload)
             command = replace(command, id=content.get("id", ""), arguments=_how(content))
             caller = self._callers.of(content)
             self._check_stop(received)
@@ -257,7 +263,7 @@ class Commanding:
             return
         await self._carried_out(caller, command, received)
 
-    def _check_stop(self, received: Received) -> None:
+    def _check_stop(self, received: ReceivedMessage) -> None:
         """Raise NotAllowedError for a stored stop, which the broker would send again on every connection.
 
         If the broker sends no stored messages, a message with the retain flag is live.
@@ -265,40 +271,42 @@ class Commanding:
         if received.retained and self._keeps_old:
             raise NotAllowedError(_RETAINED.format("stop"))
 
-    async def _carried_out(self, caller: Caller, command: Command, received: Received) -> None:
+    async def _carried_out(self, caller: Caller, command: CommandRequest, received: ReceivedMessage) -> None:
         answer = await self._plant.command(caller, command)
         if received.retained:
             self._tell(f"a stop of {command.drive} was published as retained; publish it without", "retained stop")
         await self._answer(command, answer, received)
 
-    async def _refused(self, caller: Caller, command: Command, error: DriveCommError, received: Received) -> None:
+    async def _refused(
+        self, caller: Caller, command: CommandRequest, error: DriveCommError, received: ReceivedMessage
+    ) -> None:
         self._plant.refuse(caller, command, in_one_line(error))
         if received.retained:
             self._tell(
                 f"a retained command came to {received.topic} and was refused; clear it with an empty retained message",
                 "retained",
             )
-        await self._answer(command, Answer(id=command.id, outcome="refused", error=error), received)
+        await self._answer(command, CommandAnswer(id=command.id, outcome="refused", error=error), received)
 
-    async def _request(self, what: str, received: Received) -> None:
+    async def _request(self, what: str, received: ReceivedMessage) -> None:
         content: dict[str, Any] = {}
         caller, answered = self._callers.unknown, {}
         try:
-            content = requested(what, received.payload)
+            content = parse_plant_request(what, received.payload)
             caller = self._callers.of(content)
             if what == "stop":
                 self._check_stop(received)
             else:
                 self._check_now({"verb": "status", **content}, received)
-            result = await carried_out(self._plant, caller, what, content)
+            result = await carry_out_request(self._plant, caller, what, content)
             answered = {"outcome": "done", "result": result, "error": None}
         except DriveCommError as error:
-            self._plant.refuse(caller, Command(drive=content.get("drive", ""), verb=what), in_one_line(error))
+            self._plant.refuse(caller, CommandRequest(drive=content.get("drive", ""), verb=what), in_one_line(error))
             answered = {"outcome": "refused", "result": None, "error": error_content(error)}
         topic = f"{self._topics.bridge}/response/{what}"
         await self._publish(topic, {"id": content.get("id", ""), **answered}, received)
 
-    async def _answer(self, command: Command, answer: Answer, received: Received) -> None:
+    async def _answer(self, command: CommandRequest, answer: CommandAnswer, received: ReceivedMessage) -> None:
         told = {
             "id": answer.id,
             "verb": command.verb,
@@ -308,11 +316,11 @@ class Commanding:
         }
         await self._publish(f"{received.topic.rpartition('/')[0]}/response", told, received)
 
-    async def _publish(self, topic: str, content: dict[str, Any], received: Received) -> None:
+    async def _publish(self, topic: str, content: dict[str, Any], received: ReceivedMessage) -> None:
         if self._connection is None:
             return
         wanted = received if self._may_answer_at(received.answer_to) else replace(received, answer_to="")
-        await self._connection.answer(wanted, Message(topic=topic, payload=json_text(content)))
+        await self._connection.answer(wanted, BrokerMessage(topic=topic, payload=json_text(content)))
 
     def _may_answer_at(self, topic: str) -> bool:
         """Whether an answer may go to the topic a message names: not to a topic of this plant or of the broker."""

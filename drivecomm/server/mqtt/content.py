@@ -30,7 +30,7 @@ def object_in(payload: bytes) -> dict[str, Any]:
     return content
 
 
-class Sample(NamedTuple):
+class PublishedValue(NamedTuple):
     """Value of a quantity at one time, or its absence. Times are in ms since 1970, as in the history.
 
     time_ms: arrival of the reply; for a stale or bad value, the time when this was detected. source_ms: for a stale
@@ -49,14 +49,14 @@ class Sample(NamedTuple):
     machine: MachineValue | None = None
 
 
-def sample_of(value: CurrentValue) -> Sample:
+def sample_of(value: CurrentValue) -> PublishedValue:
     """Return a current value as a sample."""
     reading, quality, time_ms = value.reading, value.quality, round(value.time_s * 1000)
     if reading is None:
-        return Sample(value.drive, value.name, None, "", "", quality, value.cause, time_ms)
+        return PublishedValue(value.drive, value.name, None, "", "", quality, value.cause, time_ms)
     read_ms = round(reading.time_s * 1000)
     at_ms, source_ms = (read_ms, None) if quality in FRESH else (time_ms, read_ms)
-    return Sample(
+    return PublishedValue(
         value.drive,
         value.name,
         reading.value,
@@ -70,9 +70,9 @@ def sample_of(value: CurrentValue) -> Sample:
     )
 
 
-def past_sample(value: PastValue) -> Sample:
+def past_sample(value: PastValue) -> PublishedValue:
     """Return a value of the history as a sample."""
-    return Sample(
+    return PublishedValue(
         value.drive,
         value.name,
         value.value,
@@ -85,12 +85,12 @@ def past_sample(value: PastValue) -> Sample:
     )
 
 
-def value_text(sample: Sample) -> str:
+def value_text(sample: PublishedValue) -> str:
     """Return the JSON of a value for its own topic."""
     return f'{{"value":{json_text(sample.value)}{_end(sample)}'
 
 
-def named_text(sample: Sample) -> str:
+def named_text(sample: PublishedValue) -> str:
     """Return the JSON of a value with its drive and name."""
     return f'{_begin(sample.drive, sample.name)}"value":{json_text(sample.value)}{_end(sample)}'
 
@@ -100,7 +100,7 @@ def repeated(text: str) -> str:
     return text[:-1] + REPEATED
 
 
-def _end(sample: Sample) -> str:
+def _end(sample: PublishedValue) -> str:
     said = _said(sample.unit, sample.quality, sample.text, sample.note)
     source = "" if sample.source_ms is None else f',"source_s":{_seconds(sample.source_ms)}'
     if sample.machine is not None:

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import FileFormatError
-from drivecomm.tomlfile import write_whole
+from drivecomm.tomlfile import write_atomically
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from drivecomm.server import Event
-    from drivecomm.server.mqtt.content import Sample
+    from drivecomm.server.mqtt.content import PublishedValue
 
 MOST = 1_000_000
 """Maximum number of remembered live values; beyond that, the oldest are published twice."""
@@ -45,7 +45,7 @@ class LiveValues:
         """Whether the broker has this event of the history. Call once per event."""
         return self._events.pop((event.number, round(event.time_s * 1000)), self) is None
 
-    def add(self, sample: Sample) -> None:
+    def add(self, sample: PublishedValue) -> None:
         """Record that the broker has a value."""
         times = self._times.setdefault((sample.drive, sample.name), deque())
         times.append(sample.time_ms)
@@ -54,7 +54,7 @@ class LiveValues:
             times.popleft()
             self._count -= 1
 
-    def take(self, sample: Sample) -> bool:
+    def take(self, sample: PublishedValue) -> bool:
         """Whether the broker has this row of the history. Call once per row, in the order of rows."""
         times = self._times.get((sample.drive, sample.name))
         # Earlier values are missing from the history. A clock that was set back may cause a repetition.
@@ -91,7 +91,7 @@ def write_position(file: Path, position: Position) -> str:
     with suppress(OSError):
         file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     try:
-        write_whole(file, json.dumps(content) + "\n")
+        write_atomically(file, json.dumps(content) + "\n")
     except FileFormatError as error:
         return str(error)
     return ""

@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from drivecomm.protocol import DriveConfig
     from drivecomm.server import ServedPlant
     from drivecomm.server.broker import Broker
-    from drivecomm.server.mqtt.catching_up import CatchingUp
     from drivecomm.server.mqtt.settings import MqttSettings
-    from drivecomm.tomlfile import Table
+    from drivecomm.server.mqtt.value_backfill import ValueBackfill
+    from drivecomm.tomlfile import TomlTable
 
 
-def mqtt_door(table: Table) -> MqttDoor:
+def mqtt_door(table: TomlTable) -> MqttDoor:
     """Return the MQTT door that a table of the plant file describes.
 
     Raises FileFormatError, or UsageError if a required package is not installed.
@@ -50,7 +50,7 @@ class MqttDoor:
         self.settings = settings
         self.broker: Broker | None = None
         """None while the door does not run."""
-        self._catching_up: CatchingUp | None = None
+        self._catching_up: ValueBackfill | None = None
 
     @property
     def name(self) -> str:

@@ -11,16 +11,16 @@ from math import ceil
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.client import json_text
-from drivecomm.server.broker import Message
+from drivecomm.server.broker import BrokerMessage
 from drivecomm.server.mqtt.kinds import is_state, kind_of, state_kinds
 from drivecomm.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
-    from drivecomm.server import CurrentValue, DriveState
-    from drivecomm.server.mqtt.live import Messages
+    from drivecomm.server import CurrentValue, DriveSnapshot
     from drivecomm.server.mqtt.topics import Topics
+    from drivecomm.server.mqtt.value_publisher import Messages
 
 _VALID_S = 5
 """Seconds for which a command from Home Assistant is valid; allows for a small clock difference."""
@@ -75,12 +75,12 @@ class Discovery:
 
     def told(
         self,
-        drive: DriveState,
+        drive: DriveSnapshot,
         values: Sequence[CurrentValue],
         may: Collection[str],
         session: str,
         gone: Collection[str] = (),
-    ) -> Message:
+    ) -> BrokerMessage:
         """Return the discovery message of a drive: its values, its permitted controls, and removed quantities."""
         own = self._id(drive.name)
         if not (drive.config.link_loss and drive.config.link_loss.policy == "hold"):
@@ -106,7 +106,7 @@ class Discovery:
             "components": components,
             "qos": 1,
         }
-        return Message(topic=self.topic(drive.name), payload=json_text(content), retain=True)
+        return BrokerMessage(topic=self.topic(drive.name), payload=json_text(content), retain=True)
 
     def _id(self, drive: str) -> str:
         text = f"{self._topics.prefix}_{drive}"

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from drivecomm.server import Caller, Lease, ServedPlant
 
 
-async def carried_out(plant: ServedPlant, caller: Caller, what: str, content: Mapping[str, Any]) -> Any:
+async def carry_out_request(plant: ServedPlant, caller: Caller, what: str, content: Mapping[str, Any]) -> Any:
     """Carry out a validated request and return its result as plain data. Raises DriveCommError."""
     if what == "stop":
         stopped = await plant.stop_all(caller, content.get("how", "ramp"), content.get("lines", ()))

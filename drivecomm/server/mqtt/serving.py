@@ -5,23 +5,23 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from drivecomm.server import together
-from drivecomm.server.broker import Message
+from drivecomm.server import run_concurrently
+from drivecomm.server.broker import BrokerMessage
 from drivecomm.server.mqtt.callers import BrokerCallers
-from drivecomm.server.mqtt.catching_up import CatchingUp
-from drivecomm.server.mqtt.changes import Changes, tag_deadband
+from drivecomm.server.mqtt.changes import ChangeDetector, tag_deadband
 from drivecomm.server.mqtt.commanding import Commanding
 from drivecomm.server.mqtt.delivered import LiveValues
-from drivecomm.server.mqtt.happened import Happened
+from drivecomm.server.mqtt.discovery_publisher import DiscoveryPublisher
+from drivecomm.server.mqtt.event_backfill import EventBackfill
 from drivecomm.server.mqtt.home_assistant import Discovery
-from drivecomm.server.mqtt.live import OFFLINE, Live
-from drivecomm.server.mqtt.telling import Telling
+from drivecomm.server.mqtt.value_backfill import ValueBackfill
+from drivecomm.server.mqtt.value_publisher import OFFLINE, ValuePublisher
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from drivecomm.server import ServedPlant
-    from drivecomm.server.broker import Connection, Received
+    from drivecomm.server.broker import BrokerConnection, ReceivedMessage
     from drivecomm.server.mqtt.settings import MqttSettings
     from drivecomm.server.mqtt.topics import Topics
 
@@ -41,22 +41,22 @@ class Publishing:
         area = settings.levels.get("area", plant.name)
         discovery = Discovery(prefix, topics, settings.messages, area, stays_s=stays_s) if prefix else None
         self._begun_topic = f"{prefix}/status" if prefix else ""
-        self._telling = Telling(plant, topics, callers.everybody, discovery)
+        self._telling = DiscoveryPublisher(plant, topics, callers.everybody, discovery)
         self._commanding = Commanding(plant, topics, callers, keeps_old=settings.broker.version != "5")
         tell = partial(plant.tell, who=name)
         rules, new_changes = settings.changes, None
         if rules is not None:
-            new_changes = partial(Changes, rules, partial(tag_deadband, plant))
+            new_changes = partial(ChangeDetector, rules, partial(tag_deadband, plant))
         changes = None if new_changes is None else new_changes()
-        self._live = Live(plant, topics, settings.messages, values, changes=changes, tell=tell)
+        self._live = ValuePublisher(plant, topics, settings.messages, values, changes=changes, tell=tell)
         history, historical = plant.history, topics.historical
         self.catching_up = (
             None
             if history is None
-            else CatchingUp(history, values, historical, file, new_changes=new_changes, tell=tell)
+            else ValueBackfill(history, values, historical, file, new_changes=new_changes, tell=tell)
         )
         happened = file.with_name(f"happened-{file.name}")
-        self._happened = None if history is None else Happened(history, values, topics, happened, tell=tell)
+        self._happened = None if history is None else EventBackfill(history, values, topics, happened, tell=tell)
 
     async def begin(self) -> None:
         """Load the positions that the last run has saved."""
@@ -70,15 +70,15 @@ class Publishing:
         if self.catching_up is not None:
             await self.catching_up.end()
 
-    def will(self) -> Message | None:
+    def will(self) -> BrokerMessage | None:
         """Return the message that the broker publishes if this gateway disappears."""
-        return Message(topic=self._topics.state, payload=OFFLINE, retain=True)
+        return BrokerMessage(topic=self._topics.state, payload=OFFLINE, retain=True)
 
-    async def farewell(self, connection: Connection) -> None:
+    async def farewell(self, connection: BrokerConnection) -> None:
         """Publish that this gateway goes offline."""
-        await connection.publish(Message(topic=self._topics.state, payload=OFFLINE, retain=True))
+        await connection.publish(BrokerMessage(topic=self._topics.state, payload=OFFLINE, retain=True))
 
-    async def serve(self, connection: Connection) -> None:
+    async def serve(self, connection: BrokerConnection) -> None:
         """Serve a connection: live values first, missed values alongside."""
         try:
             await self._commanding.begin(connection)
@@ -98,11 +98,11 @@ class Publishing:
                 parts.append(self.catching_up.run(connection))
             if self._happened is not None:
                 parts.append(self._happened.run(connection))
-            await together(*parts)
+            await run_concurrently(*parts)
         finally:
             self._commanding.end()
 
-    def received(self, received: Received) -> None:
+    def received(self, received: ReceivedMessage) -> None:
         """Dispatch a message."""
         if received.topic == self._begun_topic:
             if received.payload == _BEGUN:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from math import inf
 from typing import TYPE_CHECKING, Any, Literal
 
-from drivecomm.errors import meant
+from drivecomm.errors import suggestion
 from drivecomm.server import LEVELS_KEY, ROLES
 from drivecomm.server.broker import BROKER_KEYS, broker_settings
 from drivecomm.server.mqtt.changes import AT_LEAST_EVERY_S, ChangeRules
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from drivecomm.server import Role
     from drivecomm.server.broker import BrokerSettings
-    from drivecomm.tomlfile import Table
+    from drivecomm.tomlfile import TomlTable
 
 _PREFIX = Kind((str,), 'topics in quotes, such as "plant/hall-2"')
 _KEYS = {
@@ -63,7 +63,7 @@ class MqttSettings:
     home_assistant: str = ""
 
 
-def mqtt_settings(table: Table) -> MqttSettings:
+def mqtt_settings(table: TomlTable) -> MqttSettings:
     """Return the settings from a table. Raises FileFormatError with the line in the file."""
     given = table.take(_KEYS)
     for key in ("prefix", "home_assistant"):
@@ -75,7 +75,7 @@ def mqtt_settings(table: Table) -> MqttSettings:
         raise table.error(f"publish cannot be {given['publish']!r:.80}; write {_KEYS['publish'].words}", "publish")
     role = given.get("role")
     if role is not None and role not in ROLES:
-        raise table.error(f"unknown role {role!r:.80}; {meant(role, ROLES, 'use')}", "role")
+        raise table.error(f"unknown role {role!r:.80}; {suggestion(role, ROLES, 'use')}", "role")
     return MqttSettings(
         broker=broker_settings(table, given),
         prefix=given.get("prefix", ""),
@@ -87,7 +87,7 @@ def mqtt_settings(table: Table) -> MqttSettings:
     )
 
 
-def _change_rules(table: Table, given: Mapping[str, Any]) -> ChangeRules | None:
+def _change_rules(table: TomlTable, given: Mapping[str, Any]) -> ChangeRules | None:
     if given.get("publish", "polls") == "polls":
         for key in ("deadband", "at_least_every_s"):
             if key in given:
@@ -108,7 +108,7 @@ def _change_rules(table: Table, given: Mapping[str, Any]) -> ChangeRules | None:
     return ChangeRules(deadbands=deadbands, at_least_every_s=every_s)
 
 
-def _check_topic(table: Table, key: str, topic: str) -> None:
+def _check_topic(table: TomlTable, key: str, topic: str) -> None:
     levels = topic.split("/")
     fit = all(levels) and not topic.startswith("$") and not set(topic) & set("+#") and topic.isprintable()
     if not fit or len(topic) > _LONGEST_PREFIX:

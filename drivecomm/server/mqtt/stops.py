@@ -5,12 +5,12 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING
 
-from drivecomm.server.mqtt.floods import A_SECOND
+from drivecomm.server.mqtt.rate_limit import A_SECOND
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable
 
-    from drivecomm.server.broker import Received
+    from drivecomm.server.broker import ReceivedMessage
 
 MOST = 2000
 """Maximum number of waiting stops, at most one of each drive."""
@@ -19,9 +19,9 @@ MOST = 2000
 class Stops:
     """Waiting stops; used only within one event loop. hand_on: starts the processing of a stop."""
 
-    def __init__(self, hand_on: Callable[[Received], None]) -> None:
+    def __init__(self, hand_on: Callable[[ReceivedMessage], None]) -> None:
         self._hand_on = hand_on
-        self._waiting: dict[Hashable, Received] = {}
+        self._waiting: dict[Hashable, ReceivedMessage] = {}
         self._turns: asyncio.Task[None] | None = None
 
     @property
@@ -29,7 +29,7 @@ class Stops:
         """Whether any stop is waiting. A new stop must then queue, so that an old one never overrides it."""
         return bool(self._waiting)
 
-    def put(self, of: Hashable, received: Received) -> bool:
+    def put(self, of: Hashable, received: ReceivedMessage) -> bool:
         """Queue a stop, replacing an earlier one for the same target. Return whether there was room."""
         if of not in self._waiting and len(self._waiting) >= MOST:
             return False

@@ -13,26 +13,26 @@ from drivecomm.server.opcua.values import moment
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from drivecomm.server import Summary
+    from drivecomm.server import PeriodSummary
 
 _CALCULATED, _INTERPOLATED, _PARTIAL = 0x401, 0x402, 0x404
 """Low bits of an aggregate's status code (Part 4, 7.34.1): information bit and how the value was computed."""
 
 
-def _count(found: Summary) -> ua.Variant | None:
+def _count(found: PeriodSummary) -> ua.Variant | None:
     known = found.number or found.known_s
     return ua.Variant(ua.Int32(found.number), ua.VariantType.Int32) if known else None
 
 
-def _double(of: Callable[[Summary], float | None]) -> Callable[[Summary], ua.Variant | None]:
-    def told(found: Summary) -> ua.Variant | None:
+def _double(of: Callable[[PeriodSummary], float | None]) -> Callable[[PeriodSummary], ua.Variant | None]:
+    def told(found: PeriodSummary) -> ua.Variant | None:
         value = of(found)
         return None if value is None else ua.Variant(value, ua.VariantType.Double)
 
     return told
 
 
-_AGGREGATES: Mapping[int, tuple[Callable[[Summary], ua.Variant | None], int, bool]] = {
+_AGGREGATES: Mapping[int, tuple[Callable[[PeriodSummary], ua.Variant | None], int, bool]] = {
     ua.ObjectIds.AggregateFunction_Interpolative: (_double(lambda found: found.at_begin), _INTERPOLATED, True),
     ua.ObjectIds.AggregateFunction_Average: (_double(lambda found: found.mean), _CALCULATED, False),
     ua.ObjectIds.AggregateFunction_TimeAverage: (_double(lambda found: found.mean_over_time), _CALCULATED, True),
@@ -58,7 +58,7 @@ def check(kind: ua.NodeId, configuration: ua.AggregateConfiguration) -> None:
         raise RefusedPartError(ua.StatusCodes.BadAggregateConfigurationRejected)
 
 
-def stretches(begin_s: float, end_s: float, every_s: float, most: int) -> list[tuple[float, float]]:
+def processing_intervals(begin_s: float, end_s: float, every_s: float, most: int) -> list[tuple[float, float]]:
     """Return the processing intervals between two times, in reverse if the end is earlier; at most `most` + 1.
 
     every_s: length of an interval, 0 for the whole time. Raises RefusedPartError.
@@ -76,7 +76,7 @@ def stretches(begin_s: float, end_s: float, every_s: float, most: int) -> list[t
     return found
 
 
-def data_value(kind: ua.NodeId, begin_s: float, found: Summary | None, *, is_partial: bool) -> ua.DataValue:
+def data_value(kind: ua.NodeId, begin_s: float, found: PeriodSummary | None, *, is_partial: bool) -> ua.DataValue:
     """Return an aggregate of one processing interval, which begins at begin_s.
 
     found: None if nothing is known of the interval. is_partial: whether it is shorter than the others.

@@ -45,7 +45,7 @@ def kind_of(rule: AlarmRule | None) -> ua.NodeId:
     return _KINDS["" if rule is None else rule.on][0]
 
 
-class Condition:
+class AlarmCondition:
     """Condition for one rule on one drive, after its first alarm.
 
     node: its own node. types: its type and supertypes. watched: the node that the rule watches.

@@ -15,8 +15,8 @@ from asyncua import ua
 
 from drivecomm.errors import NotAllowedError, UsageError, printable
 from drivecomm.server import Role
-from drivecomm.server.opcua.asking import asking
-from drivecomm.server.opcua.condition import Condition, kind_of
+from drivecomm.server.opcua.active_request import current_request
+from drivecomm.server.opcua.condition import AlarmCondition, kind_of
 from drivecomm.server.opcua.events import PlantEvent, base_fields
 from drivecomm.server.opcua.instances import make_variable, with_supertypes
 from drivecomm.server.opcua.naming import part, place_of
@@ -49,13 +49,13 @@ _WATCHED = {"fault": "Fault", "warning": "Warning", "silent": "Reachability"}
 _LONGEST_COMMENT = 500
 
 
-class Conditions:
+class AlarmConditions:
     """Conditions of a plant; `sync` reports changed alarms."""
 
     def __init__(self, plant: ServedPlant, nodes: Nodes, tree: PlantTree, events: Events) -> None:
         self._plant, self._nodes, self._tree, self._events = plant, nodes, tree, events
         self._folder = nodes.make_object(tree.root, nodes.id("alarms"), "Alarms", kind=FOLDER, by=ORGANIZES)
-        self._conditions: dict[tuple[str, str], Condition] = {}
+        self._conditions: dict[tuple[str, str], AlarmCondition] = {}
         self._shown: dict[ua.NodeId, list[AttributeValue]] = {}
 
     def link(self, session: InternalSession) -> None:
@@ -91,7 +91,7 @@ class Conditions:
             await self._forget(*key)
             known = None
         drive = self._tree.node_of(alarm.drive)
-        condition = known or Condition(
+        condition = known or AlarmCondition(
             self._nodes.id("alarms", part(alarm.rule), part(alarm.drive)), rule,
             with_supertypes(self._nodes, kind_of(rule)), None if rule is None else self._watched(rule, alarm.drive),
         )  # fmt: skip
@@ -114,7 +114,7 @@ class Conditions:
         place = place_of(rule.limit.quantity)
         return self._nodes.id("drives", part(drive), place.folder, part(place.name))
 
-    def _show(self, condition: Condition) -> None:
+    def _show(self, condition: AlarmCondition) -> None:
         """Create the nodes of a condition, as declared by its type."""
         nodes, alarm = self._nodes, condition.alarm
         name = f"{alarm.drive}: {alarm.rule}"
@@ -139,26 +139,26 @@ class Conditions:
 
     async def _acknowledge(self, node: ua.NodeId, *given: ua.Variant) -> ua.StatusCode:
         return await self._treat(
-            node, given, Condition.needs_acknowledgement, ua.StatusCodes.BadConditionBranchAlreadyAcked,
+            node, given, AlarmCondition.needs_acknowledgement, ua.StatusCodes.BadConditionBranchAlreadyAcked,
             self._plant.acknowledge,
         )  # fmt: skip
 
     async def _confirm(self, node: ua.NodeId, *given: ua.Variant) -> ua.StatusCode:
         return await self._treat(
-            node, given, Condition.needs_confirmation, ua.StatusCodes.BadConditionBranchAlreadyConfirmed,
+            node, given, AlarmCondition.needs_confirmation, ua.StatusCodes.BadConditionBranchAlreadyConfirmed,
             self._plant.confirm_alarm,
         )  # fmt: skip
 
     async def _comment(self, node: ua.NodeId, *given: ua.Variant) -> ua.StatusCode:
         return await self._treat(
-            node, given, Condition.knows, ua.StatusCodes.BadEventIdUnknown, self._plant.comment_alarm
+            node, given, AlarmCondition.knows, ua.StatusCodes.BadEventIdUnknown, self._plant.comment_alarm
         )
 
     async def _treat(
         self,
         node: ua.NodeId,
         given: Sequence[ua.Variant],
-        needs: Callable[[Condition, bytes], bool],
+        needs: Callable[[AlarmCondition, bytes], bool],
         done: int,
         treat: Callable[..., Awaitable[Alarm]],
     ) -> ua.StatusCode:
@@ -167,7 +167,7 @@ class Conditions:
         needs: whether the named event permits the method. done: status code if it does not.
         """
         await self.sync()
-        caller = asking.get().session.caller
+        caller = current_request.get().session.caller
         if caller.role < Role.OPERATE:
             return status(ua.StatusCodes.BadUserAccessDenied)
         condition = next((each for each in self._conditions.values() if each.node == node), None)
@@ -203,7 +203,7 @@ class Conditions:
         """Send all conditions of interest to one subscription or one of its items."""
         if not 1 <= len(given) <= 2 or any(not isinstance(each.Value, int) for each in given):
             return status(ua.StatusCodes.BadInvalidArgument)
-        items = asking.get().session.own_items().get(given[0].Value)
+        items = current_request.get().session.own_items().get(given[0].Value)
         if items is None:
             return status(ua.StatusCodes.BadSubscriptionIdInvalid)
         only = given[1].Value if len(given) > 1 else None
@@ -228,7 +228,7 @@ def _left(alarm: Alarm, happened: Sequence[Event]) -> Alarm:
     return alarm if alarm.over_s is not None else replace(alarm, over_s=time_s)
 
 
-def _field(condition: Condition, path: str) -> ua.DataValue:
+def _field(condition: AlarmCondition, path: str) -> ua.DataValue:
     fields = condition.event.fields
     return ua.DataValue(fields[path], GOOD, fields["Time"].Value, now())
 

@@ -21,7 +21,7 @@ from asyncua.ua.ua_binary import header_from_binary, nodeid_from_binary, struct_
 from drivecomm.errors import NotAllowedError
 from drivecomm.server import ANONYMOUS
 from drivecomm.server.opcua import limits
-from drivecomm.server.opcua.asking import Asking, asking
+from drivecomm.server.opcua.active_request import ActiveRequest, current_request
 from drivecomm.server.opcua.delay import Delay
 from drivecomm.server.opcua.nodes import standard
 from drivecomm.server.opcua.values import status
@@ -180,10 +180,10 @@ class Processor(UaProcessor):
             self._to_client.close()
             raise ServiceError(ua.StatusCodes.BadSessionClosed) from None
         waited_s = self._delay.of(header.Timestamp, self._came_s) + max(0.0, time.monotonic() - self._came_s)
-        asking.set(Asking(session, waited_s))
+        current_request.set(ActiveRequest(session, waited_s))
 
 
-class Connection(OPCUAProtocol):
+class OpcuaConnection(OPCUAProtocol):
     """One connection. encrypted, stops, trusted: see `Processor`."""
 
     processor: Processor | None

@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import UsageError
-from drivecomm.server import DoorHealth, read_way_in, way_in_keys
+from drivecomm.server import DoorHealth, door_access_keys, read_door_access
 from drivecomm.server.opcua.limits import CONNECTIONS
 from drivecomm.tomlfile import Kind
 
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import DriveConfig
     from drivecomm.server import ServedPlant
-    from drivecomm.server.opcua.serving import Served
-    from drivecomm.tomlfile import Table
+    from drivecomm.server.opcua.serving import OpcuaService
+    from drivecomm.tomlfile import TomlTable
 
 _DEFAULT = "127.0.0.1:4840"
 _FOLDER = Kind((str,), "the path of a folder in quotes")
 
 
-def opcua_door(table: Table) -> OpcuaDoor:
+def opcua_door(table: TomlTable) -> OpcuaDoor:
     """Return the OPC UA door that a table of the plant file describes. Raises FileFormatError and UsageError."""
     return OpcuaDoor(table)
 
@@ -32,13 +32,13 @@ def opcua_door(table: Table) -> OpcuaDoor:
 class OpcuaDoor:
     """OPC UA on a TCP port. Raises UsageError if asyncua is not installed."""
 
-    def __init__(self, table: Table) -> None:
+    def __init__(self, table: TomlTable) -> None:
         if find_spec("asyncua") is None:
             raise UsageError("the OPC UA door needs asyncua, which is not installed; install drivecomm[opcua]")
         # Imported here, because the import is slow in a thread while lines are polled.
         import_module("drivecomm.server.opcua.serving")
-        given = table.take({**way_in_keys(_DEFAULT), "trusted": _FOLDER})
-        self._way_in = read_way_in(table, given, _DEFAULT)
+        given = table.take({**door_access_keys(_DEFAULT), "trusted": _FOLDER})
+        self._way_in = read_door_access(table, given, _DEFAULT)
         self._trusted = table.beside(given["trusted"]) if "trusted" in given else None
         if self._trusted is not None and self._way_in.certificate is None:
             raise table.error(
@@ -47,7 +47,7 @@ class OpcuaDoor:
         self._listen = given.get("listen", _DEFAULT)
         self.port = 0
         self.connections = CONNECTIONS
-        self._served: Served | None = None
+        self._served: OpcuaService | None = None
 
     @property
     def name(self) -> str:
@@ -67,7 +67,7 @@ class OpcuaDoor:
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
         """Serve until cancelled. Raises UsageError and PortError."""
         # Both modules import asyncua.
-        from drivecomm.server.opcua.serving import Served, read_certificate, serve
+        from drivecomm.server.opcua.serving import OpcuaService, read_certificate, serve
         from drivecomm.server.opcua.trusted import TrustedClients
 
         self._way_in.check_users(self.name, plant.users)
@@ -83,7 +83,7 @@ class OpcuaDoor:
             # Port 0 means any free port; the name has to show which one it became.
             self.port = listening.getsockname()[1]
             self._listen = f"{self._listen.rpartition(':')[0]}:{self.port}"
-            self._served = Served(plant, self.name, anonymous=anonymous)
+            self._served = OpcuaService(plant, self.name, anonymous=anonymous)
             await serve(
                 self._served,
                 opened,

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from asyncua import ua
 
-from drivecomm.server.opcua.facts import monitoring_only
 from drivecomm.server.opcua.naming import part
 from drivecomm.server.opcua.nodes import FOLDER, ORGANIZES
 from drivecomm.server.opcua.states import DRIVE, REACHABILITIES, STATES, make_state
-from drivecomm.server.opcua.values import LAST_USABLE, NOT_YET, STATUS_CODES, good, missing, moment, too_old, waiting
+from drivecomm.server.opcua.value_facts import monitoring_only
+from drivecomm.server.opcua.values import LAST_USABLE, NOT_YET, STATUS_CODES, as_stale, good, missing, moment, waiting
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from asyncua.server.address_space import AttributeValue
 
     from drivecomm.protocol import DriveConfig, DriveStatus
-    from drivecomm.server import CurrentValue, DriveState, Lease
+    from drivecomm.server import CurrentValue, DriveSnapshot, Lease
     from drivecomm.server.opcua.nodes import Nodes
 
     Asked = Callable[[DriveStatus], Any]
@@ -59,7 +59,7 @@ class DriveNodes:
         self._is_free = False
         self._shown: dict[str, object] = {}
         self._status: list[AttributeValue] = []
-        self._state: DriveState | None = None
+        self._state: DriveSnapshot | None = None
         self._value: CurrentValue | None = None
         self._seen_s = 0.0
         self._is_old = False
@@ -118,7 +118,7 @@ class DriveNodes:
         """Node of the drive's lock."""
         return self._id("Lock")
 
-    async def show(self, state: DriveState, value: CurrentValue | None) -> None:
+    async def show(self, state: DriveSnapshot, value: CurrentValue | None) -> None:
         """Show the state of the drive. value: its polled status, None before the first poll."""
         if value is not None:
             self._until = time.monotonic() + value.keeps_s
@@ -167,7 +167,7 @@ class DriveNodes:
         if name == "FaultText" and state.status is not None:
             told = state.fault
         found = _told(state, self._value, told, kind, self._seen_s)
-        return too_old(found) if self._is_old else found
+        return as_stale(found) if self._is_old else found
 
     async def _change(self, place: tuple[str, str], value: object, kind: ua.VariantType) -> None:
         """Set a variable if its value has changed."""
@@ -178,7 +178,7 @@ class DriveNodes:
 
 
 def _told(
-    state: DriveState, value: CurrentValue | None, told: Any, kind: ua.VariantType, seen_s: float
+    state: DriveSnapshot, value: CurrentValue | None, told: Any, kind: ua.VariantType, seen_s: float
 ) -> ua.DataValue:
     if state.status is None:
         never = state.reachability == "asking"

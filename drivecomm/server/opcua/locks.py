@@ -15,7 +15,7 @@ from drivecomm.server.opcua.limits import LOCK_S, VALID_S
 
 if TYPE_CHECKING:
     from drivecomm.server import Caller, ServedPlant
-    from drivecomm.server.opcua.asking import Asking, Session
+    from drivecomm.server.opcua.active_request import ActiveRequest, CallingSession
 
 DONE, NOT_FREE, REFUSED = 0, -1, -2
 
@@ -24,7 +24,7 @@ _log = logging.getLogger("drivecomm.server")
 
 @dataclass(frozen=True, slots=True)
 class _Held:
-    session: Session
+    session: CallingSession
     caller: Caller
     key: str
 
@@ -36,7 +36,7 @@ class Locks:
         self._plant = plant
         self._held: dict[str, _Held] = {}
 
-    def key(self, session: Session, drive: str) -> str:
+    def key(self, session: CallingSession, drive: str) -> str:
         """Return the key of the lease by which a session has locked a drive; "" without a lock.
 
         An expired lock stays with its session until the session ends it, so that the session notices and cannot command
@@ -45,7 +45,7 @@ class Locks:
         held = self._held.get(drive)
         return held.key if held is not None and held.session is session else ""
 
-    async def init(self, now: Asking, drive: str) -> tuple[int, str]:
+    async def init(self, now: ActiveRequest, drive: str) -> tuple[int, str]:
         """Lock a drive for a session."""
         if now.waited_s > VALID_S:
             return REFUSED, "the call was on its way for too long"
@@ -63,7 +63,7 @@ class Locks:
         self._held[drive] = held
         return DONE, ""
 
-    async def renew(self, now: Asking, drive: str) -> tuple[int, str]:
+    async def renew(self, now: ActiveRequest, drive: str) -> tuple[int, str]:
         """Renew a lock."""
         held = self._held.get(drive)
         if held is None or held.session is not now.session:
@@ -76,7 +76,7 @@ class Locks:
             return NOT_FREE, in_one_line(error)
         return DONE, ""
 
-    async def end(self, now: Asking, drive: str) -> tuple[int, str]:
+    async def end(self, now: ActiveRequest, drive: str) -> tuple[int, str]:
         """Release a lock."""
         held = self._held.get(drive)
         if held is None or held.session is not now.session:
@@ -84,7 +84,7 @@ class Locks:
         del self._held[drive]
         return await self._give_back(drive, held)
 
-    async def break_(self, now: Asking, drive: str) -> tuple[int, str]:
+    async def break_(self, now: ActiveRequest, drive: str) -> tuple[int, str]:
         """End the lock of another session of this door; a motor it kept is treated by its link-loss policy."""
         if now.session.caller.role < Role.COMMISSION:
             return REFUSED, "breaking a lock is for users with the role commission"
@@ -94,7 +94,7 @@ class Locks:
         # The entry stays with the other session, which must notice the loss.
         return await self._give_back(drive, held)
 
-    async def session_ended(self, session: Session) -> None:
+    async def session_ended(self, session: CallingSession) -> None:
         """Release all locks of a session."""
         for drive, held in list(self._held.items()):
             if held.session is session:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from asyncua import ua
 
-from drivecomm.errors import UsageError, meant
+from drivecomm.errors import UsageError, suggestion
 from drivecomm.server.opcua.nodes import standard
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ class Method:
 def _reference(given: Sequence[Any]) -> Mapping[str, Any]:
     value, unit = given
     if unit not in _UNITS:
-        raise UsageError(f"a reference cannot be in {unit!r}; {meant(unit, _UNITS, 'give')}")
+        raise UsageError(f"a reference cannot be in {unit!r}; {suggestion(unit, _UNITS, 'give')}")
     return {_UNITS[unit]: Decimal(repr(value))}
 
 

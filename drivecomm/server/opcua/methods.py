@@ -12,20 +12,20 @@ from typing import TYPE_CHECKING, Any
 from asyncua import ua
 
 from drivecomm.errors import DriveCommError, LeaseError, NotAllowedError, ReadOnlyError, UsageError, in_one_line
-from drivecomm.server import Command
-from drivecomm.server.opcua.asking import asking
-from drivecomm.server.opcua.facts import monitoring_only
+from drivecomm.server import CommandRequest
+from drivecomm.server.opcua.active_request import current_request
 from drivecomm.server.opcua.limits import VALID_S
 from drivecomm.server.opcua.method_table import LOCKING, METHODS, STOP_ALL, STOPS
 from drivecomm.server.opcua.nodes import COMPONENT, GENERATES, standard
 from drivecomm.server.opcua.states import DRIVE, LINE, declare_states
+from drivecomm.server.opcua.value_facts import monitoring_only
 from drivecomm.server.opcua.values import GOOD, status
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from drivecomm.protocol import DriveConfig
-    from drivecomm.server import Answer, ServedPlant
+    from drivecomm.server import CommandAnswer, ServedPlant
     from drivecomm.server.opcua.drive_nodes import DriveNodes
     from drivecomm.server.opcua.locks import Locks
     from drivecomm.server.opcua.method_table import Method
@@ -138,19 +138,19 @@ class Methods:
         return await self._command(method, drive, values)
 
     async def _command(self, method: Method, drive: str, values: list[Any]) -> ua.CallMethodResult:
-        now = asking.get()
+        now = current_request.get()
         left_s = VALID_S - now.waited_s
         if left_s <= 0 and method not in STOPS:
             text = (
                 f"the call was on its way for {now.waited_s:.1f} s, and counts for {VALID_S:g} s only; nothing was sent"
             )
-            self._plant.refuse(now.session.caller, Command(drive=drive, verb=method.verb), text)
+            self._plant.refuse(now.session.caller, CommandRequest(drive=drive, verb=method.verb), text)
             return _answer("refused", text, ua.StatusCodes.BadTimeout)
         try:
             arguments = method.arguments(values)
         except UsageError as error:
             return _answer("refused", in_one_line(error), ua.StatusCodes.BadInvalidArgument)
-        command = Command(
+        command = CommandRequest(
             drive=drive,
             verb=method.verb,
             arguments=arguments,
@@ -161,7 +161,7 @@ class Methods:
 
     async def _stop_all(self) -> ua.CallMethodResult:
         try:
-            stopped = await self._plant.stop_all(asking.get().session.caller, "ramp")
+            stopped = await self._plant.stop_all(current_request.get().session.caller, "ramp")
         except DriveCommError as error:
             return _answer("refused", in_one_line(error), _code(error))
         # Broadcasts are never confirmed.
@@ -185,14 +185,14 @@ class Methods:
             "ExitLock": self._locks.end,
             "BreakLock": self._locks.break_,
         }[method.name]
-        number, text = await act(asking.get(), drive)
+        number, text = await act(current_request.get(), drive)
         return ua.CallMethodResult(
             StatusCode=GOOD,
             OutputArguments=[ua.Variant(number, ua.VariantType.Int32), ua.Variant(text, ua.VariantType.String)],
         )
 
 
-def _told(answer: Answer) -> ua.CallMethodResult:
+def _told(answer: CommandAnswer) -> ua.CallMethodResult:
     text = "" if answer.error is None else in_one_line(answer.error)
     if answer.outcome == "done":
         return _answer("done", text, ua.StatusCodes.Good)

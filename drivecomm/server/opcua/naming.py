@@ -48,7 +48,7 @@ _NO_CODE = -1
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class ValueLocation:
     """Folder and browse name of a value below its drive."""
 
     folder: str
@@ -56,25 +56,29 @@ class Place:
 
 
 @cache
-def places() -> Mapping[str, Place]:
+def places() -> Mapping[str, ValueLocation]:
     """Return folder and browse name of each common name."""
     import tomllib
     from importlib import resources
 
     text = resources.files("drivecomm.server.opcua").joinpath("browse_names.toml").read_text(encoding="utf-8")
     return MappingProxyType(
-        {name: Place(folder, shown) for folder, table in tomllib.loads(text).items() for name, shown in table.items()}
+        {
+            name: ValueLocation(folder, shown)
+            for folder, table in tomllib.loads(text).items()
+            for name, shown in table.items()
+        }
     )
 
 
-def place_of(name: str) -> Place:
+def place_of(name: str) -> ValueLocation:
     """Return folder and browse name of a value with this name in the plant."""
-    return places().get(name) or Place(OTHERS, name)
+    return places().get(name) or ValueLocation(OTHERS, name)
 
 
 def value_path(drive: str, name: str) -> tuple[str, ...]:
     """Return the parts of the node id of a value; for the status, those of its state."""
-    place = Place("Status", "State") if name == STATUS else place_of(name)
+    place = ValueLocation("Status", "State") if name == STATUS else place_of(name)
     return "drives", part(drive), place.folder, part(place.name)
 
 

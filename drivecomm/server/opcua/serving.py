@@ -15,18 +15,18 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
 from drivecomm.errors import NotAllowedError, UsageError
-from drivecomm.server import Acceptor, together
+from drivecomm.server import Acceptor, run_concurrently
 from drivecomm.server.opcua import limits
-from drivecomm.server.opcua.conditions import Conditions
-from drivecomm.server.opcua.connections import Connection
+from drivecomm.server.opcua.conditions import AlarmConditions
+from drivecomm.server.opcua.connections import OpcuaConnection
 from drivecomm.server.opcua.events import Events
+from drivecomm.server.opcua.history_reader import PastReader
 from drivecomm.server.opcua.locks import Locks
 from drivecomm.server.opcua.logging_in import LoggingIn
 from drivecomm.server.opcua.metadata import NAMESPACE, describe
 from drivecomm.server.opcua.methods import Methods
 from drivecomm.server.opcua.naming import part
 from drivecomm.server.opcua.nodes import Nodes
-from drivecomm.server.opcua.past import PastReader
 from drivecomm.server.opcua.sessions import DoorServer
 from drivecomm.server.opcua.tree import PlantTree
 from drivecomm.server.opcua.trusted import certificates_in
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
-    from drivecomm.server import Bounds, Changes, CurrentValue, ServedPlant
+    from drivecomm.server import Bounds, ChangeStream, CurrentValue, ServedPlant
     from drivecomm.server.opcua.trusted import TrustedClients
 
 _TAKEN_EVERY_S = 0.015
@@ -53,7 +53,7 @@ _ENCRYPTED = (
 )
 
 
-class Served:
+class OpcuaService:
     """Server of an open door. name: of the door. anonymous: whether anonymous clients may read."""
 
     def __init__(self, plant: ServedPlant, name: str, *, anonymous: bool) -> None:
@@ -65,7 +65,7 @@ class Served:
             PastReader(plant.history, self._value_at, lambda node: node in self.server.aspace),
             self.locks.session_ended,
         )
-        self.clients: list[Connection] = []
+        self.clients: list[OpcuaConnection] = []
         self.closing: list[asyncio.Task[None]] = []
 
     @property
@@ -100,14 +100,14 @@ class Served:
         self.methods = Methods(self.plant, nodes, self.locks, self._drive_at)
         self._tree = PlantTree(self.plant, nodes, self.methods)
         self.events = Events(self._tree, nodes, self.server.subscription_service, self._tree.types.event)
-        self.conditions = Conditions(self.plant, nodes, self._tree, self.events)
+        self.conditions = AlarmConditions(self.plant, nodes, self._tree, self.events)
         self.conditions.link(self.server.isession)
         await describe(server, nodes, has_history=self.plant.history is not None)
         await self.tree.sync()
         await self.conditions.sync()
         return server
 
-    async def follow(self, changes: Changes) -> None:
+    async def follow(self, changes: ChangeStream) -> None:
         """Publish changes of the plant."""
         async for values, events in changes:
             await self.tree.sync()
@@ -154,7 +154,7 @@ class Served:
 
 
 async def serve(
-    door: Served,
+    door: OpcuaService,
     opened: Callable[[], None],
     listening: socket.socket,
     place: str,
@@ -172,7 +172,7 @@ async def serve(
         server = await door.build(place, certificate)
         await door.server.start()
         connection = partial(
-            Connection,
+            OpcuaConnection,
             iserver=door.server,
             policies=server._policies,  # noqa: SLF001 - made with the endpoints
             clients=door.clients,
@@ -189,7 +189,7 @@ async def serve(
         )
         opened()
         accepting = Acceptor(bounds, lambda _: connection()).run(listening)
-        await together(accepting, door.follow(changes), door.look())
+        await run_concurrently(accepting, door.follow(changes), door.look())
     finally:
         changes.close()
         with suppress(Exception):

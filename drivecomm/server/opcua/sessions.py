@@ -23,9 +23,9 @@ from drivecomm.server.opcua.values import status
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Collection, Iterable, Sequence
 
+    from drivecomm.server.opcua.history_reader import PastReader
     from drivecomm.server.opcua.logging_in import LoggingIn
     from drivecomm.server.opcua.monitored import Items
-    from drivecomm.server.opcua.past import PastReader
 
 _ELEMENT = 100
 """Estimated bytes of an array element; no array has long texts."""

@@ -18,7 +18,6 @@ from drivecomm.line import STATUS, items_of
 from drivecomm.plant import model_of
 from drivecomm.server.opcua.aggregates import AGGREGATES
 from drivecomm.server.opcua.drive_nodes import DriveNodes
-from drivecomm.server.opcua.facts import facts_of
 from drivecomm.server.opcua.naming import engineering_unit, part, place_of, value_path
 from drivecomm.server.opcua.nodes import (
     ANALOG,
@@ -31,7 +30,8 @@ from drivecomm.server.opcua.nodes import (
     standard,
 )
 from drivecomm.server.opcua.states import LINE, make_state
-from drivecomm.server.opcua.values import GOOD, data_value, good, moment, too_old, waiting
+from drivecomm.server.opcua.value_facts import facts_of
+from drivecomm.server.opcua.values import GOOD, as_stale, data_value, good, moment, waiting
 from drivecomm.version import __version__
 
 if TYPE_CHECKING:
@@ -42,9 +42,9 @@ if TYPE_CHECKING:
     from drivecomm.plant import Plant
     from drivecomm.protocol import DriveConfig
     from drivecomm.server import CurrentValue, ServedPlant
-    from drivecomm.server.opcua.facts import Facts
     from drivecomm.server.opcua.methods import Methods
     from drivecomm.server.opcua.nodes import Nodes
+    from drivecomm.server.opcua.value_facts import Facts
 
 _DATA_TYPES = {
     None: ua.ObjectIds.BaseDataType,
@@ -82,7 +82,7 @@ class _Shown:
         if self.value is None:
             return waiting()
         found = data_value(self.value, self.kind, self.seen_s)
-        return found if self.until is not None else too_old(found)
+        return found if self.until is not None else as_stale(found)
 
     def note(self) -> ua.DataValue:
         return _text("" if self.value is None else self.value.remark)

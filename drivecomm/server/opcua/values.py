@@ -59,7 +59,7 @@ def missing(time_s: float, seen_s: float) -> ua.DataValue:
     return ua.DataValue(NULL, NO_COMMUNICATION, moment(time_s), moment(seen_s))
 
 
-def told(value: Value, kind: ua.VariantType | None) -> ua.Variant | None:
+def variant_of(value: Value, kind: ua.VariantType | None) -> ua.Variant | None:
     """Return a value as a variant of this type; None if the types do not match. kind: None for the value's own type."""
     if isinstance(value, str):
         return ua.Variant(value, ua.VariantType.String) if kind in (None, ua.VariantType.String) else None
@@ -77,13 +77,13 @@ def data_value(value: CurrentValue, kind: ua.VariantType | None, seen_s: float) 
     if reading is None or value.quality == "bad":
         status = NOT_CONFIGURED if value.unreadable else NO_COMMUNICATION
         return ua.DataValue(NULL, status, moment(value.time_s), moment(seen_s))
-    variant = told(reading.value, kind)
+    variant = variant_of(reading.value, kind)
     if variant is None:
         return ua.DataValue(NULL, _OTHER_TYPE, moment(reading.time_s), moment(seen_s))
     return ua.DataValue(variant, STATUS_CODES[value.quality], moment(reading.time_s), moment(seen_s))
 
 
-def too_old(last: ua.DataValue) -> ua.DataValue:
+def as_stale(last: ua.DataValue) -> ua.DataValue:
     """Return a data value as stale."""
     if last.StatusCode not in (GOOD, UNCERTAIN):
         return last
@@ -94,4 +94,4 @@ def past_value(value: Value | None, quality: str, time_s: float) -> ua.DataValue
     """Return a value of the history as a data value, which is null for a missing one."""
     if value is None or quality == "bad":
         return ua.DataValue(NULL, NO_COMMUNICATION, moment(time_s), None)
-    return ua.DataValue(told(value, None), STATUS_CODES[quality], moment(time_s), None)
+    return ua.DataValue(variant_of(value, None), STATUS_CODES[quality], moment(time_s), None)

@@ -1,6 +1,6 @@
 from .database import Database as Database
 from .layout import Layout as Layout
 from .opening import open_record as open_record
-from .past import Past as Past, RecordedValue as RecordedValue, Stretch as Stretch
-from .recorder import Recorder as Recorder
+from .record_queries import RecordedValue as RecordedValue, RecordQueries as RecordQueries, TimePeriod as TimePeriod
+from .recorder import BrokerRecorder as BrokerRecorder
 from .tables import TABLES as TABLES

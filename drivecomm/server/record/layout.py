@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
-from drivecomm.errors import UsageError, meant
+from drivecomm.errors import UsageError, suggestion
 from drivecomm.server import LEVELS, LINE, PLANT
 from drivecomm.server.mqtt import ALARMS, BRIDGE, INFO, STATE, name_of, plant_name
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 
-class Place(NamedTuple):
+class TopicSubject(NamedTuple):
     """Subject of a topic. drive: its name, "" for the whole plant. what: the last level, unchanged."""
 
     plant: str
@@ -36,7 +36,7 @@ class Layout:
     def __post_init__(self) -> None:
         for each in self.levels:
             if each not in LEVELS:
-                raise UsageError(f"there is no level {each!r}; {meant(each, LEVELS, 'there are')}")
+                raise UsageError(f"there is no level {each!r}; {suggestion(each, LEVELS, 'there are')}")
         if not self.levels or list(self.levels) != [each for each in LEVELS if each in self.levels]:
             raise UsageError(f"levels go from the highest to the lowest, each once: {', '.join(LEVELS)}")
         # If only the line is listed, the name of the plant remains above it.
@@ -54,17 +54,17 @@ class Layout:
         """Retained topics with the present state of the plants."""
         return tuple(f"{self._plants}/{BRIDGE}/{name}" for name in (STATE, INFO, ALARMS))
 
-    def place_of(self, topic: str) -> Place | None:
+    def place_of(self, topic: str) -> TopicSubject | None:
         """Return the subject of a topic, None if the topic does not fit this layout."""
         if not topic.startswith(f"{self.prefix}/"):
             return None
         levels = topic.removeprefix(f"{self.prefix}/").split("/")
         plant, below = levels[: self._of_plant], levels[self._of_plant :]
         if len(below) == 2 and below[0] == BRIDGE:
-            return Place(plant_name("/".join(plant)), "", below[1])
+            return TopicSubject(plant_name("/".join(plant)), "", below[1])
         if len(below) != self._of_drive:
             return None
-        return Place(plant_name("/".join(plant)), name_of(below[-2]), below[-1])
+        return TopicSubject(plant_name("/".join(plant)), name_of(below[-2]), below[-1])
 
     @property
     def _plants(self) -> str:

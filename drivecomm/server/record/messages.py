@@ -25,7 +25,7 @@ _OF_COMMAND = ("id", "who", "door", "drive", "verb", "outcome", "text")
 _NAMED = OF_DRIVE - {VALUES}
 
 
-class Sample(NamedTuple):
+class RecordedSample(NamedTuple):
     """Value of a plant, or its absence. number: decimal digits, so that it stays exact; string: for a text value."""
 
     plant: str
@@ -41,7 +41,7 @@ class Sample(NamedTuple):
     source_ms: int | None
 
 
-class Happened(NamedTuple):
+class RecordedEvent(NamedTuple):
     """An event of a plant."""
 
     plant: str
@@ -55,7 +55,7 @@ class Happened(NamedTuple):
     alarm: str
 
 
-class Commanded(NamedTuple):
+class RecordedCommand(NamedTuple):
     """Command to a plant and its outcome."""
 
     plant: str
@@ -86,14 +86,14 @@ class StandingAlarm(NamedTuple):
     acknowledged_ms: int | None
 
 
-class Standing(NamedTuple):
+class StandingAlarms(NamedTuple):
     """All alarms of a plant that are active or not acknowledged."""
 
     plant: str
     alarms: tuple[StandingAlarm, ...]
 
 
-class Running(NamedTuple):
+class PlantState(NamedTuple):
     """State of a plant as a whole. A field is None if the message did not contain it."""
 
     plant: str
@@ -104,10 +104,10 @@ class Running(NamedTuple):
     file_read_ms: int | None = None
 
 
-Recorded: TypeAlias = "Sample | Happened | Commanded | Standing | Running"
+Recorded: TypeAlias = "RecordedSample | RecordedEvent | RecordedCommand | StandingAlarms | PlantState"
 
 
-def recorded(layout: Layout, topic: str, payload: bytes) -> Iterator[Recorded]:
+def records_in(layout: Layout, topic: str, payload: bytes) -> Iterator[Recorded]:
     """Yield the records in a message; none for topics that are not recorded.
 
     Raises ValueError, or another of the errors in `recorder._UNFIT`, for an invalid message.
@@ -126,10 +126,10 @@ def recorded(layout: Layout, topic: str, payload: bytes) -> Iterator[Recorded]:
         yield _sample(plant, drive, _text(name_of(place.what)), object_in(payload))
 
 
-def _sample(plant: str, drive: str, name: str, said: Mapping[str, Any]) -> Sample:
+def _sample(plant: str, drive: str, name: str, said: Mapping[str, Any]) -> RecordedSample:
     value = said["value"]
     is_text = isinstance(value, str)
-    return Sample(
+    return RecordedSample(
         plant,
         drive,
         name,
@@ -150,7 +150,7 @@ def _historical(plant: str, content: Mapping[str, Any]) -> Iterator[Recorded]:
 
 
 def _event(plant: str, said: Mapping[str, Any]) -> Iterator[Recorded]:
-    yield Happened(
+    yield RecordedEvent(
         plant,
         _ms(said["time_s"]),
         _whole(said["number"]),
@@ -160,7 +160,7 @@ def _event(plant: str, said: Mapping[str, Any]) -> Iterator[Recorded]:
 
 def _audit(plant: str, content: Mapping[str, Any]) -> Iterator[Recorded]:
     for said in content["commands"]:
-        yield Commanded(
+        yield RecordedCommand(
             plant,
             _ms(said["time_s"]),
             _whole(said["row"]),
@@ -171,7 +171,7 @@ def _audit(plant: str, content: Mapping[str, Any]) -> Iterator[Recorded]:
 
 
 def _alarms(plant: str, content: Mapping[str, Any]) -> Iterator[Recorded]:
-    yield Standing(
+    yield StandingAlarms(
         plant,
         tuple(
             StandingAlarm(
@@ -189,12 +189,12 @@ def _alarms(plant: str, content: Mapping[str, Any]) -> Iterator[Recorded]:
 
 def _state(plant: str, said: Mapping[str, Any]) -> Iterator[Recorded]:
     version = said.get("version")
-    yield Running(plant, state=_text(said["state"]), version=None if version is None else _text(version))
+    yield PlantState(plant, state=_text(said["state"]), version=None if version is None else _text(version))
 
 
 def _info(plant: str, content: Mapping[str, Any]) -> Iterator[Recorded]:
     said = content.get("file") or {}
-    yield Running(
+    yield PlantState(
         plant,
         version=_text(content.get("version", "")),
         file=_text(said.get("name", "")),

@@ -20,7 +20,7 @@ from paho.mqtt.subscribeoptions import SubscribeOptions
 from drivecomm.errors import DriveCommError, LinkDownError, LinkError, UsageError, in_one_line
 from drivecomm.link import Backoff
 from drivecomm.server.broker import VersionRefused, refusal, tls_context
-from drivecomm.server.record.messages import recorded
+from drivecomm.server.record.messages import records_in
 from drivecomm.server.record.writer import Writer
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ class _Waiting:
         self.client, self.number, self.qos, self.content = client, number, qos, content
 
 
-class Recorder:
+class BrokerRecorder:
     """Recorder of the plants on a broker.
 
     open_database: called when a database is needed, also after a lost connection. layout: topics of the plants. name:
@@ -241,7 +241,7 @@ class Recorder:
             return
         content: list[Recorded] = []
         try:
-            content = list(recorded(self._layout, message.topic, bytes(message.payload)))
+            content = list(records_in(self._layout, message.topic, bytes(message.payload)))
         except _UNFIT:
             self.unreadable += 1
         if not self._waiting:

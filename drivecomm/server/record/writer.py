@@ -6,7 +6,7 @@ import time
 from operator import itemgetter
 from typing import TYPE_CHECKING
 
-from drivecomm.server.record.messages import Commanded, Happened, Running, Sample, Standing
+from drivecomm.server.record.messages import PlantState, RecordedCommand, RecordedEvent, RecordedSample, StandingAlarms
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -39,10 +39,10 @@ class Writer:
             # In a transaction of its own, so that other recorders wait for new ids only briefly.
             with database.transaction():
                 samples = self._rows_of(
-                    sorted((each for each in batch if isinstance(each, Sample)), key=itemgetter(0, 1, 2, 3))
+                    sorted((each for each in batch if isinstance(each, RecordedSample)), key=itemgetter(0, 1, 2, 3))
                 )
-                events = [(self._plant(each.plant), *each[1:]) for each in batch if isinstance(each, Happened)]
-                commands = [(self._plant(each.plant), *each[1:]) for each in batch if isinstance(each, Commanded)]
+                events = [(self._plant(each.plant), *each[1:]) for each in batch if isinstance(each, RecordedEvent)]
+                commands = [(self._plant(each.plant), *each[1:]) for each in batch if isinstance(each, RecordedCommand)]
         except BaseException:
             # The rollback has removed new ids.
             for known in (self._plants, self._quantities, self._remarks):
@@ -56,14 +56,16 @@ class Writer:
             if commands:
                 database.add("command", sorted(commands))
             for each in batch:
-                if isinstance(each, Standing):
+                if isinstance(each, StandingAlarms):
                     self._write_alarms(each)
-                elif isinstance(each, Running):
+                elif isinstance(each, PlantState):
                     self._write_plant(each)
         self._latest.update({quantity: time_ms for quantity, time_ms, *_ in samples})
         return new
 
-    def _rows_of(self, samples: Iterable[Sample]) -> list[tuple[int, int, str | None, str | None, int, int | None]]:
+    def _rows_of(
+        self, samples: Iterable[RecordedSample]
+    ) -> list[tuple[int, int, str | None, str | None, int, int | None]]:
         rows = []
         for each in samples:
             quantity = self._quantity(each.plant, each.drive, each.name)
@@ -110,7 +112,7 @@ class Writer:
             found = self._database.all(find, key)
         return int(found[0][0])
 
-    def _write_plant(self, said: Running) -> None:
+    def _write_plant(self, said: PlantState) -> None:
         moment = self._database.moment()
         places = {"state": "%s", "version": "%s", "file": "%s", "file_sha256": "%s", "file_read": moment}
         given = {name: value for name, value in zip(places, said[1:], strict=True) if value is not None}
@@ -122,7 +124,7 @@ class Writer:
                 (*given.values(), plant),
             )
 
-    def _write_alarms(self, standing: Standing) -> None:
+    def _write_alarms(self, standing: StandingAlarms) -> None:
         database, plant, moment = self._database, self._plant(standing.plant), self._database.moment()
         for each in standing.alarms:
             database.all(

@@ -23,9 +23,9 @@ from drivecomm.errors import FileFormatError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from drivecomm.server import History, PastValue
+    from drivecomm.server import PastValue, PlantHistory
     from drivecomm.server.sparkplug.edge_node import EdgeNode
-    from drivecomm.server.sparkplug.kept import KeptSession
+    from drivecomm.server.sparkplug.edge_node_state import EdgeNodeState
     from drivecomm.server.sparkplug.outlet import Outlet
 
 MOST_METRICS = 250
@@ -42,7 +42,7 @@ _log = logging.getLogger("drivecomm.server")
 class Backlog:
     """Delivery of missed values. keep_alive_s: of the broker connection."""
 
-    def __init__(self, history: History, kept: KeptSession, keep_alive_s: float) -> None:
+    def __init__(self, history: PlantHistory, kept: EdgeNodeState, keep_alive_s: float) -> None:
         self._history, self._kept = history, kept
         self._unsure_s = 2 * keep_alive_s
         self._sent: deque[tuple[float, Callable[[], None]]] = deque()

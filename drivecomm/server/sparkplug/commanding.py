@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.errors import NotAllowedError, UsageError, meant
-from drivecomm.server import NEEDS, Command
+from drivecomm.errors import NotAllowedError, UsageError, suggestion
+from drivecomm.server import NEEDS, CommandRequest
 from drivecomm.server.sparkplug.payload import DataType, Metric, typed
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ _STARTS = frozenset({"start", "reverse", "jog"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Order:
+class CommandMetric:
     """Command behind a metric. argument: the argument that takes the metric's value, "" for a button."""
 
     verb: str
@@ -42,24 +42,24 @@ class Order:
     fixed: Mapping[str, Any] = field(default_factory=dict, hash=False)
 
 
-ORDERS: Mapping[str, Order] = {
-    f"{FOLDER}Stop": Order(verb="stop"),
-    f"{FOLDER}Stop Coast": Order(verb="stop", fixed={"how": "coast"}),
-    f"{FOLDER}Stop Quick": Order(verb="stop", fixed={"how": "quick"}),
-    f"{FOLDER}Reset": Order(verb="reset"),
-    f"{FOLDER}Hold": Order(verb="hold"),
-    f"{FOLDER}Reference Percent": Order(verb="set_reference", type=DataType.DOUBLE, argument="percent"),
-    f"{FOLDER}Reference Hertz": Order(verb="set_reference", type=DataType.DOUBLE, argument="hz"),
-    f"{FOLDER}Setup": Order(verb="select_setup", type=DataType.INT32, argument="number"),
-    f"{FOLDER}Preset": Order(verb="select_preset", type=DataType.INT32, argument="number"),
-    f"{FOLDER}Relay 1": Order(verb="set_relay", argument="on", fixed={"number": 1}),
-    f"{FOLDER}Relay 2": Order(verb="set_relay", argument="on", fixed={"number": 2}),
-    f"{FOLDER}Start": Order(verb="start"),
-    f"{FOLDER}Start Reverse": Order(verb="reverse"),
+ORDERS: Mapping[str, CommandMetric] = {
+    f"{FOLDER}Stop": CommandMetric(verb="stop"),
+    f"{FOLDER}Stop Coast": CommandMetric(verb="stop", fixed={"how": "coast"}),
+    f"{FOLDER}Stop Quick": CommandMetric(verb="stop", fixed={"how": "quick"}),
+    f"{FOLDER}Reset": CommandMetric(verb="reset"),
+    f"{FOLDER}Hold": CommandMetric(verb="hold"),
+    f"{FOLDER}Reference Percent": CommandMetric(verb="set_reference", type=DataType.DOUBLE, argument="percent"),
+    f"{FOLDER}Reference Hertz": CommandMetric(verb="set_reference", type=DataType.DOUBLE, argument="hz"),
+    f"{FOLDER}Setup": CommandMetric(verb="select_setup", type=DataType.INT32, argument="number"),
+    f"{FOLDER}Preset": CommandMetric(verb="select_preset", type=DataType.INT32, argument="number"),
+    f"{FOLDER}Relay 1": CommandMetric(verb="set_relay", argument="on", fixed={"number": 1}),
+    f"{FOLDER}Relay 2": CommandMetric(verb="set_relay", argument="on", fixed={"number": 2}),
+    f"{FOLDER}Start": CommandMetric(verb="start"),
+    f"{FOLDER}Start Reverse": CommandMetric(verb="reverse"),
 }
 
 
-def offered(verbs: Collection[str]) -> list[Metric]:
+def command_metrics(verbs: Collection[str]) -> list[Metric]:
     """Return the command metrics for the permitted verbs, without values."""
     found = [Metric(name=name, type=order.type) for name, order in ORDERS.items() if order.verb in verbs]
     if any(order.verb in verbs and order.verb in _STARTS for order in ORDERS.values()):
@@ -67,7 +67,7 @@ def offered(verbs: Collection[str]) -> list[Metric]:
     return found
 
 
-def commands_in(payload: Payload, metrics: Sequence[Metric], drive: str) -> list[Command]:
+def commands_in(payload: Payload, metrics: Sequence[Metric], drive: str) -> list[CommandRequest]:
     """Return the commands in a message to a drive; if there is a stop, only the stop.
 
     metrics: of the payload, with their names. Raises UsageError for an invalid command, and NotAllowedError for one
@@ -77,7 +77,7 @@ def commands_in(payload: Payload, metrics: Sequence[Metric], drive: str) -> list
         # Checked first: an error elsewhere in the message must not prevent a stop.
         order = ORDERS.get(metric.name)
         if order is not None and order.verb == "stop" and _is_on(metric):
-            return [Command(drive=drive, verb="stop", arguments=dict(order.fixed), id=_id(payload))]
+            return [CommandRequest(drive=drive, verb="stop", arguments=dict(order.fixed), id=_id(payload))]
     said = {each.name: each for each in metrics}
     session = said.pop(SESSION, None)
     word = "" if session is None else str(typed(session, DataType.STRING).value or "")
@@ -97,12 +97,12 @@ def commands_in(payload: Payload, metrics: Sequence[Metric], drive: str) -> list
     return wanted
 
 
-def _command(metric: Metric, payload: Payload, drive: str, number: int, session: str) -> Command | None:
+def _command(metric: Metric, payload: Payload, drive: str, number: int, session: str) -> CommandRequest | None:
     """Return the command in a metric; None for a released button."""
     order = ORDERS.get(metric.name)
     if order is None:
         raise UsageError(
-            f"{metric.name[:100]!r} of {drive} cannot be written; {meant(metric.name[:100], ORDERS, 'there are')}"
+            f"{metric.name[:100]!r} of {drive} cannot be written; {suggestion(metric.name[:100], ORDERS, 'there are')}"
         )
     if metric.type is not None:
         # A value that contradicts its own type is refused.
@@ -116,7 +116,7 @@ def _command(metric: Metric, payload: Payload, drive: str, number: int, session:
         given = dict(order.fixed)
     else:
         return None
-    return Command(
+    return CommandRequest(
         drive=drive,
         verb=order.verb,
         arguments=given,
@@ -146,7 +146,7 @@ def _id(payload: Payload) -> str:
     return hashlib.sha256(repr(payload).encode()).hexdigest()[:32]
 
 
-def is_start(command: Command) -> bool:
+def is_start(command: CommandRequest) -> bool:
     """Whether a command can make a motor turn."""
     return command.verb in _STARTS
 

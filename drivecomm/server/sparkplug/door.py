@@ -22,23 +22,23 @@ from drivecomm.server import (
     Caller,
     DoorHealth,
     Role,
+    run_concurrently,
     state_folder,
-    together,
 )
 from drivecomm.server.broker import BROKER_KEYS, broker_settings
-from drivecomm.server.sparkplug.topics import Topics, id_of, is_id
+from drivecomm.server.sparkplug.topics import SparkplugTopics, id_of, is_id
 from drivecomm.tomlfile import LIST, TEXT, Kind
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from drivecomm.protocol import DriveConfig
-    from drivecomm.server import Answer, Command, DriveState, ServedPlant
+    from drivecomm.server import CommandAnswer, CommandRequest, DriveSnapshot, ServedPlant
     from drivecomm.server.broker import BrokerSettings
+    from drivecomm.server.sparkplug.edge_node_state import EdgeNodeState
     from drivecomm.server.sparkplug.hosts import Hosts
-    from drivecomm.server.sparkplug.kept import KeptSession
-    from drivecomm.server.sparkplug.session import Session
-    from drivecomm.tomlfile import Table
+    from drivecomm.server.sparkplug.session import SparkplugSession
+    from drivecomm.tomlfile import TomlTable
 
 _ROLE = Kind((str,), '"view", so that hosts may stop motors, or "operate"')
 _KEYS = {
@@ -62,7 +62,7 @@ _TAKEN_FIRST_S, _TAKEN_LONGEST_S = 5.0, 30.0
 _LASTED_S, _PEACE_S, _LOST_SOON = 10.0, 600.0, 3
 
 
-def sparkplug_door(table: Table) -> SparkplugDoor:
+def sparkplug_door(table: TomlTable) -> SparkplugDoor:
     """Return the Sparkplug door that a table of the plant file describes.
 
     Raises FileFormatError, or UsageError if a required package is not installed.
@@ -85,7 +85,7 @@ def sparkplug_door(table: Table) -> SparkplugDoor:
 class SparkplugDoor:
     """Edge node for a plant, on one broker at a time."""
 
-    def __init__(self, table: Table) -> None:
+    def __init__(self, table: TomlTable) -> None:
         given = table.take(_KEYS)
         self._levels: Mapping[str, str] = given.pop("levels", {})
         sites = [name for each, name in self._levels.items() if each in SITES]
@@ -107,7 +107,7 @@ class SparkplugDoor:
             )
         said = [given] if urls is None else [{**given, "broker": url} for url in urls]
         self._brokers = [broker_settings(table, each) for each in said]
-        self._topics = Topics(group=given["group"], node=given["node"], host=given.get("host", ""))
+        self._topics = SparkplugTopics(group=given["group"], node=given["node"], host=given.get("host", ""))
         role = given.get("role")
         if role is not None and role not in _ROLES:
             raise table.error(f"role cannot be {role!r:.80}; write {_ROLE.words}", "role")
@@ -117,8 +117,8 @@ class SparkplugDoor:
             role=Role.NOBODY if role is None else _ROLES[role],
             door=self.name,
         )
-        self._session: Session | None = None
-        self._kept: KeptSession | None = None
+        self._session: SparkplugSession | None = None
+        self._kept: EdgeNodeState | None = None
         self._told = ""
 
     @property
@@ -136,15 +136,15 @@ class SparkplugDoor:
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
         """Serve until cancelled. Raises UsageError if two drives would have the same device name."""
         from drivecomm.server.sparkplug.backlog import Backlog
-        from drivecomm.server.sparkplug.commanding import offered, verbs_allowed
+        from drivecomm.server.sparkplug.commanding import command_metrics, verbs_allowed
         from drivecomm.server.sparkplug.edge_node import EdgeNode
+        from drivecomm.server.sparkplug.edge_node_state import EdgeNodeState
         from drivecomm.server.sparkplug.hosts import Hosts
-        from drivecomm.server.sparkplug.kept import KeptSession
         from drivecomm.server.sparkplug.limits import limits_of
         from drivecomm.server.sparkplug.topics import device_ids
 
         device_ids({drive.name: self._device_name(drive) for drive in plant.drives()})
-        kept = await asyncio.to_thread(KeptSession, self._file(plant))
+        kept = await asyncio.to_thread(EdgeNodeState, self._file(plant))
         keep_alive_s = max(each.keep_alive_s for each in self._brokers)
         backlog = None if plant.history is None else Backlog(plant.history, kept, keep_alive_s)
         if backlog is not None:
@@ -154,26 +154,26 @@ class SparkplugDoor:
         await asyncio.to_thread(lambda: [limits_of(drive, "", "") for drive in plant.plant.drives])
         node = EdgeNode(
             plant,
-            lambda drive: offered(verbs_allowed(plant.may(self._caller, drive))),
+            lambda drive: command_metrics(verbs_allowed(plant.may(self._caller, drive))),
             limits_of,
             self._device_name,
         )
         hosts = Hosts(plant, self._caller, self._topics, self._answered)
 
-        def session(bd_seq: int) -> Session:
-            from drivecomm.server.sparkplug.session import Session
+        def session(bd_seq: int) -> SparkplugSession:
+            from drivecomm.server.sparkplug.session import SparkplugSession
 
             only = len(self._brokers) == 1
-            return Session(plant, node, hosts, backlog, self._topics, bd_seq=bd_seq, is_only=only)
+            return SparkplugSession(plant, node, hosts, backlog, self._topics, bd_seq=bd_seq, is_only=only)
 
         await self._stay_connected(plant, session, hosts, kept, opened)
 
     async def _stay_connected(
         self,
         plant: ServedPlant,
-        session: Callable[[int], Session],
+        session: Callable[[int], SparkplugSession],
         hosts: Hosts,
-        kept: KeptSession,
+        kept: EdgeNodeState,
         opened: Callable[[], None],
     ) -> None:
         """Connect to one broker after the other, changing whenever a connection ends."""
@@ -187,7 +187,7 @@ class SparkplugDoor:
             settings, began, pauses = self._brokers[turn % len(self._brokers)], now(), soon
             new = self._session = session(await asyncio.to_thread(kept.next_connection))
             try:
-                await together(self._connect(plant, settings, new, opened))
+                await run_concurrently(self._connect(plant, settings, new, opened))
             except HostGoneError as error:
                 problem = f"broker {settings.place}: {error}"
             except IdentityTakenOver as error:
@@ -214,13 +214,13 @@ class SparkplugDoor:
             await asyncio.sleep((pauses.over_at - now()) * random.uniform(0.5, 1.0))  # noqa: S311 - spreads them only
 
     async def _connect(
-        self, plant: ServedPlant, settings: BrokerSettings, new: Session, opened: Callable[[], None]
+        self, plant: ServedPlant, settings: BrokerSettings, new: SparkplugSession, opened: Callable[[], None]
     ) -> None:
-        from drivecomm.server.broker import client_id_of, connected
+        from drivecomm.server.broker import client_id_of, connect_to_broker
 
         # Derived from the edge node, so that a broker rejects two with the same name.
         client_id = settings.client_id or client_id_of(f"drivecomm-{self._topics.group}-{self._topics.node}")
-        async with connected(settings, client_id, new.heard, new.will()) as connection:
+        async with connect_to_broker(settings, client_id, new.heard, new.will()) as connection:
             try:
                 await new.run(connection, partial(self._opened, plant, settings, opened))
             except (asyncio.CancelledError, LinkError):
@@ -239,7 +239,7 @@ class SparkplugDoor:
             self._told = problem
             plant.tell(problem, who=self.name)
 
-    def _answered(self, command: Command, answer: Answer, text: str) -> None:
+    def _answered(self, command: CommandRequest, answer: CommandAnswer, text: str) -> None:
         if self._session is not None:
             self._session.answered(command, answer, text)
 
@@ -250,7 +250,7 @@ class SparkplugDoor:
         metric = "Status/State" if name == STATUS else VALUES + name
         return f"{self._topics.group}/{self._topics.node}/{id_of(self._device_name(drive))}/{metric}"
 
-    def _device_name(self, drive: DriveState | DriveConfig) -> str:
+    def _device_name(self, drive: DriveSnapshot | DriveConfig) -> str:
         return f"{drive.line}:{drive.name}" if LINE in self._levels else drive.name
 
     def _file(self, plant: ServedPlant) -> Path:

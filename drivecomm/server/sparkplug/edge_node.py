@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from decimal import Decimal
 
     from drivecomm.protocol import DriveConfig
-    from drivecomm.server import Answer, Command, CurrentValue, DriveState, PastValue, ServedPlant
+    from drivecomm.server import CommandAnswer, CommandRequest, CurrentValue, DriveSnapshot, PastValue, ServedPlant
 
 BD_SEQ = "bdSeq"
 REBIRTH = "Node Control/Rebirth"
@@ -71,7 +71,7 @@ class _Device:
     born: bool = False
     told: dict[str, Metric] = field(default_factory=dict)
     seen: dict[str, object] = field(default_factory=dict)
-    answer: tuple[Command, Answer, str] | None = None
+    answer: tuple[CommandRequest, CommandAnswer, str] | None = None
 
 
 class EdgeNode:
@@ -86,7 +86,7 @@ class EdgeNode:
         plant: ServedPlant,
         commands: Callable[[str], Sequence[Metric]],
         limits: Limits,
-        device_name: Callable[[DriveState], str] = attrgetter("name"),
+        device_name: Callable[[DriveSnapshot], str] = attrgetter("name"),
     ) -> None:
         self._plant, self._commands, self._limits, self._device_name = plant, commands, limits, device_name
         self._bd_seq = 0
@@ -124,7 +124,7 @@ class EdgeNode:
         known = [drive for drive in {**by_drive, **dict.fromkeys(drives)} if drive in self._devices]
         return self._of_drives(self._states(known), time_s, by_drive)
 
-    def looked_over(self, time_s: float) -> list[Unsent]:
+    def periodic_messages(self, time_s: float) -> list[Unsent]:
         """Return messages for changes without an event: stale values, added or removed drives, lines, commanders."""
         states = {drive.name: drive for drive in self._plant.drives()}
         if self._names(states.values()) != {drive: device.name for drive, device in self._devices.items()}:
@@ -143,7 +143,7 @@ class EdgeNode:
         data = tuple(self._as_data("", each) for each in changed)
         return [*([Unsent(kind="NDATA", metrics=data)] if data else []), *found]
 
-    def answered(self, command: Command, answer: Answer, text: str, time_s: float) -> list[Unsent]:
+    def answered(self, command: CommandRequest, answer: CommandAnswer, text: str, time_s: float) -> list[Unsent]:
         """Return messages with the outcome of a command."""
         device = self._devices.get(command.drive)
         if device is None:
@@ -187,7 +187,7 @@ class EdgeNode:
             raise UsageError(f"the alias {metric.alias} is unknown in {drive or 'the edge node'}; read its birth again")
         return metric._replace(name=name)
 
-    def _renamed(self, there: Mapping[str, DriveState], time_s: float) -> list[Unsent]:
+    def _renamed(self, there: Mapping[str, DriveSnapshot], time_s: float) -> list[Unsent]:
         """Return messages for added, removed or renamed drives."""
         names = self._names(there.values())
         stay = {drive: each for drive, each in self._devices.items() if names.get(drive) == each.name}
@@ -202,7 +202,7 @@ class EdgeNode:
         self._read_values()
         return [*gone, *self._of_drives(there.values(), time_s, self._values)]
 
-    def _names(self, drives: Iterable[DriveState]) -> dict[str, str]:
+    def _names(self, drives: Iterable[DriveSnapshot]) -> dict[str, str]:
         """Return device names by drive."""
         return {drive.name: self._device_name(drive) for drive in drives}
 
@@ -211,15 +211,15 @@ class EdgeNode:
         for value in self._plant.values():
             self._values.setdefault(value.drive, {})[value.name] = value
 
-    def _states(self, drives: Iterable[str]) -> Iterator[DriveState]:
+    def _states(self, drives: Iterable[str]) -> Iterator[DriveSnapshot]:
         for drive in drives:
-            # A drive that was just removed is reported by `looked_over`.
+            # A drive that was just removed is reported by `periodic_messages`.
             with suppress(UsageError):
                 yield self._plant.drive(drive)
 
     def _of_drives(
         self,
-        states: Iterable[DriveState],
+        states: Iterable[DriveSnapshot],
         time_s: float,
         values: Mapping[str, Mapping[str, CurrentValue]] | None = None,
     ) -> list[Unsent]:
@@ -241,7 +241,7 @@ class EdgeNode:
             found.append(self._birth(drive, device, state, time_s))
         return found
 
-    def _birth(self, drive: str, device: _Device, state: DriveState, time_s: float) -> Unsent:
+    def _birth(self, drive: str, device: _Device, state: DriveSnapshot, time_s: float) -> Unsent:
         time_ms = milliseconds(time_s)
         if device.born:
             # The drive was changed in the plant file, and with it its values.
@@ -261,7 +261,7 @@ class EdgeNode:
         return Unsent(kind="DBIRTH", device=device.id, metrics=_in_order(metrics))
 
     def _changes(
-        self, device: _Device, state: DriveState, values: Iterable[CurrentValue], time_s: float
+        self, device: _Device, state: DriveSnapshot, values: Iterable[CurrentValue], time_s: float
     ) -> list[Metric] | None:
         """Return the changed metrics of a drive; None if the change needs a new birth."""
         found = []
@@ -322,7 +322,7 @@ class EdgeNode:
         return self._with_alias(drive, metric)._replace(name="", properties=kept)
 
 
-def _said(value: CurrentValue, state: DriveState) -> object:
+def _said(value: CurrentValue, state: DriveSnapshot) -> object:
     """Return the content of a value, without its quality."""
     if value.name == STATUS:
         return state.status

@@ -15,19 +15,19 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError, NotAllowedError, UsageError, in_one_line
-from drivecomm.server import Answer, Command
+from drivecomm.server import CommandAnswer, CommandRequest
 from drivecomm.server.sparkplug.commanding import commands_in, is_start
 from drivecomm.server.sparkplug.edge_node import REBIRTH
-from drivecomm.server.sparkplug.payload import DataType, Metric, decoded, typed
+from drivecomm.server.sparkplug.payload import DataType, Metric, decode_payload, typed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from drivecomm.server import Caller, ServedPlant
-    from drivecomm.server.broker import Received
+    from drivecomm.server.broker import ReceivedMessage
     from drivecomm.server.sparkplug.edge_node import EdgeNode
     from drivecomm.server.sparkplug.payload import Payload
-    from drivecomm.server.sparkplug.topics import Topics
+    from drivecomm.server.sparkplug.topics import SparkplugTopics
 
 MOST_WAITING = 5
 """Maximum commands in the queue of one drive; they expire after two seconds anyway."""
@@ -47,15 +47,19 @@ class Hosts:
     """Execution of commands from hosts. told: called with the outcome of a command. caller: role and name of hosts."""
 
     def __init__(
-        self, plant: ServedPlant, caller: Caller, topics: Topics, told: Callable[[Command, Answer, str], None]
+        self,
+        plant: ServedPlant,
+        caller: Caller,
+        topics: SparkplugTopics,
+        told: Callable[[CommandRequest, CommandAnswer, str], None],
     ) -> None:
         self.rebirth = asyncio.Event()
         """Set when a host requests new births."""
         self._plant, self._caller, self._topics, self._told = plant, caller, topics, told
-        self._waiting: dict[str, asyncio.Queue[tuple[Command, int]]] = {}
+        self._waiting: dict[str, asyncio.Queue[tuple[CommandRequest, int]]] = {}
         self._working: set[asyncio.Task[None]] = set()
         self._stopping: dict[str, set[asyncio.Task[None]]] = defaultdict(set)
-        self._again: dict[str, Command] = {}
+        self._again: dict[str, CommandRequest] = {}
         self._stops: Counter[str] = Counter()
         """Count of stops and host losses per drive: a command from before such an event is not sent after it."""
         self._leases: dict[str, str] = {}
@@ -64,7 +68,7 @@ class Hosts:
         self._admitted = self._refused = self._untold = 0
         self._second = 0.0
 
-    def heard(self, received: Received, node: EdgeNode) -> None:
+    def heard(self, received: ReceivedMessage, node: EdgeNode) -> None:
         """Process a message for the edge node or for a drive; never blocks and never raises."""
         try:
             if received.topic == self._topics.node_commands:
@@ -75,7 +79,7 @@ class Hosts:
                     raise UsageError(f"there is no drive {device!r}")
                 self._drive_command(received, node, drive)
         except DriveCommError as error:
-            self._refuse(Command(drive=received.topic[-100:], verb="command"), error)
+            self._refuse(CommandRequest(drive=received.topic[-100:], verb="command"), error)
 
     def admit(self) -> None:
         """Accept commands, because hosts have the births of the drives."""
@@ -108,23 +112,23 @@ class Hosts:
         self._waiting.clear()
         self.rebirth.clear()
 
-    def _node_command(self, received: Received) -> None:
+    def _node_command(self, received: ReceivedMessage) -> None:
         if received.retained:
             raise NotAllowedError("a command that is retained is not carried out")
-        for metric in decoded(received.payload).metrics:
+        for metric in decode_payload(received.payload).metrics:
             if metric.name != REBIRTH:
                 raise UsageError(f"{metric.name[:100]!r} of the edge node cannot be written; there is {REBIRTH}")
             if typed(metric, DataType.BOOLEAN).value:
                 self.rebirth.set()
 
-    def _drive_command(self, received: Received, node: EdgeNode, drive: str) -> None:
+    def _drive_command(self, received: ReceivedMessage, node: EdgeNode, drive: str) -> None:
         try:
             if received.retained:
                 raise NotAllowedError(f"a command that is retained is not carried out; remove it from {received.topic}")
-            payload = decoded(received.payload)
+            payload = decode_payload(received.payload)
             wanted = commands_in(payload, _named(payload, node, drive), drive)
         except DriveCommError as error:
-            self._refuse(Command(drive=drive, verb="command"), error)
+            self._refuse(CommandRequest(drive=drive, verb="command"), error)
             return
         for command in wanted:
             if command.verb == "stop":
@@ -132,7 +136,7 @@ class Hosts:
             else:
                 self._put(command)
 
-    def _stop(self, command: Command) -> None:
+    def _stop(self, command: CommandRequest) -> None:
         drive = command.drive
         self._stops[drive] += 1
         waiting = self._waiting.get(drive)
@@ -152,7 +156,7 @@ class Hosts:
         if again is not None and not task.cancelled():
             self._stop(again)
 
-    def _put(self, command: Command) -> None:
+    def _put(self, command: CommandRequest) -> None:
         if not self._admits:
             self._refuse(command, NotAllowedError("the edge node has no session now; wait for its births"))
             return
@@ -172,11 +176,11 @@ class Hosts:
         except asyncio.QueueFull:
             self._refuse(command, NotAllowedError(f"{command.drive} has {MOST_WAITING} commands to do before this one"))
 
-    async def _one_by_one(self, waiting: asyncio.Queue[tuple[Command, int]]) -> None:
+    async def _one_by_one(self, waiting: asyncio.Queue[tuple[CommandRequest, int]]) -> None:
         while True:
             await self._carry_out(*await waiting.get())
 
-    async def _carry_out(self, command: Command, stops: int) -> None:
+    async def _carry_out(self, command: CommandRequest, stops: int) -> None:
         """Carry out a command. stops: stop count of its drive when the command arrived."""
         try:
             answer = await self._answer(command, stops)
@@ -188,7 +192,7 @@ class Hosts:
             return
         self._told(command, answer, "" if answer.error is None else in_one_line(answer.error))
 
-    async def _answer(self, command: Command, stops: int) -> Answer:
+    async def _answer(self, command: CommandRequest, stops: int) -> CommandAnswer:
         drive = command.drive
         if command.verb == "stop":
             answer = await self._plant.command(self._caller, command)
@@ -224,7 +228,7 @@ class Hosts:
             with suppress(DriveCommError):
                 await self._plant.end_lease(self._caller, drive, key)
 
-    def _refuse(self, command: Command, error: DriveCommError) -> None:
+    def _refuse(self, command: CommandRequest, error: DriveCommError) -> None:
         """Record a refusal and report it to hosts; in a flood, only the number of refusals."""
         self._count()
         self._refused += 1
@@ -235,7 +239,7 @@ class Hosts:
         if self._untold:
             why, self._untold = f"{why} (and {self._untold} other messages before it were refused)", 0
         self._plant.refuse(self._caller, command, why)
-        self._told(command, Answer(id=command.id, outcome="refused", error=error), why)
+        self._told(command, CommandAnswer(id=command.id, outcome="refused", error=error), why)
 
 
 def _stopped(drive: str) -> NotAllowedError:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from drivecomm.line import ResultQuality
     from drivecomm.protocol import DriveConfig, DriveStatus, Value
-    from drivecomm.server import Answer, Command, DriveState, PastValue
+    from drivecomm.server import CommandAnswer, CommandRequest, DriveSnapshot, PastValue
 
 VALUES = "Values/"
 QUALITY, UNCERTAIN, REASON = "Quality", "Uncertain", "Reason"
@@ -60,7 +60,7 @@ def quality_properties(quality: ResultQuality, reason: str = "") -> Mapping[str,
     return MappingProxyType(said)
 
 
-def metrics_of_value(value: CurrentValue, state: DriveState, quality: ResultQuality, time_s: float) -> list[Metric]:
+def metrics_of_value(value: CurrentValue, state: DriveSnapshot, quality: ResultQuality, time_s: float) -> list[Metric]:
     """Return the metrics of a current value, several for a status. time_s: time at which its quality was determined."""
     said = quality_properties(quality, value.remark)
     fresh = value.reading is not None and quality in FRESH
@@ -104,7 +104,7 @@ def typed_value(name: str, value: Value | None) -> tuple[DataType, Scalar | None
     return kind, number if isfinite(number) else None
 
 
-def metrics_of_drive(state: DriveState, time_ms: int) -> list[Metric]:
+def metrics_of_drive(state: DriveSnapshot, time_ms: int) -> list[Metric]:
     """Return the metrics with the properties of a drive and its commander."""
     config = state.config
     texts = {
@@ -122,7 +122,7 @@ def metrics_of_drive(state: DriveState, time_ms: int) -> list[Metric]:
     return [*told, only_read]
 
 
-def commander_texts(state: DriveState) -> dict[str, str]:
+def commander_texts(state: DriveSnapshot) -> dict[str, str]:
     """Return texts for the commander of a drive, the policy of its kept motor, its standing stop, and its drift."""
     return {
         "Status/Commander": "" if state.lease is None else str(state.lease.holder),
@@ -132,7 +132,9 @@ def commander_texts(state: DriveState) -> dict[str, str]:
     }
 
 
-def metrics_of_answer(command: Command | None, answer: Answer | None, text: str, time_ms: int) -> list[Metric]:
+def metrics_of_answer(
+    command: CommandRequest | None, answer: CommandAnswer | None, text: str, time_ms: int
+) -> list[Metric]:
     """Return the metrics with the outcome of a drive's last command, without values before the first command."""
     said: Iterable[str | None] = (None,) * len(_ANSWERS)
     if command is not None and answer is not None:

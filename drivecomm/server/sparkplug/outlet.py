@@ -6,36 +6,36 @@ import asyncio
 import time
 from typing import TYPE_CHECKING
 
-from drivecomm.server.broker import Message
+from drivecomm.server.broker import BrokerMessage
 from drivecomm.server.sparkplug.edge_node import BD_SEQ
 from drivecomm.server.sparkplug.metrics import milliseconds
-from drivecomm.server.sparkplug.payload import DataType, Metric, Payload, encoded
+from drivecomm.server.sparkplug.payload import DataType, Metric, Payload, encode_payload
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from drivecomm.server.broker import Connection
+    from drivecomm.server.broker import BrokerConnection
     from drivecomm.server.sparkplug.edge_node import Unsent
-    from drivecomm.server.sparkplug.topics import Topics
+    from drivecomm.server.sparkplug.topics import SparkplugTopics
 
 _NUMBERS = 256
 _TOGETHER = 20
 
 
-def death(topics: Topics, bd_seq: int) -> Message:
+def death(topics: SparkplugTopics, bd_seq: int) -> BrokerMessage:
     """Return the death message of the edge node, for use as will or as last message; without a sequence number.
 
     bd_seq: of the connection, the same as in its births.
     """
     number = Metric(name=BD_SEQ, type=DataType.INT64, value=bd_seq)
     payload = Payload(metrics=(number,), time_ms=milliseconds(time.time()))
-    return Message(topic=topics.of("NDEATH"), payload=encoded(payload, say_types=True), qos=1)
+    return BrokerMessage(topic=topics.of("NDEATH"), payload=encode_payload(payload, say_types=True), qos=1)
 
 
 class Outlet:
     """Output of one connection. Methods raise LinkDownError when the connection has ended."""
 
-    def __init__(self, connection: Connection, topics: Topics) -> None:
+    def __init__(self, connection: BrokerConnection, topics: SparkplugTopics) -> None:
         self._connection, self._topics = connection, topics
         self._seq = 0
         self._turn = asyncio.Lock()
@@ -65,9 +65,9 @@ class Outlet:
         if unsent.kind == "NBIRTH":
             self._seq = 0
         payload = Payload(metrics=unsent.metrics, time_ms=milliseconds(time.time()), seq=self._seq)
-        message = Message(
+        message = BrokerMessage(
             topic=self._topics.of(unsent.kind, unsent.device),
-            payload=encoded(payload, say_types=unsent.kind.endswith("BIRTH")),
+            payload=encode_payload(payload, say_types=unsent.kind.endswith("BIRTH")),
             qos=0,
         )
         # Counted only after the connection has taken the message, so that a failure leaves no gap in the sequence.

@@ -97,7 +97,7 @@ class Payload:
     uuid: str = ""
 
 
-def encoded(payload: Payload, *, say_types: bool) -> bytes:
+def encode_payload(payload: Payload, *, say_types: bool) -> bytes:
     """Return the bytes of a payload. say_types: whether each metric contains its type, as in births."""
     message = payload_class()()
     if payload.time_ms is not None:
@@ -150,7 +150,7 @@ def _bits_of(value: Scalar, kind: DataType) -> Scalar:
     return int(value) & ((1 << max(bits, 32)) - 1)
 
 
-def decoded(data: bytes) -> Payload:
+def decode_payload(data: bytes) -> Payload:
     """Return the payload in received bytes. Raises UsageError if it is invalid or too large.
 
     A value without a type, or with a wrong one, keeps the form of its field; see `typed`.

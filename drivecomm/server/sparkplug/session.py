@@ -9,19 +9,19 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import LinkError
-from drivecomm.server import together
+from drivecomm.server import run_concurrently
 from drivecomm.server.sparkplug.host_state import HostState, host_message
 from drivecomm.server.sparkplug.outlet import Outlet, death
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Sequence
 
-    from drivecomm.server import Answer, Changes, Command, ServedPlant
-    from drivecomm.server.broker import Connection, Message, Received
+    from drivecomm.server import ChangeStream, CommandAnswer, CommandRequest, ServedPlant
+    from drivecomm.server.broker import BrokerConnection, BrokerMessage, ReceivedMessage
     from drivecomm.server.sparkplug.backlog import Backlog
     from drivecomm.server.sparkplug.edge_node import EdgeNode
     from drivecomm.server.sparkplug.hosts import Hosts
-    from drivecomm.server.sparkplug.topics import Topics
+    from drivecomm.server.sparkplug.topics import SparkplugTopics
 
 TOGETHER_S = 0.05
 """Seconds within which further changes join the same message."""
@@ -39,7 +39,7 @@ class HostGoneError(LinkError):
     """The primary host is not online on this broker; the next broker must be tried."""
 
 
-class Session:
+class SparkplugSession:
     """Session on one broker. bd_seq: number of its connection. is_only: whether there is no other broker to try."""
 
     def __init__(
@@ -48,7 +48,7 @@ class Session:
         node: EdgeNode,
         hosts: Hosts,
         backlog: Backlog | None,
-        topics: Topics,
+        topics: SparkplugTopics,
         *,
         bd_seq: int,
         is_only: bool,
@@ -57,14 +57,14 @@ class Session:
         self._plant, self._node, self._hosts, self._backlog, self._topics = plant, node, hosts, backlog, topics
         self._bd_seq, self._is_only = bd_seq, is_only
         self._host, self._host_told = HostState(), asyncio.Event()
-        self._answers: asyncio.Queue[tuple[Command, Answer, str, float]] = asyncio.Queue(_MOST_ANSWERS)
+        self._answers: asyncio.Queue[tuple[CommandRequest, CommandAnswer, str, float]] = asyncio.Queue(_MOST_ANSWERS)
         self._born_at = 0.0
 
-    def will(self) -> Message:
+    def will(self) -> BrokerMessage:
         """Return the message that the broker publishes if this connection is lost."""
         return death(self._topics, self._bd_seq)
 
-    def heard(self, received: Received) -> None:
+    def heard(self, received: ReceivedMessage) -> None:
         """Process a message; never blocks."""
         if received.topic == self._topics.host_state:
             self._host_heard(received.payload)
@@ -81,19 +81,19 @@ class Session:
         if self._host.heard(message, time_ms=int(time.time() * 1000), now_s=time.monotonic()):
             self._host_told.set()
 
-    def answered(self, command: Command, answer: Answer, text: str) -> None:
+    def answered(self, command: CommandRequest, answer: CommandAnswer, text: str) -> None:
         """Queue the outcome of a command; in a flood, excess outcomes are dropped."""
         with suppress(asyncio.QueueFull):
             self._answers.put_nowait((command, answer, text, time.time()))
 
-    async def run(self, connection: Connection, opened: Callable[[], None]) -> None:
+    async def run(self, connection: BrokerConnection, opened: Callable[[], None]) -> None:
         """Serve until cancelled. Raises LinkDownError for a lost connection, HostGoneError without a primary host.
 
         opened: called after the births, or when waiting for the host begins.
         """
-        await together(connection.lost(), self._live(connection, opened))
+        await run_concurrently(connection.lost(), self._live(connection, opened))
 
-    async def _live(self, connection: Connection, opened: Callable[[], None]) -> None:
+    async def _live(self, connection: BrokerConnection, opened: Callable[[], None]) -> None:
         await connection.subscribe(self._topics.node_commands, self._topics.device_commands)
         if self._topics.host:
             await connection.subscribe_with_kept(self._topics.host_state)
@@ -108,11 +108,11 @@ class Session:
             self.born = True
             self._hosts.admit()
             opened()
-            await together(*self._work(outlet, changes))
+            await run_concurrently(*self._work(outlet, changes))
         finally:
             changes.close()
 
-    async def farewell(self, connection: Connection) -> None:
+    async def farewell(self, connection: BrokerConnection) -> None:
         """Publish the death of the edge node, because a broker drops the will of a client that leaves in order."""
         with suppress(LinkError, TimeoutError):
             async with asyncio.timeout(FAREWELL_S):
@@ -122,7 +122,7 @@ class Session:
                         await self._backlog.all_passed_on()
                 await connection.leave_with_will()
 
-    def _work(self, outlet: Outlet, changes: Changes) -> Sequence[Coroutine[None, None, None]]:
+    def _work(self, outlet: Outlet, changes: ChangeStream) -> Sequence[Coroutine[None, None, None]]:
         work = [
             self._tell_changes(outlet, changes),
             self._look_over(outlet),
@@ -141,7 +141,7 @@ class Session:
         await outlet.send_births(lambda: self._node.births(self._bd_seq, time.time()), not_before)
         self._born_at = asyncio.get_running_loop().time()
 
-    async def _tell_changes(self, outlet: Outlet, changes: Changes) -> None:
+    async def _tell_changes(self, outlet: Outlet, changes: ChangeStream) -> None:
         async for values, events in changes:
             drives = {each.drive for each in events if each.drive}
             await outlet.send(lambda v=values, d=drives: self._node.changed(v, d, time.time()))  # type: ignore[misc]
@@ -150,7 +150,7 @@ class Session:
     async def _look_over(self, outlet: Outlet) -> None:
         while True:
             await asyncio.sleep(LOOKED_OVER_S)
-            await outlet.send(lambda: self._node.looked_over(time.time()))
+            await outlet.send(lambda: self._node.periodic_messages(time.time()))
 
     async def _tell_answers(self, outlet: Outlet) -> None:
         while True:

@@ -26,7 +26,7 @@ def is_id(text: str) -> bool:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Topics:
+class SparkplugTopics:
     """Topics of an edge node in a group. host: id of the primary host application, "" without one."""
 
     group: str

@@ -14,10 +14,10 @@ _OF_DRIVES = (
     "motion",
     "requests",
     "watchdogs",
-    "acting",
-    "guarding",
+    "acting_requests",
+    "drive_rules",
     "monitoring",
-    "naming",
+    "ambiguous_replies",
     "confusion",
 )
 

@@ -9,10 +9,10 @@ from random import Random
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, DriveError, FileFormatError, ReplyError
-from drivecomm.plant import Fault, FaultPlan
+from drivecomm.plant import FaultPlan, LineFault
 from drivecomm.protocol import Ask, Framed, VirtualReply, fields_of, installed, resolve_options
 from drivecomm.testing.bench import bench
-from drivecomm.testing.checking import check, decoded, expect, raise_all, shown
+from drivecomm.testing.checking import check, decoded, expect, message_hex, raise_all
 from drivecomm.testing.checks.telegrams import finds
 from drivecomm.testing.vectors import packaged_vectors
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from drivecomm.protocol import Message, Model, Operations, Protocol
-    from drivecomm.testing.bench import Bench, Overheard
+    from drivecomm.testing.bench import Bench, InterceptedDrive
     from drivecomm.testing.vectors import Vector
 
 _PARAMETERS = 24
@@ -142,13 +142,13 @@ def a_disturbed_line_tells_no_lies(plugin: Protocol, model: Model) -> None:
     # Read-only values may change with time, unless the drive has no settable parameter.
     set_only_here = [each for each in asked if (info := model.find(each)) is not None and info.access != "r"]
     steady = set_only_here or asked
-    kinds = (Fault.DROP, Fault.TRUNCATE, Fault.DELAY, Fault.DUPLICATE, Fault.CORRUPT)
+    kinds = (LineFault.DROP, LineFault.TRUNCATE, LineFault.DELAY, LineFault.DUPLICATE, LineFault.CORRUPT)
     plan = FaultPlan(rate=0.3, seed=17, kinds=kinds, bits=1)
     random = Random(18)  # noqa: S311 - repeatable on purpose
     good = 0
     with bench(plugin, model, addresses=plugin.addresses[:2], faults=plan, options={"attempts": 2}) as on:
         second = on.bus.drive(plugin.name, plugin.addresses[1], model=model, attempts=2)
-        on.tell_apart(model)
+        on.set_unique_values(model)
         for _ in range(_DISTURBED_READS):
             parameter = random.choice(steady)
             drive, virtual = random.choice(((on.drive, on.virtual), (second, on.others[0])))
@@ -228,7 +228,9 @@ def is_not_believed(plugin: Protocol, other: Protocol) -> None:
             continue
         believed = next((request for request in requests if not plugin.mismatch(request, reply)), None)
         if believed is not None:
-            wrong.append(f"{shown(vector.data)} of {other.name} ({vector.id}) is taken for the answer to {believed}")
+            wrong.append(
+                f"{message_hex(vector.data)} of {other.name} ({vector.id}) is taken for the answer to {believed}"
+            )
     raise_all(wrong)
 
 
@@ -242,7 +244,7 @@ def is_not_answered(plugin: Protocol, other: Protocol) -> None:
     for address in (plugin.addresses[0], plugin.addresses[1], plugin.addresses[-1]):
         with bench(plugin, addresses=(address,)) as on:
             wrong += [
-                f"drive {address} answers {shown(vector.data)} of {other.name} ({vector.id})"
+                f"drive {address} answers {message_hex(vector.data)} of {other.name} ({vector.id})"
                 for vector in _own(other)
                 if _answers(on.virtual, vector.data)
             ]
@@ -254,7 +256,7 @@ def is_not_answered(plugin: Protocol, other: Protocol) -> None:
     raise_all(wrong)
 
 
-def _answers(drive: Overheard, data: bytes) -> bool:
+def _answers(drive: InterceptedDrive, data: bytes) -> bool:
     answers = [drive.hear(find, 1.0) for find in finds(drive.codec, "request", [data]) if isinstance(find, Framed)]
     return any(answer is not None for answer in answers)
 
@@ -280,13 +282,13 @@ def does_not_spoil_a_reading(plugin: Protocol, other: Protocol) -> None:
                 continue
             good += 1
             held = on.virtual.peek(parameter, on.line.time)
-            beside = f"beside {shown(data)} of {other.name}"
+            beside = f"beside {message_hex(data)} of {other.name}"
             expect(reading.raw == held, f"{beside}, {parameter} reads {reading.raw!r}, the drive holds {held!r}")
     tried = len(foreign)
     expect(good > tried / 3, f"beside telegrams of {other.name} only {good} of {tried} reads come to anything")
 
 
-def others(plugin: Protocol) -> Iterator[Protocol]:
+def other_protocols(plugin: Protocol) -> Iterator[Protocol]:
     """Yield the other installed protocols that ship vectors."""
     for other in installed.working():
         if other.name != plugin.name and _own(other):

@@ -204,7 +204,7 @@ def refuses_what_cannot_be(plugin: Protocol) -> None:
             try:
                 call()
             except UsageError:
-                on.nothing_sent(f"{what} is refused")
+                on.expect_nothing_sent(f"{what} is refused")
             else:
                 raise CheckFailure(f"{what} is not refused")
 

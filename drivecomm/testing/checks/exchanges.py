@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.bus import Exchanges
 from drivecomm.errors import DriveCommError, ReplyError
 from drivecomm.protocol import Ask, Pause, Tell, resolve_options, with_each_command
-from drivecomm.testing.calls import Line, call_awaited, call_blocking, exchange_of, judge, judge_error, model_of
+from drivecomm.testing.calls import (
+    VectorPort,
+    call_awaited,
+    call_blocking,
+    check_call_error,
+    check_call_result,
+    exchange_of,
+    model_of,
+)
 from drivecomm.testing.checking import CheckFailure, check, decoded
 from drivecomm.testing.checks.telegrams import noise_of
 from drivecomm.testing.live_line import live_partner
@@ -25,7 +33,7 @@ if TYPE_CHECKING:
     from drivecomm.testing.exchange_vectors import ExchangeVector, WireStep
     from drivecomm.testing.live_line import PortKind
 
-    Face: TypeAlias = Callable[[Protocol, ExchangeVector, Line], None]
+    Face: TypeAlias = Callable[[Protocol, ExchangeVector, VectorPort], None]
 
 # A reply that is sent immediately arrives within this time, however busy the machine is.
 _PATIENT = {"reply_timeout_s": 3.0, "gap_s": 3.0}
@@ -124,9 +132,9 @@ def _calls_of(vector: ExchangeVector, verbs: Exchanges) -> Exchange[None]:
         try:
             result = yield from exchange_of(verbs, call)
         except DriveCommError as error:
-            judge_error(call, error)
+            check_call_error(call, error)
         else:
-            judge(call, result)
+            check_call_result(call, result)
 
 
 def _as_script(plugin: Protocol, vector: ExchangeVector) -> list[tuple[Message, Message | ReplyError | None]] | None:
@@ -202,7 +210,7 @@ def _encoded(codec: Codec, message: Message, **changes: object) -> bytes | None:
 
 
 def _play(face: Face, plugin: Protocol, vector: ExchangeVector, port: ScriptedPort, echo: Echo = "off") -> None:
-    face(plugin, vector, Line(lambda: port, partial(port.follow, vector.steps), echo))
+    face(plugin, vector, VectorPort(lambda: port, partial(port.follow, vector.steps), echo))
     port.over()
 
 
@@ -248,10 +256,10 @@ def play_at_port(kind: PortKind, face: Face, plugin: Protocol, vector: ExchangeV
     """Play a vector through a port of this kind. Raises CheckFailure."""
     with live_partner(kind, vector) as partner:
         try:
-            face(plugin, vector, Line(partner.address, partner.begin))
+            face(plugin, vector, VectorPort(partner.address, partner.begin))
         except CheckFailure:
             # A failed call is mostly the consequence of a wrong request, so report that first.
-            partner.blame()
+            partner.check_so_far()
             raise
         partner.end()
 

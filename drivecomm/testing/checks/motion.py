@@ -8,7 +8,7 @@ from math import isclose
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveError, NotSupported, UsageError
-from drivecomm.protocol import Command, DriveState, Stop
+from drivecomm.protocol import DriveState, MotorCommand, Stop
 from drivecomm.testing.bench import bench
 from drivecomm.testing.checking import CheckFailure, check, expect, raise_all
 
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 _NEAR_HZ = 0.05
 
 _STOPPING = {
-    Stop.RAMP: Command.RAMP_STOP,
-    Stop.COAST: Command.OFF,
-    Stop.QUICK: Command.QUICK_STOP,
-    Stop.DC_BRAKE: Command.DC_BRAKE,
+    Stop.RAMP: MotorCommand.RAMP_STOP,
+    Stop.COAST: MotorCommand.OFF,
+    Stop.QUICK: MotorCommand.QUICK_STOP,
+    Stop.DC_BRAKE: MotorCommand.DC_BRAKE,
 }
 
 
@@ -154,7 +154,7 @@ def is_reset_and_stands(plugin: Protocol, model: Model) -> None:
         try:
             on.drive.reset()
         except NotSupported:
-            on.nothing_sent("a reset is refused")
+            on.expect_nothing_sent("a reset is refused")
             return
         on.settle()
         expect(not on.drive.status().fault and not on.virtual.motor.fault, "after the reset there is still a fault")
@@ -228,7 +228,7 @@ def _refused(on: Bench, call: Callable[[], object], what: str) -> None:
     try:
         call()
     except NotSupported:
-        on.nothing_sent(f"{what} is refused")
+        on.expect_nothing_sent(f"{what} is refused")
     except UsageError as error:
         raise CheckFailure(f"{what} is refused by {type(error).__name__}, not by NotSupported") from error
     else:

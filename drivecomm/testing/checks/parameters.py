@@ -171,7 +171,7 @@ def stores_nothing_where_it_cannot(plugin: Protocol, model: Model) -> None:
             try:
                 on.drive.write(info.address, info.start, store=True)
             except UsageError:
-                on.nothing_sent(f"storing {info.address} is refused")
+                on.expect_nothing_sent(f"storing {info.address} is refused")
             else:
                 wrong.append(f"{info.address} is stored, which the capabilities exclude")
     raise_all(wrong)

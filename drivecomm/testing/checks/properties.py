@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, Phase, given, settings, strategies as st
 from drivecomm.errors import DriveCommError, TelegramError
 from drivecomm.protocol import Framed, Framer, Noise, fields_of
 from drivecomm.testing import strategies
-from drivecomm.testing.checking import CheckFailure, check, expect, known_model, shown
+from drivecomm.testing.checking import CheckFailure, check, expect, known_model, message_hex
 from drivecomm.testing.checks.schemas import same_both_ways
 from drivecomm.testing.checks.telegrams import finds, frames
 
@@ -71,10 +71,13 @@ def decodes_what_it_encodes(source: Drawn, data: DataObject) -> None:
     message = plugin.message(fields, direction)
     written = codec.encode(message)
     read = codec.decode(written, direction)
-    expect(read == message, f"{message} is {shown(written)}, and that is {read}")
-    expect(codec.encode(read) == written, f"{shown(written)} is {read}, and that is {shown(codec.encode(read))}")
+    expect(read == message, f"{message} is {message_hex(written)}, and that is {read}")
+    expect(
+        codec.encode(read) == written,
+        f"{message_hex(written)} is {read}, and that is {message_hex(codec.encode(read))}",
+    )
     again = codec.encode(plugin.message(fields_of(read), direction))
-    expect(again == written, f"the fields {fields_of(read)} of {shown(written)} make {shown(again)}")
+    expect(again == written, f"the fields {fields_of(read)} of {message_hex(written)} make {message_hex(again)}")
 
 
 @check("properties")
@@ -86,8 +89,8 @@ def decodes_or_refuses(source: Drawn, data: DataObject) -> None:
     except TelegramError:
         return
     except Exception as error:
-        raise CheckFailure(f"{shown(received)} raises {error!r}") from error
-    expect(fields_of(message)["kind"] == message.kind, f"{shown(received)} has the fields {fields_of(message)}")
+        raise CheckFailure(f"{message_hex(received)} raises {error!r}") from error
+    expect(fields_of(message)["kind"] == message.kind, f"{message_hex(received)} has the fields {fields_of(message)}")
 
 
 @check("properties")
@@ -103,7 +106,7 @@ def encodes_or_refuses(source: Drawn, data: DataObject) -> None:
     try:
         source.codec.decode(written, source.direction)
     except TelegramError as error:
-        raise CheckFailure(f"the fields {fields} make {shown(written)}, which is refused: {error}") from error
+        raise CheckFailure(f"the fields {fields} make {message_hex(written)}, which is refused: {error}") from error
 
 
 @check("properties")
@@ -114,9 +117,9 @@ def finds_the_same_in_any_pieces(source: Drawn, data: DataObject) -> None:
     stream = b"".join(data.draw(st.lists(parts, max_size=5)))
     whole = frames(codec, direction, [stream])
     pieces = data.draw(strategies.pieces(stream))
-    expect(frames(codec, direction, pieces) == whole, f"{shown(stream)} in the pieces {pieces}")
+    expect(frames(codec, direction, pieces) == whole, f"{message_hex(stream)} in the pieces {pieces}")
     single = frames(codec, direction, [stream[place : place + 1] for place in range(len(stream))])
-    expect(single == whole, f"{shown(stream)} byte by byte")
+    expect(single == whole, f"{message_hex(stream)} byte by byte")
 
 
 @check("properties")
@@ -129,7 +132,7 @@ def finds_every_telegram_between_noise(source: Drawn, data: DataObject) -> None:
         finds_here = [*framer.feed(noise), *framer.flush(), *framer.feed(telegram), *framer.flush()]
         sent.append(telegram)
         found += [find.data for find in finds_here if isinstance(find, Framed)]
-    expect(found == sent, f"sent {[shown(each) for each in sent]}, found {[shown(each) for each in found]}")
+    expect(found == sent, f"sent {[message_hex(each) for each in sent]}, found {[message_hex(each) for each in found]}")
 
 
 @check("properties")
@@ -139,7 +142,7 @@ def loses_and_invents_no_byte(source: Drawn, data: DataObject) -> None:
     found = finds(source.codec, source.direction, [received])
     # Damaged data is searched again, so its bytes are counted as noise or as part of a telegram.
     seen = sum(len(find.data) for find in found if isinstance(find, Framed | Noise))
-    expect(seen == len(received), f"of the {len(received)} bytes {shown(received)} {seen} are accounted for")
+    expect(seen == len(received), f"of the {len(received)} bytes {message_hex(received)} {seen} are accounted for")
 
 
 @check("properties")
@@ -151,10 +154,12 @@ def measures_rising(source: Drawn, data: DataObject) -> None:
     for length in range(1, len(telegram)):
         needed = codec.measure(telegram[:length], direction)
         enough = needed == length == 1 or needed > length
-        expect(enough and needed >= known, f"the first {length} bytes of {shown(telegram)} are measured as {needed}")
+        expect(
+            enough and needed >= known, f"the first {length} bytes of {message_hex(telegram)} are measured as {needed}"
+        )
         known = needed
     measured = codec.measure(telegram, direction)
-    expect(measured >= len(telegram), f"{shown(telegram)} is measured as {measured}")
+    expect(measured >= len(telegram), f"{message_hex(telegram)} is measured as {measured}")
 
 
 @check("properties")
@@ -175,4 +180,4 @@ def survives_whatever_it_hears(source: Drawn, data: DataObject) -> None:
             answer = None if isinstance(find, Noise) else drive.hear(find, float(number))
             if answer is not None:
                 drive.codec.decode(answer.data, "reply")
-                expect(answer.delay_s >= 0, f"it answers {shown(piece)} before it was asked")
+                expect(answer.delay_s >= 0, f"it answers {message_hex(piece)} before it was asked")

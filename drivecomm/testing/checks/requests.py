@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import open_bus
 from drivecomm.errors import DriveCommError, NoReplyError, NotSupported, ReplyError, StateError
-from drivecomm.protocol import Command, Framed, resolve_options
+from drivecomm.protocol import Framed, MotorCommand, resolve_options
 from drivecomm.testing.bench import bench
-from drivecomm.testing.checking import CheckFailure, check, decoded, expect, shown
+from drivecomm.testing.checking import CheckFailure, check, decoded, expect, message_hex
 from drivecomm.testing.vectors import packaged_vectors
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def a_start_is_not_repeated(plugin: Protocol, model: Model) -> None:
                 raise CheckFailure("the answer to the start is lost, and the start is taken for done")
             expect(starting, "a start makes no motor run")
             times = [find.data for find in on.virtual.heard].count(starting[0])
-            expect(times == 1, f"{shown(starting[0])} makes the motor run, and is sent {times} times")
+            expect(times == 1, f"{message_hex(starting[0])} makes the motor run, and is sent {times} times")
 
 
 @check("commands")
@@ -201,7 +201,7 @@ def _not_heard(on: Bench) -> list[float]:
     times: list[float] = []
 
     def between(_: Framed, __: VirtualReply | None) -> VirtualReply | None:
-        if on.virtual.motor.command is not Command.RUN:
+        if on.virtual.motor.command is not MotorCommand.RUN:
             times.append(on.line.time)
         return None
 
@@ -229,13 +229,15 @@ def tells_asking_from_acting(plugin: Protocol, model: Model) -> None:
     if intent is None:
         return
     for what, find in _acting(plugin, model):
-        expect(not intent(find.message).moves_nothing, f"{shown(find.data)} {what}, and is said to ask only")
+        expect(not intent(find.message).moves_nothing, f"{message_hex(find.data)} {what}, and is said to ask only")
     with bench(plugin, model) as on:
         on.drive.probe()
         on.drive.status()
         on.read_first(model)
         for find in on.virtual.heard:
-            expect(intent(find.message).moves_nothing, f"{shown(find.data)} is sent to ask, and is said to do more")
+            expect(
+                intent(find.message).moves_nothing, f"{message_hex(find.data)} is sent to ask, and is said to do more"
+            )
 
 
 @check("commands")
@@ -247,12 +249,14 @@ def tells_what_requests_are_for(plugin: Protocol, model: Model) -> None:
     for what, find in _acting(plugin, model):
         told = intent(find.message)
         fits = told.access == "write" if what == _CHANGES else told.access != "read" or told.commands
-        expect(fits, f"{shown(find.data)} {what}, and is said to be a {told.access or 'command'}")
+        expect(fits, f"{message_hex(find.data)} {what}, and is said to be a {told.access or 'command'}")
     with bench(plugin, model) as on:
         on.read_first(model)
         for find in on.virtual.heard:
             access = intent(find.message).access
-            expect(access != "write", f"{shown(find.data)} is sent to read a parameter, and is said to be a write")
+            expect(
+                access != "write", f"{message_hex(find.data)} is sent to read a parameter, and is said to be a write"
+            )
         expect(
             any(intent(find.message).access == "read" for find in on.virtual.heard),
             "a parameter is read, and no telegram is said to be a read",

@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, TelegramError
-from drivecomm.testing.checking import check, expect, shown
+from drivecomm.testing.checking import check, expect, message_hex
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from drivecomm.protocol import Message
     from drivecomm.protocol.schema import Form
-    from drivecomm.testing.checking import Case
+    from drivecomm.testing.checking import VectorCase
 
 
 @check("schemas", "linked")
@@ -23,7 +23,7 @@ def compiles_whole(form: Form[Any]) -> None:
 
 
 @check("vectors", "compiled", costly=True)
-def compiled_as_interpreted(case: Case) -> None:
+def compiled_as_interpreted(case: VectorCase) -> None:
     """Every form reads and writes the telegram and damaged copies alike, compiled and interpreted."""
     data = case.vector.data
     message = case.codec.decode(data, case.vector.direction) if case.vector.valid else None
@@ -46,10 +46,12 @@ def same_both_ways(title: str, form: Form[Any], data: bytes) -> None:
     """
     fast, declared = _outcome(form.parse_compiled, data), _outcome(form.parse_declared, data)
     found, judged = _refusal(form.parse, data), _refusal(form.parse_declared, data)
-    expect(found == judged, f"{title} refuses {shown(data)} with {found!r} compiled and with {judged!r} interpreted")
+    expect(
+        found == judged, f"{title} refuses {message_hex(data)} with {found!r} compiled and with {judged!r} interpreted"
+    )
     expect(
         type(fast) is type(declared) and fast == declared,
-        f"{title} reads {shown(data)} as {fast} compiled and as {declared} interpreted",
+        f"{title} reads {message_hex(data)} as {fast} compiled and as {declared} interpreted",
     )
     if fast is not None:
         _same_writing(title, form, fast)

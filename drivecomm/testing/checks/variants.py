@@ -7,7 +7,7 @@ from inspect import signature
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, DriveError, ReplyError, UsageError
-from drivecomm.protocol import choices_of, fields_of, misfit
+from drivecomm.protocol import choices_of, fields_of, wrong_argument
 from drivecomm.testing.bench import bench
 from drivecomm.testing.checking import check, known_model, raise_all
 from drivecomm.testing.vectors import packaged_vectors
@@ -27,7 +27,7 @@ def refuses_options_as_usage_errors(plugin: Protocol) -> None:
     wrong = []
     for field in dataclasses.fields(plugin.options):
         for value in _ODD:
-            if misfit(plugin.options, {field.name: value}):
+            if wrong_argument(plugin.options, {field.name: value}):
                 continue
             try:
                 plugin.codec(plugin.options(**{field.name: value}))

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.errors import DriveError, ReplyError, UsageError
 from drivecomm.protocol import Noise, Refuses, resolve_options
 from drivecomm.testing.bench import bench
-from drivecomm.testing.checking import check, expect, known_model, shown
+from drivecomm.testing.checking import check, expect, known_model, message_hex
 from drivecomm.testing.checks.telegrams import finds
 
 if TYPE_CHECKING:
     from drivecomm.protocol import Framed, Model, Protocol, VirtualDrive, VirtualReply
     from drivecomm.testing.bench import Bench
-    from drivecomm.testing.checking import Case
+    from drivecomm.testing.checking import VectorCase
     from drivecomm.testing.vectors import Vector
 
 _NOW = 1.0
@@ -27,7 +27,7 @@ def _is_request(vector: Vector) -> bool:
 
 
 @check("vectors", "answers", applies_to=lambda vector: vector.valid and vector.answers_to is not None)
-def belongs_to_its_request(case: Case) -> None:
+def belongs_to_its_request(case: VectorCase) -> None:
     """The protocol matches the reply as the vector says: it answers the request, or differs in the named field."""
     vector, codec = case.vector, case.codec
     request_data = vector.answers_to or b""
@@ -42,15 +42,15 @@ def belongs_to_its_request(case: Case) -> None:
 
 
 @check("vectors", "silence", applies_to=lambda vector: _is_request(vector) and not vector.reply_expected)
-def stays_silent(case: Case) -> None:
+def stays_silent(case: VectorCase) -> None:
     """No drive answers this request: neither its addressee, nor a drive that overhears it."""
     for address in _some_addresses(case):
         answers = _answers(case, address)
-        expect(not answers, f"drive {address} answers {[shown(answer.data) for answer in answers]}")
+        expect(not answers, f"drive {address} answers {[message_hex(answer.data) for answer in answers]}")
 
 
 @check("vectors", "virtual-drive", applies_to=lambda vector: _is_request(vector) and vector.reply_expected)
-def is_answered_by_the_right_drive(case: Case) -> None:
+def is_answered_by_the_right_drive(case: VectorCase) -> None:
     """The virtual drive's answer, if any, matches this request; other drives are silent."""
     vector, codec, plugin = case.vector, case.codec, case.plugin
     request = codec.decode(vector.data, "request")
@@ -66,25 +66,25 @@ def is_answered_by_the_right_drive(case: Case) -> None:
     for answer in answers:
         reply = codec.decode(answer.data, "reply")
         differs = plugin.mismatch(request, reply)
-        expect(not differs, f"drive {own} answers {shown(answer.data)}, which differs in {differs}")
+        expect(not differs, f"drive {own} answers {message_hex(answer.data)}, which differs in {differs}")
         expect(answer.delay_s >= 0, f"drive {own} answers {-answer.delay_s} s before it was asked")
 
 
 @check("vectors", "virtual-drive", applies_to=lambda vector: vector.direction == "request" and not vector.valid)
-def survives_damage(case: Case) -> None:
+def survives_damage(case: VectorCase) -> None:
     """A drive that receives an invalid telegram raises nothing, and sends a valid reply or none."""
     for address in _some_addresses(case):
         for answer in _answers(case, address):
             case.codec.decode(answer.data, "reply")
 
 
-def _some_addresses(case: Case) -> list[int]:
+def _some_addresses(case: VectorCase) -> list[int]:
     """Return the two lowest addresses and the highest one that are valid for a drive of this variant."""
     exists, addresses = partial(_exists, case), case.plugin.addresses
     return sorted({*islice(filter(exists, addresses), 2), *islice(filter(exists, reversed(addresses)), 1)})
 
 
-def _exists(case: Case, address: int) -> bool:
+def _exists(case: VectorCase, address: int) -> bool:
     try:
         _drive(case, address)
     except UsageError:
@@ -92,7 +92,7 @@ def _exists(case: Case, address: int) -> bool:
     return True
 
 
-def _answers(case: Case, address: int) -> list[VirtualReply]:
+def _answers(case: VectorCase, address: int) -> list[VirtualReply]:
     """Return the replies of a drive at this address to the telegram, with nothing after it."""
     drive = _drive(case, address)
     found = finds(drive.codec, "request", [case.vector.data])
@@ -100,7 +100,7 @@ def _answers(case: Case, address: int) -> list[VirtualReply]:
     return [reply for reply in replies if reply is not None]
 
 
-def _drive(case: Case, address: int) -> VirtualDrive:
+def _drive(case: VectorCase, address: int) -> VirtualDrive:
     """Return a drive of the variant that matches the telegram's options and fields."""
     plugin = case.plugin
     model = known_model(plugin, plugin.default_model)

@@ -14,7 +14,7 @@ from itertools import product
 from random import Random
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.protocol.schema import Check, Fault, Leaf
+from drivecomm.protocol.schema import CheckCharacters, Leaf, LeafFault
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -46,7 +46,7 @@ def words(leaf: Leaf) -> Iterator[tuple[bytes, Any]]:
         data = bytes(characters)
         try:
             value = leaf.take_at(0, len(data), data)
-        except Fault:
+        except LeafFault:
             continue
         yield data, value
 
@@ -54,7 +54,7 @@ def words(leaf: Leaf) -> Iterator[tuple[bytes, Any]]:
 @lru_cache(maxsize=4096)
 def written(leaf: Leaf) -> tuple[frozenset[int], ...]:
     """Return the characters with which a fixed-size leaf may be written, place by place."""
-    if isinstance(leaf, Check):
+    if isinstance(leaf, CheckCharacters):
         return _check_characters(leaf)
     if leaf.implied:
         return tuple(frozenset([code]) for code in leaf.write_behind(b"", None))
@@ -64,7 +64,7 @@ def written(leaf: Leaf) -> tuple[frozenset[int], ...]:
 @lru_cache(maxsize=4096)
 def readable(leaf: Leaf) -> tuple[frozenset[int], ...]:
     """Return the characters that a fixed-size leaf accepts when it is read, place by place."""
-    if isinstance(leaf, Check):
+    if isinstance(leaf, CheckCharacters):
         return _check_characters(leaf)
     # Constant text such as a line end is not among the typical texts, so start from it.
     known = [leaf.write_behind(b"", None)] if leaf.implied else []
@@ -75,7 +75,7 @@ def is_written(leaf: Leaf, data: bytes) -> bool:
     """Whether a leaf of fixed size writes these characters back unchanged after reading them."""
     try:
         return bool(leaf.write_behind(b"", leaf.take_at(0, len(data), data)) == data)
-    except Fault:
+    except LeafFault:
         return False
 
 
@@ -108,7 +108,7 @@ def _typical(size: int) -> Iterator[bytes]:
         yield bytes(head) + bytes(head[-1:]) * (size - first)
 
 
-def _check_characters(leaf: Check) -> tuple[frozenset[int], ...]:
+def _check_characters(leaf: CheckCharacters) -> tuple[frozenset[int], ...]:
     chance = Random(0)  # noqa: S311 - no secret
     texts = [leaf.compute(chance.randbytes(8)) for _ in range(_CHECKED)]
     if leaf.off is not None:

@@ -7,21 +7,21 @@ from random import Random
 from typing import TYPE_CHECKING
 
 from drivecomm.traffic.cohabitation import explanations
-from drivecomm.traffic.cohabitation.drives import partners_of
+from drivecomm.traffic.cohabitation.drives import line_drives_of
 from drivecomm.traffic.cohabitation.explanations import advice
 from drivecomm.traffic.cohabitation.outlines import as_usual
 from drivecomm.traffic.cohabitation.sampling import any_telegram
 from drivecomm.traffic.cohabitation.search import find_proof, try_out
-from drivecomm.traffic.cohabitation.traffic import Reader, Sightings, Traffic, character_map
-from drivecomm.traffic.cohabitation.verdicts import PairVerdict, Proof, Safety
+from drivecomm.traffic.cohabitation.traffic_graph import Sightings, TelegramFinder, TrafficGraph, character_map
+from drivecomm.traffic.cohabitation.verdicts import MistakeProof, PairVerdict, Safety
 from drivecomm.virtual import heard
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from drivecomm.protocol import DriveConfig, LineSettings
-    from drivecomm.traffic.cohabitation.drives import Partner
-    from drivecomm.traffic.cohabitation.outlines import Outline
+    from drivecomm.traffic.cohabitation.drives import LineDrive
+    from drivecomm.traffic.cohabitation.outlines import TelegramOutline
 
 _SEED = 1
 _READ_WHOLE = 200
@@ -52,7 +52,7 @@ def check_line(drives: Sequence[DriveConfig]) -> Cohabitation:
 
     The same drives always give the same result. Raises UsageError for a drive that cannot exist.
     """
-    partners = partners_of(drives)
+    partners = line_drives_of(drives)
     pairs = [(speaker, listener) for speaker in partners for listener in partners if speaker is not listener]
     verdicts = [(speaker, listener, listen(speaker, listener)) for speaker, listener in pairs]
     return Cohabitation(
@@ -62,28 +62,28 @@ def check_line(drives: Sequence[DriveConfig]) -> Cohabitation:
     )
 
 
-def listen(speaker: Partner, listener: Partner) -> PairVerdict:
+def listen(speaker: LineDrive, listener: LineDrive) -> PairVerdict:
     """Check which requests to another drive, and which of its replies, the listener can mistake for its own."""
     return (
         _examine(*_as_listener(speaker, listener)) if not _are_alike(speaker, listener) else _alike(speaker, listener)
     )
 
 
-def _are_alike(one: Partner, other: Partner) -> bool:
+def _are_alike(one: LineDrive, other: LineDrive) -> bool:
     """Whether two drives differ only in their addresses, as on any line with drives of one protocol."""
     return one.dialect is other.dialect and one.settings == other.settings and one.address != other.address
 
 
-def _alike(speaker: Partner, listener: Partner) -> PairVerdict:
+def _alike(speaker: LineDrive, listener: LineDrive) -> PairVerdict:
     return PairVerdict(speaker=speaker.name, listener=listener.name, outcome=Safety.SAFE, reason=explanations.ALIKE)
 
 
-def _as_listener(speaker: Partner, listener: Partner) -> tuple[Partner, Sequence[Outline], Ear]:
+def _as_listener(speaker: LineDrive, listener: LineDrive) -> tuple[LineDrive, Sequence[TelegramOutline], LineListener]:
     related = speaker.dialect.plugin is listener.dialect.plugin
-    ear = Ear(
+    ear = LineListener(
         name=listener.name,
         settings=listener.settings,
-        reader=Reader(codec=listener.ear, direction="request", means=listener.is_meant),
+        reader=TelegramFinder(codec=listener.ear, direction="request", means=listener.is_meant),
         wanted=listener.understood,
         of_anybody=listener.dialect.read_as("request") if related else (),
     )
@@ -91,14 +91,14 @@ def _as_listener(speaker: Partner, listener: Partner) -> tuple[Partner, Sequence
     return speaker, [each for each in speaker.spoken if not (related and each.to_all)], ear
 
 
-def wait_for(expected: Partner, late: Partner) -> PairVerdict:
+def wait_for(expected: LineDrive, late: LineDrive) -> PairVerdict:
     """Check whether the master can mistake the late reply of one drive for the reply that it expects from another."""
     if _are_alike(late, expected):
         return _alike(late, expected)
-    ear = Ear(
+    ear = LineListener(
         name=expected.name,
         settings=expected.settings,
-        reader=Reader(codec=expected.dialect.codec, direction="reply", means=expected.is_from),
+        reader=TelegramFinder(codec=expected.dialect.codec, direction="reply", means=expected.is_from),
         wanted=expected.answers,
         of_anybody=expected.dialect.read_as("reply") if expected.dialect.plugin is late.dialect.plugin else (),
     )
@@ -106,7 +106,7 @@ def wait_for(expected: Partner, late: Partner) -> PairVerdict:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Ear:
+class LineListener:
     """A listener: a drive, or the master waiting for a reply.
 
     settings: its line settings. wanted: the telegrams that it accepts as its own. of_anybody: the same telegrams with
@@ -115,20 +115,22 @@ class Ear:
 
     name: str
     settings: LineSettings
-    reader: Reader
-    wanted: Sequence[Outline]
-    of_anybody: Sequence[Outline]
+    reader: TelegramFinder
+    wanted: Sequence[TelegramOutline]
+    of_anybody: Sequence[TelegramOutline]
 
 
-def _examine(speaker: Partner, spoken: Sequence[Outline], ear: Ear) -> PairVerdict:
+def _examine(speaker: LineDrive, spoken: Sequence[TelegramOutline], ear: LineListener) -> PairVerdict:
     chance = Random(_SEED)  # noqa: S311 - repeatable on purpose
     hears = character_map(speaker.settings, ear.settings)
-    proof: Proof | None
+    proof: MistakeProof | None
     if hears is None:
         proof = try_out(spoken, speaker, ear.settings, ear.reader, chance)
-        outcome, reason = (Safety.TAKEN, "") if proof else (Safety.UNHEARD, explanations.unheard(speaker, ear.settings))
+        outcome, reason = (
+            (Safety.TAKEN, "") if proof else (Safety.UNHEARD, explanations.unheard_reason(speaker, ear.settings))
+        )
     else:
-        traffic = Traffic(spoken, hears)
+        traffic = TrafficGraph(spoken, hears)
         sightings, whole = _sightings(traffic, speaker, ear, chance)
         # Try telegrams that the listener searches anyway first; the others matter only after lost synchronisation.
         places = [Sightings(traffic, ear.wanted, _looked_into(traffic, speaker, ear, chance)), sightings]
@@ -137,29 +139,29 @@ def _examine(speaker: Partner, spoken: Sequence[Outline], ear: Ear) -> PairVerdi
         proof = next((each for each in proofs if each is not None), None)
         if proof is None and sightings.starts:
             usual = replace(ear, wanted=list(map(as_usual, ear.wanted)), of_anybody=list(map(as_usual, ear.of_anybody)))
-            left, _ = _sightings(Traffic(list(map(as_usual, spoken)), hears), speaker, usual, chance)
+            left, _ = _sightings(TrafficGraph(list(map(as_usual, spoken)), hears), speaker, usual, chance)
             if left.starts:
-                outcome, reason = Safety.OPEN, explanations.open_question(left)
+                outcome, reason = Safety.OPEN, explanations.open_reason(left)
             else:
-                outcome, reason = Safety.UNHEARD, explanations.never_read(left)
+                outcome, reason = Safety.UNHEARD, explanations.never_read_reason(left)
         else:
-            outcome, reason = Safety.SAFE, explanations.safe(sightings, whole=whole)
+            outcome, reason = Safety.SAFE, explanations.safe_reason(sightings, whole=whole)
     if proof is not None:
-        outcome, reason = Safety.TAKEN, explanations.taken(proof, speaker.name, ear.name)
+        outcome, reason = Safety.TAKEN, explanations.taken_reason(proof, speaker.name, ear.name)
     return PairVerdict(speaker=speaker.name, listener=ear.name, outcome=outcome, reason=reason, proof=proof)
 
 
-def _is_excluded(speaker: Partner, listener: Partner) -> bool:
+def _is_excluded(speaker: LineDrive, listener: LineDrive) -> bool:
     """Whether the telegrams of a speaker can never contain one for the listener, whatever values they carry."""
     _, spoken, ear = _as_listener(speaker, listener)
     hears = character_map(speaker.settings, ear.settings)
     if hears is None:
         return False
     chance = Random(_SEED)  # noqa: S311 - repeatable on purpose
-    return not _sightings(Traffic(spoken, hears), speaker, ear, chance)[0].starts
+    return not _sightings(TrafficGraph(spoken, hears), speaker, ear, chance)[0].starts
 
 
-def _sightings(traffic: Traffic, speaker: Partner, ear: Ear, chance: Random) -> tuple[Sightings, bool]:
+def _sightings(traffic: TrafficGraph, speaker: LineDrive, ear: LineListener, chance: Random) -> tuple[Sightings, bool]:
     """Return the possible places of a telegram, and whether that relies on the listener reading whole telegrams.
 
     A drive that hears whole telegrams of its own protocol does not search inside them. It does so after losing
@@ -173,7 +175,7 @@ def _sightings(traffic: Traffic, speaker: Partner, ear: Ear, chance: Random) -> 
     return Sightings(traffic, ear.wanted, looked_into, whole), bool(whole)
 
 
-def _looked_into(traffic: Traffic, speaker: Partner, ear: Ear, chance: Random) -> list[int]:
+def _looked_into(traffic: TrafficGraph, speaker: LineDrive, ear: LineListener, chance: Random) -> list[int]:
     """Return the numbers of the outlines that the listener does not read as a whole."""
     return [
         number
@@ -182,7 +184,7 @@ def _looked_into(traffic: Traffic, speaker: Partner, ear: Ear, chance: Random) -
     ]
 
 
-def _is_read_whole(traffic: Traffic, number: int, speaker: Partner, ear: Ear, chance: Random) -> bool:
+def _is_read_whole(traffic: TrafficGraph, number: int, speaker: LineDrive, ear: LineListener, chance: Random) -> bool:
     outline = traffic.outlines[number]
     seen = 0
     for _ in range(_READ_WHOLE):

@@ -11,7 +11,7 @@ from drivecomm.errors import DriveCommError
 from drivecomm.models import load_model
 from drivecomm.protocol import Ask, Tell, fields_of, installed, resolve_options
 from drivecomm.traffic.cohabitation import alphabets, sampling
-from drivecomm.traffic.cohabitation.outlines import Outline, addressed, has_address, outline_of, within
+from drivecomm.traffic.cohabitation.outlines import TelegramOutline, has_address, limited_to, outline_of, with_addresses
 from drivecomm.virtual import virtual_drive
 
 if TYPE_CHECKING:
@@ -24,25 +24,25 @@ _DIRECTIONS: tuple[Direction, Direction] = ("request", "reply")
 _ADDRESSING = ("special", "broadcast", "address")
 
 
-class Dialect:
+class ProtocolOutlines:
     """The telegrams of a protocol with certain options, for any address."""
 
     def __init__(self, plugin: Protocol, codec: Codec) -> None:
         self.plugin, self.codec = plugin, codec
 
     @cached_property
-    def written(self) -> Sequence[Outline]:
+    def written(self) -> Sequence[TelegramOutline]:
         """All telegrams as the protocol writes them, without the forms that are only read."""
         written = [
             sampling.with_constants(
-                within(outline_of(each.title, each.form, each.direction, alphabets.written), each), self.codec
+                limited_to(outline_of(each.title, each.form, each.direction, alphabets.written), each), self.codec
             )
             for each in self._outlines
         ]
         return [each for each in written if all(place.allowed for place in each.places)]
 
     @cached_property
-    def read(self) -> Sequence[Outline]:
+    def read(self) -> Sequence[TelegramOutline]:
         """All telegrams as they may be read.
 
         Telegrams that name no drive are left out if others of their direction name one.
@@ -54,30 +54,30 @@ class Dialect:
         """The directions in which no telegram names a drive, so that each may be to or from any drive."""
         return set(_DIRECTIONS) - {each.direction for each in self._outlines if has_address(each.form)}
 
-    def read_as(self, direction: Direction) -> Sequence[Outline]:
+    def read_as(self, direction: Direction) -> Sequence[TelegramOutline]:
         """Return the telegrams of one direction, as they may be read, with any address."""
         return [each for each in self.read if each.direction == direction]
 
     @cached_property
-    def _outlines(self) -> Sequence[Outline]:
+    def _outlines(self) -> Sequence[TelegramOutline]:
         found = []
         for title, form in self.plugin.forms().items():
             ways = [outline_of(title, form, direction, alphabets.readable) for direction in _DIRECTIONS]
-            known = [sampling.as_read(each, self.codec) for each in ways]
+            known = [sampling.sampled_outline(each, self.codec) for each in ways]
             if not any(known):
-                known = sampling.as_seldom_read(ways, self.codec)
+                known = sampling.sampled_more(ways, self.codec)
             # If no trial shows the direction of a form, keep both directions.
             found.extend([each for each in known if each] or ways)
         return found
 
 
-class Partner:
+class LineDrive:
     """A drive as a participant in the line's traffic. Raises UsageError for a drive that cannot exist.
 
     dialect: its telegrams as the master knows them. ear: the codec of the drive itself. settings: its line settings.
     """
 
-    def __init__(self, drive: DriveConfig, dialects: dict[tuple[str, str], Dialect]) -> None:
+    def __init__(self, drive: DriveConfig, dialects: dict[tuple[str, str], ProtocolOutlines]) -> None:
         self._drive, self._dialects = drive, dialects
         virtual = replace(drive, machine=None).build(virtual_drive)
         self.name, self.address, self.settings = drive.name, drive.address, virtual.settings
@@ -88,27 +88,27 @@ class Partner:
         model = load_model(plugin.package, plugin.name, given.pop("model", None) or plugin.default_model)
         _, options = resolve_options(plugin, model, given)
         known = (plugin.name, repr(options))
-        self.dialect = dialects.setdefault(known, Dialect(plugin, plugin.codec(options)))
+        self.dialect = dialects.setdefault(known, ProtocolOutlines(plugin, plugin.codec(options)))
         operations = plugin.operations(drive.address, options, model)
         self._asking: list[Callable[[], Exchange[Any]]] = [operations.probe]
         self._asking += [partial(operations.read, each) for each in plugin.parameter_examples[:1]]
 
-    def at(self, address: int) -> Partner:
+    def at(self, address: int) -> LineDrive:
         """Return the same drive at another address."""
-        return Partner(replace(self._drive, address=address), self._dialects)
+        return LineDrive(replace(self._drive, address=address), self._dialects)
 
     @cached_property
-    def spoken(self) -> Sequence[Outline]:
+    def spoken(self) -> Sequence[TelegramOutline]:
         """The telegrams of the master to this drive or to all drives of its protocol, and the replies of this drive."""
-        return [each for plain in self.dialect.written for each in addressed(plain, self._says)]
+        return [each for plain in self.dialect.written for each in with_addresses(plain, self._says)]
 
     @cached_property
-    def understood(self) -> Sequence[Outline]:
+    def understood(self) -> Sequence[TelegramOutline]:
         """The requests that this drive accepts as its own."""
         return [each for each in self._read if each.direction == "request"]
 
     @cached_property
-    def answers(self) -> Sequence[Outline]:
+    def answers(self) -> Sequence[TelegramOutline]:
         """The replies that the master accepts as those of this drive."""
         return [each for each in self._read if each.direction == "reply" and not each.to_all]
 
@@ -123,18 +123,18 @@ class Partner:
         known = self.address if "reply" in self.dialect.anonymous else None
         return bool(getattr(message, "address", known) == self.address)
 
-    def sends(self, data: bytes, outline: Outline) -> bool:
+    def sends(self, data: bytes, outline: TelegramOutline) -> bool:
         """Whether these bytes are a telegram of this form, exactly as the protocol writes it."""
         return self.settled(data, outline) == data
 
-    def settled(self, data: bytes, outline: Outline) -> bytes | None:
+    def settled(self, data: bytes, outline: TelegramOutline) -> bytes | None:
         """Return the telegram as the protocol encodes it again after decoding; None if the bytes are invalid."""
-        return sampling.settled(data, outline, self.dialect.codec)
+        return sampling.round_trip(data, outline, self.dialect.codec)
 
     @cached_property
-    def _read(self) -> Sequence[Outline]:
+    def _read(self) -> Sequence[TelegramOutline]:
         means = self._means
-        return [each for plain in self.dialect.read for each in addressed(plain, means)]
+        return [each for plain in self.dialect.read for each in with_addresses(plain, means)]
 
     def _addressed(self, fields: Mapping[str, Any]) -> bool | None:
         """Return True if the fields address all drives, and False if they address this drive.
@@ -177,7 +177,7 @@ class Partner:
         return manners or [{}]
 
 
-def partners_of(drives: Iterable[DriveConfig]) -> list[Partner]:
+def line_drives_of(drives: Iterable[DriveConfig]) -> list[LineDrive]:
     """Return the drives as partners. Raises UsageError for a drive that cannot exist."""
-    dialects: dict[tuple[str, str], Dialect] = {}
-    return [Partner(drive, dialects) for drive in drives]
+    dialects: dict[tuple[str, str], ProtocolOutlines] = {}
+    return [LineDrive(drive, dialects) for drive in drives]

@@ -13,10 +13,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from drivecomm.protocol import LineSettings
-    from drivecomm.traffic.cohabitation.drives import Partner
-    from drivecomm.traffic.cohabitation.outlines import Outline
-    from drivecomm.traffic.cohabitation.traffic import Sightings
-    from drivecomm.traffic.cohabitation.verdicts import PairVerdict, Proof
+    from drivecomm.traffic.cohabitation.drives import LineDrive
+    from drivecomm.traffic.cohabitation.outlines import TelegramOutline
+    from drivecomm.traffic.cohabitation.traffic_graph import Sightings
+    from drivecomm.traffic.cohabitation.verdicts import MistakeProof, PairVerdict
 
 ALIKE = "same protocol and settings: each telegram is read from its beginning, and the address tells them apart"
 
@@ -24,7 +24,7 @@ _TRIED = 12
 """Number of other addresses tried for a drive, spread over all addresses of its protocol."""
 
 
-def safe(sightings: Sightings, *, whole: bool) -> str:
+def safe_reason(sightings: Sightings, *, whole: bool) -> str:
     """Return the reason why no telegram can be mistaken for one of the listener."""
     if whole:
         return (
@@ -40,7 +40,7 @@ def safe(sightings: Sightings, *, whole: bool) -> str:
     return f"of {wanted.title} at most {place + 1} characters in a row can be met, then never {stop}"
 
 
-def unheard(speaker: Partner, settings: LineSettings) -> str:
+def unheard_reason(speaker: LineDrive, settings: LineSettings) -> str:
     """Return the reason for a verdict that rests on trials only: nothing excludes a mistake, but no trial met one."""
     return (
         f"{speaker.settings} heard at {settings} gives other characters, which the forms say nothing about; "
@@ -48,12 +48,12 @@ def unheard(speaker: Partner, settings: LineSettings) -> str:
     )
 
 
-def never_read(sightings: Sightings) -> str:
+def never_read_reason(sightings: Sightings) -> str:
     """Return the reason for a verdict where a mistake needs contents that the codec never accepted."""
-    return f"the forms leave room for one, but codecs use other contents only ({safe(sightings, whole=False)})"
+    return f"the forms leave room for one, but codecs use other contents only ({safe_reason(sightings, whole=False)})"
 
 
-def open_question(sightings: Sightings) -> str:
+def open_reason(sightings: Sightings) -> str:
     """Return the reason for an open verdict: where a telegram may begin, although no example of one was found."""
     (number, place), (wanted, _) = sightings.starts[0]
     heard = sightings.traffic.outlines[number]
@@ -64,7 +64,7 @@ def open_question(sightings: Sightings) -> str:
     )
 
 
-def taken(proof: Proof, speaker: str, listener: str) -> str:
+def taken_reason(proof: MistakeProof, speaker: str, listener: str) -> str:
     """Return a sentence that names the mistaken telegram, and the telegram that the listener finds in it."""
     first = proof.telegrams[0]
     end = "" if len(proof.telegrams) == 1 else f", together with what follows ({proof.telegrams[-1].title})"
@@ -72,7 +72,7 @@ def taken(proof: Proof, speaker: str, listener: str) -> str:
     return f"{first.title} {whose} {speaker} holds {proof.title} for {listener} from character {proof.offset + 1}{end}"
 
 
-def _meaning(outline: Outline, place: int) -> str:
+def _meaning(outline: TelegramOutline, place: int) -> str:
     """Return the meaning of the leaf at a place, or else its name."""
     if place >= len(outline.places):
         return "its end"
@@ -85,9 +85,9 @@ def _listed(words: set[str]) -> str:
 
 
 def advice(
-    partners: Sequence[Partner],
-    verdicts: Sequence[tuple[Partner, Partner, PairVerdict]],
-    safe: Callable[[Partner, Partner], bool],
+    partners: Sequence[LineDrive],
+    verdicts: Sequence[tuple[LineDrive, LineDrive, PairVerdict]],
+    safe: Callable[[LineDrive, LineDrive], bool],
 ) -> Iterator[str]:
     """Yield sentences of advice for the line.
 
@@ -123,7 +123,7 @@ def advice(
 
 
 def _better_address(
-    listener: Partner, speakers: Sequence[Partner], safe: Callable[[Partner, Partner], bool]
+    listener: LineDrive, speakers: Sequence[LineDrive], safe: Callable[[LineDrive, LineDrive], bool]
 ) -> int | None:
     plugin = listener.dialect.plugin
     taken = {each.address for each in speakers if each.dialect.plugin is plugin} | {listener.address}

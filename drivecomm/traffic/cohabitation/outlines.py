@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from drivecomm.protocol.schema import Check, Leaf, Until
+from drivecomm.protocol.schema import CheckCharacters, Leaf, Until
 from drivecomm.traffic.cohabitation import alphabets
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ _MEASURABLE = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Place:
+class OutlinePlace:
     """One character of a telegram, or a run of any number of characters.
 
     leaf: number of the form's leaf to which the place belongs.
@@ -32,18 +32,18 @@ class Place:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Spot:
+class TelegramCharacter:
     """One character of a telegram of known length.
 
     check: for a check character, its leaf and its position in that leaf.
     """
 
     allowed: frozenset[int]
-    check: tuple[Check, int] | None = None
+    check: tuple[CheckCharacters, int] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Outline:
+class TelegramOutline:
     """A form in one direction, with the address that it carries.
 
     places: its characters in order. lengths: for each leaf of variable size, by leaf number, the leaf that counts it
@@ -54,9 +54,9 @@ class Outline:
     title: str
     form: Form[Any]
     direction: Direction
-    places: tuple[Place, ...]
+    places: tuple[OutlinePlace, ...]
     lengths: Mapping[int, Length]
-    usual: tuple[Place, ...] = ()
+    usual: tuple[OutlinePlace, ...] = ()
     to_all: bool = False
 
     def following(self, place: int) -> Iterator[int]:
@@ -69,7 +69,7 @@ class Outline:
             place += 1
         yield place
 
-    def spots(self, sizes: Mapping[int, int], chance: Random) -> list[Spot] | None:
+    def spots(self, sizes: Mapping[int, int], chance: Random) -> list[TelegramCharacter] | None:
         """Return the characters of a telegram with leaves of these sizes; None if a counter cannot express its size."""
         counted: dict[int, bytes] = {}
         for leaf, length in self.lengths.items():
@@ -77,20 +77,20 @@ class Outline:
             if not said or length.counter in counted:
                 return None
             counted[length.counter] = chance.choice(said)
-        spots: list[Spot] = []
+        spots: list[TelegramCharacter] = []
         number: dict[int, int] = {}
         leaves = self.form.leaves
         for place in chance.choice((self.places, self.usual or self.places)):
             inner = leaves[place.leaf][1]
             if place.repeats:
-                spots.extend([Spot(place.allowed)] * sizes[place.leaf])
+                spots.extend([TelegramCharacter(place.allowed)] * sizes[place.leaf])
                 continue
             at = number.get(place.leaf, 0)
             number[place.leaf] = at + 1
             allowed = frozenset([counted[place.leaf][at]]) if place.leaf in counted else place.allowed
             if not allowed <= place.allowed or not allowed:
                 return None
-            spots.append(Spot(allowed, (inner, at) if isinstance(inner, Check) else None))
+            spots.append(TelegramCharacter(allowed, (inner, at) if isinstance(inner, CheckCharacters) else None))
         return spots
 
 
@@ -105,7 +105,9 @@ class Length:
     by_size: Mapping[int, tuple[bytes, ...]]
 
 
-def addressed(plain: Outline, means: Callable[[Mapping[str, Any], bytes, Leaf], bool | None]) -> Iterator[Outline]:
+def with_addresses(
+    plain: TelegramOutline, means: Callable[[Mapping[str, Any], bytes, Leaf], bool | None]
+) -> Iterator[TelegramOutline]:
     """Yield an outline for each relevant address; addresses of one character are combined into one outline.
 
     means: returns False for an address of one drive, True for all drives, and None for an irrelevant address. Its
@@ -134,7 +136,7 @@ def addressed(plain: Outline, means: Callable[[Mapping[str, Any], bytes, Leaf], 
             yield replace(plain, places=places, usual=usual, to_all=to_all)
 
 
-def within(outline: Outline, limits: Outline) -> Outline:
+def limited_to(outline: TelegramOutline, limits: TelegramOutline) -> TelegramOutline:
     """Return an outline whose usual contents are limited to those of another outline of the same form.
 
     A place for which nothing would remain keeps its own contents.
@@ -146,7 +148,7 @@ def within(outline: Outline, limits: Outline) -> Outline:
     return replace(outline, usual=usual)
 
 
-def as_usual(outline: Outline) -> Outline:
+def as_usual(outline: TelegramOutline) -> TelegramOutline:
     """Return an outline that allows only its usual contents."""
     return replace(outline, places=outline.usual) if outline.usual else outline
 
@@ -156,7 +158,7 @@ def has_address(form: Form[Any]) -> bool:
     return _address(form) is not None
 
 
-def _with(places: tuple[Place, ...], leaf: int, group: list[bytes]) -> tuple[Place, ...]:
+def _with(places: tuple[OutlinePlace, ...], leaf: int, group: list[bytes]) -> tuple[OutlinePlace, ...]:
     narrowed, at = [], 0
     for place in places:
         if place.leaf == leaf:
@@ -189,22 +191,22 @@ def _fields(form: Form[Any], number: int, value: Any) -> dict[str, Any]:
 
 def outline_of(
     title: str, form: Form[Any], direction: Direction, characters: Callable[[Leaf], tuple[frozenset[int], ...]]
-) -> Outline:
+) -> TelegramOutline:
     """Return the outline of a form with any address.
 
     characters: returns the characters with which a fixed-size leaf may be read, or written.
     """
-    places: list[Place] = []
+    places: list[OutlinePlace] = []
     lengths: dict[int, Length] = {}
     leaves = form.leaves
     for number, (_, leaf) in enumerate(leaves):
         if isinstance(leaf.size, int):
-            places.extend(Place(allowed, number) for allowed in characters(leaf))
+            places.extend(OutlinePlace(allowed, number) for allowed in characters(leaf))
         else:
             length, allowed = _variable(leaf, leaves[:number])
-            places.append(Place(allowed, number, repeats=True))
+            places.append(OutlinePlace(allowed, number, repeats=True))
             lengths[number] = length
-    return Outline(title, form, direction, tuple(places), lengths)
+    return TelegramOutline(title, form, direction, tuple(places), lengths)
 
 
 def _variable(leaf: Leaf, before: Sequence[tuple[str, Leaf]]) -> tuple[Length, frozenset[int]]:

@@ -13,13 +13,13 @@ from random import Random
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import DriveCommError, TelegramError
-from drivecomm.traffic.cohabitation.outlines import Spot
+from drivecomm.traffic.cohabitation.outlines import TelegramCharacter
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from drivecomm.protocol import Codec
-    from drivecomm.traffic.cohabitation.outlines import Outline
+    from drivecomm.traffic.cohabitation.outlines import TelegramOutline
 
 _TRIES, _MORE_TRIES = 40, 8_000
 """Number of sample telegrams per form, and the larger number for forms of which no sample was read.
@@ -40,14 +40,14 @@ _DIGITS = b"01"
 """Digits with which a readable telegram is filled: address 00 does not exist, and numbers have only a few decimals."""
 
 
-def as_read(outline: Outline, codec: Codec) -> Outline | None:
+def sampled_outline(outline: TelegramOutline, codec: Codec) -> TelegramOutline | None:
     """Return an outline limited to the contents that the codec was seen to read; None if no sample was read."""
     tried = list(_attempts(outline, _TRIES))
     return _narrowed(outline, codec, [each for each in tried if _is_read(each[0], outline, codec)], len(tried))
 
 
-def as_seldom_read(outlines: Sequence[Outline], codec: Codec) -> list[Outline | None]:
-    """Return the same as `as_read`, with more samples, for a form that only a few contents satisfy.
+def sampled_more(outlines: Sequence[TelegramOutline], codec: Codec) -> list[TelegramOutline | None]:
+    """Return the same as `sampled_outline`, with more samples, for a form that only a few contents satisfy.
 
     Samples of all directions are tried in turn. The first one that is read is enough: the list holds its outline only,
     or nothing.
@@ -59,10 +59,10 @@ def as_seldom_read(outlines: Sequence[Outline], codec: Codec) -> list[Outline | 
     return []
 
 
-_Attempt = tuple[bytes, "Sequence[Spot]"]
+_Attempt = tuple[bytes, "Sequence[TelegramCharacter]"]
 
 
-def settled(data: bytes, outline: Outline, codec: Codec) -> bytes | None:
+def round_trip(data: bytes, outline: TelegramOutline, codec: Codec) -> bytes | None:
     """Return the telegram after one decode/encode round trip, or None if it does not decode to the same form."""
     try:
         message = codec.decode(data, outline.direction)
@@ -71,11 +71,11 @@ def settled(data: bytes, outline: Outline, codec: Codec) -> bytes | None:
         return None
 
 
-def with_constants(outline: Outline, codec: Codec) -> Outline:
+def with_constants(outline: TelegramOutline, codec: Codec) -> TelegramOutline:
     """Return an outline whose usual contents are constant wherever the codec was seen to write a single character."""
     written: list[bytes] = []
     for data, spots in _attempts(outline, _TRIES):
-        text = settled(data, outline, codec)
+        text = round_trip(data, outline, codec)
         if text is not None and len(text) == len(spots):
             written.append(text)
     places = list(outline.usual or outline.places)
@@ -96,7 +96,7 @@ def with_constants(outline: Outline, codec: Codec) -> Outline:
     return replace(outline, usual=tuple(places))
 
 
-def _attempts(outline: Outline, count: int) -> Iterator[_Attempt]:
+def _attempts(outline: TelegramOutline, count: int) -> Iterator[_Attempt]:
     """Yield sample telegrams; one in twenty has digits wherever allowed. With a high count the runs are short."""
     chance = Random(outline.title)  # noqa: S311 - repeatable on purpose
     for number in range(count):
@@ -114,11 +114,13 @@ def _attempts(outline: Outline, count: int) -> Iterator[_Attempt]:
                 yield data, spots
 
 
-def _filled(spots: Sequence[Spot], code: int) -> list[Spot]:
-    return [Spot(frozenset([code])) if spot.check is None and code in spot.allowed else spot for spot in spots]
+def _filled(spots: Sequence[TelegramCharacter], code: int) -> list[TelegramCharacter]:
+    return [
+        TelegramCharacter(frozenset([code])) if spot.check is None and code in spot.allowed else spot for spot in spots
+    ]
 
 
-def _narrowed(outline: Outline, codec: Codec, read: Sequence[_Attempt], tried: int) -> Outline | None:
+def _narrowed(outline: TelegramOutline, codec: Codec, read: Sequence[_Attempt], tried: int) -> TelegramOutline | None:
     if not read or len(read) == tried:
         return outline if read else None
     places = list(outline.places)
@@ -140,21 +142,23 @@ def _narrowed(outline: Outline, codec: Codec, read: Sequence[_Attempt], tried: i
     return replace(outline, usual=tuple(places))
 
 
-def _read_at(outline: Outline, codec: Codec, attempt: _Attempt, at: int, others: frozenset[int]) -> set[int]:
+def _read_at(outline: TelegramOutline, codec: Codec, attempt: _Attempt, at: int, others: frozenset[int]) -> set[int]:
     """Return the character at a place, and the others with which the telegram still decodes to its form."""
     chance = Random(0)  # noqa: S311 - repeatable on purpose
     data, spots = attempt
-    kept = [spot if spot.check else Spot(frozenset([code])) for spot, code in zip(spots, data, strict=True)]
+    kept = [
+        spot if spot.check else TelegramCharacter(frozenset([code])) for spot, code in zip(spots, data, strict=True)
+    ]
     found = {data[at]}
     for code in others:
-        kept[at] = Spot(frozenset([code]))
+        kept[at] = TelegramCharacter(frozenset([code]))
         changed = Draft([kept]).written(chance)
         if changed is not None and _is_read(changed, outline, codec):
             found.add(code)
     return found
 
 
-def _is_read(data: bytes, outline: Outline, codec: Codec) -> bool:
+def _is_read(data: bytes, outline: TelegramOutline, codec: Codec) -> bool:
     try:
         return type(codec.decode(data, outline.direction)) is outline.form.message
     except TelegramError:
@@ -166,7 +170,7 @@ _USUAL_RUN = 40
 
 
 @dataclass(frozen=True, slots=True)
-class Window:
+class TelegramWindow:
     """The stretch of the traffic in which another telegram is to appear.
 
     start: position of its first character. spots: the characters of the telegram. hears: translation table from sent to
@@ -174,11 +178,11 @@ class Window:
     """
 
     start: int
-    spots: Sequence[Spot]
+    spots: Sequence[TelegramCharacter]
     hears: bytes
 
 
-def any_sizes(outline: Outline, chance: Random) -> dict[int, int]:
+def any_sizes(outline: TelegramOutline, chance: Random) -> dict[int, int]:
     """Return random sizes for the leaves of variable size, short ones as a rule."""
     sizes = {}
     for leaf, length in outline.lengths.items():
@@ -191,9 +195,9 @@ def any_sizes(outline: Outline, chance: Random) -> dict[int, int]:
 class Draft:
     """Consecutive telegrams whose characters are still to be chosen. telegrams: the spots of each."""
 
-    def __init__(self, telegrams: Sequence[Sequence[Spot]], window: Window | None = None) -> None:
+    def __init__(self, telegrams: Sequence[Sequence[TelegramCharacter]], window: TelegramWindow | None = None) -> None:
         self._starts: list[int] = []
-        self._spots: list[Spot] = []
+        self._spots: list[TelegramCharacter] = []
         self._choices: list[tuple[int, ...]] = []
         self._window = window
         for spots in telegrams:
@@ -253,14 +257,14 @@ class Draft:
             heard.append(window.hears[code] if window is not None else code)
         return bytes(data)
 
-    def _looked_for(self, at: int) -> Spot | None:
+    def _looked_for(self, at: int) -> TelegramCharacter | None:
         window = self._window
         if window is None or not window.start <= at < window.start + len(window.spots):
             return None
         return window.spots[at - window.start]
 
 
-def any_telegram(outline: Outline, chance: Random) -> bytes | None:
+def any_telegram(outline: TelegramOutline, chance: Random) -> bytes | None:
     """Return a telegram of this form with arbitrary contents, or None if this attempt failed."""
     spots = outline.spots(any_sizes(outline, chance), chance)
     return None if spots is None else Draft([spots]).written(chance)

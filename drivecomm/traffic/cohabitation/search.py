@@ -7,9 +7,9 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from drivecomm.protocol import fields_of
-from drivecomm.traffic.cohabitation.sampling import Draft, Window, any_sizes, any_telegram
-from drivecomm.traffic.cohabitation.traffic import is_next_telegram
-from drivecomm.traffic.cohabitation.verdicts import Proof, ProofTelegram
+from drivecomm.traffic.cohabitation.sampling import Draft, TelegramWindow, any_sizes, any_telegram
+from drivecomm.traffic.cohabitation.traffic_graph import is_next_telegram
+from drivecomm.traffic.cohabitation.verdicts import MistakeProof, ProofTelegram
 from drivecomm.virtual import heard
 
 if TYPE_CHECKING:
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from random import Random
 
     from drivecomm.protocol import LineSettings
-    from drivecomm.traffic.cohabitation.drives import Partner
-    from drivecomm.traffic.cohabitation.outlines import Outline, Spot
-    from drivecomm.traffic.cohabitation.traffic import Reader, Sightings, State
+    from drivecomm.traffic.cohabitation.drives import LineDrive
+    from drivecomm.traffic.cohabitation.outlines import TelegramCharacter, TelegramOutline
+    from drivecomm.traffic.cohabitation.traffic_graph import Sightings, State, TelegramFinder
 
 ALIGNMENTS = 400
 """Number of ways that are tried to lay one telegram over the traffic; the first half uses single telegrams only."""
@@ -44,21 +44,21 @@ class _Laid:
     outlines: those of the traffic. sizes: the sizes of their leaves of variable size.
     """
 
-    outlines: tuple[Outline, ...]
+    outlines: tuple[TelegramOutline, ...]
     sizes: tuple[dict[int, int], ...]
     start: int
-    wanted: Outline
+    wanted: TelegramOutline
     wanted_sizes: dict[int, int]
 
 
 def find_proof(
-    sightings: Sightings, speaker: Partner, settings: LineSettings, reader: Reader, chance: Random
-) -> Proof | None:
+    sightings: Sightings, speaker: LineDrive, settings: LineSettings, reader: TelegramFinder, chance: Random
+) -> MistakeProof | None:
     """Return telegrams that the reader really mistakes for its own, the likeliest of a few; None if none was found.
 
     speaker: the sender of the traffic. settings: line settings of the reader.
     """
-    found: list[Proof] = []
+    found: list[MistakeProof] = []
     alone = [start for start in sightings.starts if not sightings.wanted[start[1][0]].to_all]
     for attempt in range(ALIGNMENTS):
         # A telegram to one drive proves more than a broadcast, so try it more often.
@@ -71,7 +71,7 @@ def find_proof(
         if wanted is None or any(each is None for each in spots):
             continue
         known = [each for each in spots if each is not None]
-        draft = Draft(known, Window(laid.start, wanted, sightings.traffic.hears))
+        draft = Draft(known, TelegramWindow(laid.start, wanted, sightings.traffic.hears))
         if not draft.possible:
             continue
         for _ in range(_WRITINGS):
@@ -108,7 +108,7 @@ def _lay(sightings: Sightings, way: Sequence[State], chance: Random) -> _Laid | 
     return _Laid(outlines, tuple(sizes), start + extra, wanted, wanted_sizes)
 
 
-def _sizes(outline: Outline, places: Sequence[int]) -> dict[int, int]:
+def _sizes(outline: TelegramOutline, places: Sequence[int]) -> dict[int, int]:
     """Return the number of visits to each run of an outline."""
     return {
         place.leaf: sum(visit == number for visit in places)
@@ -117,7 +117,9 @@ def _sizes(outline: Outline, places: Sequence[int]) -> dict[int, int]:
     }
 
 
-def _fill_up(outline: Outline, sizes: dict[int, int], *, first: int | None, last: int | None, chance: Random) -> int:
+def _fill_up(
+    outline: TelegramOutline, sizes: dict[int, int], *, first: int | None, last: int | None, chance: Random
+) -> int:
     """Lengthen runs before the first or after the last visited place; return by how much the first visited run grew."""
     lengthened = 0
     usual = any_sizes(outline, chance)
@@ -137,7 +139,11 @@ def _fill_up(outline: Outline, sizes: dict[int, int], *, first: int | None, last
 
 
 def _cut(
-    data: bytes, spots: Sequence[Sequence[Spot]], outlines: Sequence[Outline], speaker: Partner, settings: LineSettings
+    data: bytes,
+    spots: Sequence[Sequence[TelegramCharacter]],
+    outlines: Sequence[TelegramOutline],
+    speaker: LineDrive,
+    settings: LineSettings,
 ) -> list[ProofTelegram] | None:
     """Split the bytes into telegrams; return None if one of them is not a telegram of the speaker."""
     telegrams, at = [], 0
@@ -150,17 +156,19 @@ def _cut(
     return telegrams
 
 
-def _proof_telegram(outline: Outline, data: bytes, speaker: Partner, settings: LineSettings) -> ProofTelegram:
+def _proof_telegram(outline: TelegramOutline, data: bytes, speaker: LineDrive, settings: LineSettings) -> ProofTelegram:
     as_heard = heard(data, speaker.settings, settings)
     return ProofTelegram(title=outline.title, direction=outline.direction, data=data, heard=as_heard)
 
 
-def _proof(telegrams: Sequence[ProofTelegram], title: str, bits: int | None, reader: Reader) -> Proof | None:
+def _proof(
+    telegrams: Sequence[ProofTelegram], title: str, bits: int | None, reader: TelegramFinder
+) -> MistakeProof | None:
     taken = reader.taken(each.heard for each in telegrams)
     if taken is None:
         return None
     offset, found = taken
-    return Proof(
+    return MistakeProof(
         telegrams=tuple(telegrams),
         offset=offset,
         taken=found.data,
@@ -171,8 +179,12 @@ def _proof(telegrams: Sequence[ProofTelegram], title: str, bits: int | None, rea
 
 
 def try_out(
-    spoken: Sequence[Outline], speaker: Partner, settings: LineSettings, reader: Reader, chance: Random
-) -> Proof | None:
+    spoken: Sequence[TelegramOutline],
+    speaker: LineDrive,
+    settings: LineSettings,
+    reader: TelegramFinder,
+    chance: Random,
+) -> MistakeProof | None:
     """Return arbitrary telegrams that the reader mistakes for its own; None if no trial finds any."""
     for _ in range(TELEGRAMS // _TOGETHER):
         telegrams = list(arbitrary_telegrams(spoken, speaker, settings, chance, _TOGETHER))
@@ -182,7 +194,7 @@ def try_out(
 
 
 def arbitrary_telegrams(
-    spoken: Sequence[Outline], speaker: Partner, settings: LineSettings, chance: Random, length: int
+    spoken: Sequence[TelegramOutline], speaker: LineDrive, settings: LineSettings, chance: Random, length: int
 ) -> Iterator[ProofTelegram]:
     """Yield telegrams with arbitrary contents; a reply follows only a request."""
     before = "reply"

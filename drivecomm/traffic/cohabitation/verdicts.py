@@ -38,7 +38,7 @@ class ProofTelegram:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Proof:
+class MistakeProof:
     """Telegrams of one drive in which another drive finds a telegram of its own.
 
     telegrams: those on the line, in order. offset: position, in the bytes as heard, at which the other drive's telegram
@@ -62,7 +62,7 @@ class PairVerdict:
     listener: str
     outcome: Safety
     reason: str
-    proof: Proof | None = None
+    proof: MistakeProof | None = None
 
     @property
     def safe(self) -> bool:

@@ -1,11 +1,11 @@
 from .exchanges import (
     RecordedExchange as RecordedExchange,
     ReplyPart as ReplyPart,
-    described as described,
+    decoded_requests as decoded_requests,
     infer_sources as infer_sources,
-    meanings as meanings,
     only_asks as only_asks,
     recorded_exchanges as recorded_exchanges,
+    request_as_text as request_as_text,
 )
 from .recorded_drive import (
     RecordedCodec as RecordedCodec,

@@ -75,7 +75,7 @@ def recorded_exchanges(capture: Capture) -> list[RecordedExchange]:
     return found
 
 
-def meanings(request: bytes, protocols: Iterable[Protocol]) -> list[tuple[Protocol, Message]]:
+def decoded_requests(request: bytes, protocols: Iterable[Protocol]) -> list[tuple[Protocol, Message]]:
     """Return the decoded request for each protocol in which these bytes are one request."""
     found = []
     for plugin in protocols:
@@ -91,14 +91,14 @@ def only_asks(request: bytes, protocols: Iterable[Protocol]) -> bool:
 
     False if no protocol decodes them, because such bytes could do anything.
     """
-    found = meanings(request, protocols)
+    found = decoded_requests(request, protocols)
     return bool(found) and all(plugin.intent and plugin.intent(message).only_asks for plugin, message in found)
 
 
-def described(request: bytes, protocols: Iterable[Protocol]) -> str:
+def request_as_text(request: bytes, protocols: Iterable[Protocol]) -> str:
     """Return a request as text: its bytes, and its meaning in the first protocol that decodes it."""
     shown = request.hex(" ").upper()
-    for plugin, message in meanings(request, protocols):
+    for plugin, message in decoded_requests(request, protocols):
         address = getattr(message, "address", None)
         return f"{shown} ({plugin.name}{'' if address is None else f':{address}'} {message.kind})"
     return shown

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Self
 
 from drivecomm.capture import Capture, read_capture
 from drivecomm.protocol import installed
-from drivecomm.traffic.replay.exchanges import described, recorded_exchanges
+from drivecomm.traffic.replay.exchanges import recorded_exchanges, request_as_text
 from drivecomm.virtual import VirtualPort
 
 if TYPE_CHECKING:
@@ -61,13 +61,13 @@ class Replayed:
     def transmit(self, data: bytes) -> None:
         """Send a request of the master. Raises ReplayError if it differs from the capture."""
         if not self._left:
-            raise ReplayError(f"the capture has ended, but {described(data, installed.working())} is sent")
+            raise ReplayError(f"the capture has ended, but {request_as_text(data, installed.working())} is sent")
         number, wanted = self._left[0]
         if data != wanted.request:
             plugins = list(installed.working())
             raise ReplayError(
                 f"request {number}, at {wanted.asked_s:.3f} s of the capture, was "
-                f"{described(wanted.request, plugins)}; now {described(data, plugins)} is sent"
+                f"{request_as_text(wanted.request, plugins)}; now {request_as_text(data, plugins)} is sent"
             )
         self._left.popleft()
         wire_s = self._settings.wire_s(len(data)) if self._settings is not None else 0.0
@@ -101,7 +101,7 @@ class Replayed:
             number, wanted = self._left[0]
             raise ReplayError(
                 f"{len(self._left)} requests of the capture were not sent; the first is request {number}, "
-                f"at {wanted.asked_s:.3f} s: {described(wanted.request, installed.working())}"
+                f"at {wanted.asked_s:.3f} s: {request_as_text(wanted.request, installed.working())}"
             )
 
     def __enter__(self) -> Self:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.errors import TelegramError, UsageError
 from drivecomm.link import EchoFilter
 from drivecomm.protocol import fields_of
-from drivecomm.traffic.replay.exchanges import meanings, only_asks
+from drivecomm.traffic.replay.exchanges import decoded_requests, only_asks
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -142,7 +142,7 @@ class ReplayMaster:
 
     def _usual(self, then: RecordedExchange) -> LineSettings:
         """Return the usual line settings of the request's protocol. Raises UsageError if no protocol decodes it."""
-        for plugin, _ in meanings(then.request, self._protocols):
+        for plugin, _ in decoded_requests(then.request, self._protocols):
             return plugin.facts.settings
         raise UsageError("the capture does not say its line settings; give --baudrate, --parity and so on")
 
@@ -153,7 +153,7 @@ def difference(outcome: ReplayedRequest, protocols: Sequence[Protocol]) -> str:
         return "nothing came"
     if not outcome.then.parts:
         return f"nothing came then, now {outcome.came.hex(' ').upper()}"
-    for plugin, _ in meanings(outcome.then.request, protocols):
+    for plugin, _ in decoded_requests(outcome.then.request, protocols):
         codec = plugin.codec(plugin.options())
         try:
             then = fields_of(codec.decode(outcome.then.reply, "reply"))

@@ -7,8 +7,8 @@ from .line_monitor import (
     Pair as Pair,
     Pairing as Pairing,
 )
-from .names import ParameterNames as ParameterNames
-from .readings import Candidate as Candidate, Reading as Reading, choose as choose
+from .names import HeardParameterNames as HeardParameterNames
+from .readings import Candidate as Candidate, TelegramReading as TelegramReading, choose as choose
 from .sniffer import Sniffer as Sniffer
 from .traffic_items import (
     AmbiguousTelegram as AmbiguousTelegram,

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivecomm.traffic.sniffer.readings import Broken
+from drivecomm.traffic.sniffer.readings import BrokenTelegram
 from drivecomm.traffic.sniffer.traffic_items import DamagedTelegram, UnknownBytes, drive_named_in
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
     from drivecomm.traffic.sniffer.directions import DirectionEstimator
-    from drivecomm.traffic.sniffer.readings import Reader
-    from drivecomm.traffic.sniffer.stretch import Stretch
+    from drivecomm.traffic.sniffer.readings import TelegramReader
     from drivecomm.traffic.sniffer.traffic_items import TrafficItem
+    from drivecomm.traffic.sniffer.undecided_bytes import UndecidedBytes
 
 
 class DamageReport:
@@ -24,9 +24,9 @@ class DamageReport:
 
     def __init__(
         self,
-        stretch: Stretch,
+        stretch: UndecidedBytes,
         estimators: Mapping[str, DirectionEstimator],
-        readers_for: Callable[[int], list[Reader]],
+        readers_for: Callable[[int], list[TelegramReader]],
     ) -> None:
         self._stretch = stretch
         self._estimators = estimators
@@ -48,18 +48,18 @@ class DamageReport:
     def _may_begin(self, place: int, unknown_from: int) -> bool:
         return place == unknown_from or self._stretch.silence_before(place) > self._stretch.quiet_s(place)
 
-    def _broken_at(self, start: int, end: int) -> Broken | None:
+    def _broken_at(self, start: int, end: int) -> BrokenTelegram | None:
         """Return the most likely damaged telegram at this position, in a protocol spoken here; None if none fits."""
         found = []
         for reader in self._readers_for(self._stretch.data[start]):
             if self._estimators[reader.protocol.name].spoken:
                 limit = min(end, self._stretch.unbroken_until(start, reader.gap_s))
                 look = reader.look_at_rest(self._stretch.data, start, limit)
-                if isinstance(look, Broken):
+                if isinstance(look, BrokenTelegram):
                     found.append(look)
         return max(found, key=self._likelihood, default=None)
 
-    def _likelihood(self, broken: Broken) -> tuple[bool, bool]:
+    def _likelihood(self, broken: BrokenTelegram) -> tuple[bool, bool]:
         """Return a sort key for the likelihood of a damaged telegram.
 
         A telegram with a wrong check was probably whole. A request is likely while no reply is due, a reply while one
@@ -68,7 +68,7 @@ class DamageReport:
         due = self._estimators[broken.protocol.name].awaited(self._stretch.began_s(broken.start)) is not None
         return broken.error.category in ("checksum", "field"), due == (broken.direction == "reply")
 
-    def _damaged(self, broken: Broken) -> DamagedTelegram:
+    def _damaged(self, broken: BrokenTelegram) -> DamagedTelegram:
         estimator = self._estimators[broken.protocol.name]
         asked = estimator.awaited(self._stretch.began_s(broken.start)) if broken.direction == "reply" else None
         ended_s = self._stretch.ended_s(broken.end - 1)

@@ -48,7 +48,7 @@ class LineSample:
         return sum(len(piece.data) for piece in self.pieces)
 
 
-class Listening(Interface):
+class ListeningLine(Interface):
     """A line that can be listened to with any line settings."""
 
     def listen(self, settings: LineSettings, telegrams: int) -> LineSample:
@@ -76,7 +76,7 @@ class Detected:
 
 
 def detect(
-    line: Listening, protocols: Iterable[Protocol], baud_rates: Sequence[int] = USUAL_BAUD_RATES
+    line: ListeningLine, protocols: Iterable[Protocol], baud_rates: Sequence[int] = USUAL_BAUD_RATES
 ) -> Detected | None:
     """Return the settings and protocols of a line; None if no telegram could be decoded with any settings."""
     known = list(protocols)
@@ -86,7 +86,7 @@ def detect(
     return None
 
 
-def _is_right(line: Listening, protocols: Sequence[Protocol], baudrate: int) -> bool:
+def _is_right(line: ListeningLine, protocols: Sequence[Protocol], baudrate: int) -> bool:
     ten_bits, eleven_bits = _settings(baudrate, _TEN_BITS), _settings(baudrate, _ELEVEN_BITS)
     heard = line.listen(ten_bits, _LOOK)
     if _judge(heard, protocols, ten_bits) or _judge(_seven_bits(heard), protocols, ten_bits):
@@ -100,7 +100,7 @@ def _seven_bits(heard: LineSample) -> LineSample:
     return replace(heard, pieces=pieces)
 
 
-def _best(line: Listening, protocols: Sequence[Protocol], baudrate: int) -> Detected | None:
+def _best(line: ListeningLine, protocols: Sequence[Protocol], baudrate: int) -> Detected | None:
     found = []
     for frame in _FORMATS:
         settings = _settings(baudrate, frame)

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from drivecomm.protocol import Direction, Message, Parity, Protocol
-    from drivecomm.traffic.sniffer.readings import Reading
+    from drivecomm.traffic.sniffer.readings import TelegramReading
 
 _ANSWERS_NOW = 4
 _REPEATED = 3
@@ -54,7 +54,7 @@ _KEPT_DELAYS = 9
 _AS_USUAL, _STEP_S = 2, 0.005
 
 
-def asks(protocol: Protocol, request: Message) -> bool:
+def wants_reply(protocol: Protocol, request: Message) -> bool:
     """Whether a request calls for an answer; other requests only end the exchange before."""
     return protocol.intent is not None and protocol.intent(request).access != ""
 
@@ -65,13 +65,13 @@ class Observation(NamedTuple):
     behind_others: whether the telegram before it belonged to another protocol.
     """
 
-    readings: Sequence[Reading]
+    readings: Sequence[TelegramReading]
     began_s: float
     ended_s: float
     silence_s: float
     behind_others: bool = False
 
-    def reading(self, direction: Direction) -> Reading | None:
+    def reading(self, direction: Direction) -> TelegramReading | None:
         """Return the reading in this direction; None if there is none."""
         for reading in self.readings:
             if reading.direction == direction:
@@ -169,7 +169,7 @@ class DirectionEstimator:
             return None
         return "reply" if balance > 0 else "request"
 
-    def expects(self, reply: Reading, began_s: float, silence_s: float) -> bool:
+    def expects(self, reply: TelegramReading, began_s: float, silence_s: float) -> bool:
         """Whether this reply answers the last request in time and does not look more like a request."""
         last = self._asked[-1] if self._asked else None
         if last is None or last.answered or last.data == reply.data:
@@ -195,13 +195,13 @@ class DirectionEstimator:
         address = getattr(heard.readings[0].message, "address", None)
         self._doubts[address] = self._doubts.get(address, 0) + 1
 
-    def take(self, reading: Reading, began_s: float, ended_s: float) -> None:
+    def take(self, reading: TelegramReading, began_s: float, ended_s: float) -> None:
         """Record a telegram with a known direction."""
         self.spoken = True
         data, direction = reading.data, reading.direction
         if not reading.short:
             self.parity = reading.parity
-        elif direction == "request" and not asks(self.protocol, reading.message):
+        elif direction == "request" and not wants_reply(self.protocol, reading.message):
             return
         address = getattr(reading.message, "address", None)
         examples = self._examples.get((address, len(data), direction))
@@ -231,7 +231,7 @@ class DirectionEstimator:
         last = self._asked[-1] if self._asked else None
         return last is not None and not last.answered and self._may_answer(last, reply, began_s)
 
-    def may_come(self, reading: Reading, began_s: float) -> bool:
+    def may_come(self, reading: TelegramReading, began_s: float) -> bool:
         """Whether a reply is plausible: it answers an open or damaged request, or repeats a recent reply."""
         if began_s - self._misheard_s <= self._timeout_s and self._knows(reading.message):
             return True
@@ -247,7 +247,7 @@ class DirectionEstimator:
         late = last is None or last.answered or now_s - last.ended_s > self._timeout_s
         return None if late or last is None or is_broadcast(self.protocol, last.message) else last.message
 
-    def leaves_unanswered(self, request: Reading) -> bool:
+    def leaves_unanswered(self, request: TelegramReading) -> bool:
         """Whether the last request has no answer and this request differs from it."""
         last = self._asked[-1] if self._asked else None
         if last is None or last.answered or is_broadcast(self.protocol, last.message):
@@ -295,7 +295,7 @@ class DirectionEstimator:
             self._ends.setdefault(self._just_answered, deque(maxlen=_KEPT_ENDS)).append(closed)
         self._just_answered = None
 
-    def _may_be_late(self, heard: Observation, reply: Reading) -> bool:
+    def _may_be_late(self, heard: Observation, reply: TelegramReading) -> bool:
         """Whether this may be a late reply to an earlier request; False for a drive that never answers."""
         if self._doubts.get(getattr(reply.message, "address", None), 0) >= _MOST_DOUBTS:
             return False
@@ -311,7 +311,7 @@ class DirectionEstimator:
             return passed_s > timeout_s or asked is not self._asked[-1]
         return False
 
-    def _by_its_time(self, heard: Observation, reply: Reading, *, answered: bool) -> Direction | None:
+    def _by_its_time(self, heard: Observation, reply: TelegramReading, *, answered: bool) -> Direction | None:
         """Infer the direction of a telegram from its time, if its bytes do not show it.
 
         Return None if its bytes show the direction, or if no usual reply time is known.
@@ -330,7 +330,7 @@ class DirectionEstimator:
             return "reply" if self.awaits(reply.message, heard.began_s) else "request"
         return None if self._may_be_late(heard, reply) else "request"
 
-    def _timeliness(self, heard: Observation, reply: Reading) -> int:
+    def _timeliness(self, heard: Observation, reply: TelegramReading) -> int:
         """Return a weight for the pauses: above 0 for a reply, below 0 for a request."""
         timeout_s = self._timeout_s
         due = self.awaits(reply.message, heard.began_s)
@@ -359,15 +359,15 @@ class DirectionEstimator:
             known = self._compared = request, reply, not self.protocol.mismatch(request, reply)
         return known[2]
 
-    def _known(self, reading: Reading, direction: Direction) -> Iterable[bytes]:
+    def _known(self, reading: TelegramReading, direction: Direction) -> Iterable[bytes]:
         examples = self._examples_of(reading, direction)
         return () if examples is None else examples.kept
 
-    def _examples_of(self, reading: Reading, direction: Direction) -> _Examples | None:
+    def _examples_of(self, reading: TelegramReading, direction: Direction) -> _Examples | None:
         """Return recent telegrams of the same length to this drive, or from it, by direction."""
         return self._examples.get((getattr(reading.message, "address", None), len(reading.data), direction))
 
-    def _differs_as(self, requests: _Examples, reply: Reading) -> bool:
+    def _differs_as(self, requests: _Examples, reply: TelegramReading) -> bool:
         """Whether enough of the bytes that differ from the previous reply occur in earlier requests."""
         replies = self._examples_of(reply, "reply")
         if replies is None:
@@ -375,7 +375,7 @@ class DirectionEstimator:
         bytes_of_both = zip(reply.data, replies.kept[-1], requests.columns, strict=True)
         return len([byte for byte, before, asked in bytes_of_both if byte != before and byte in asked]) >= _FEW
 
-    def _likeness(self, reading: Reading) -> int:
+    def _likeness(self, reading: TelegramReading) -> int:
         """Return a weight above 0 if the bytes match this drive's requests, below 0 for its replies, 0 if unclear."""
         requests, replies = self._examples_of(reading, "request"), self._examples_of(reading, "reply")
         if requests is None or replies is None:

@@ -10,7 +10,7 @@ from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError
-from drivecomm.protocol import Ask, Tell, answered, fields_of
+from drivecomm.protocol import Ask, Tell, fields_of, run_with_answers
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -22,7 +22,7 @@ class _AnotherReplyNeeded(Exception):  # noqa: N818 - control flow, not an error
     pass
 
 
-class ParameterNames:
+class HeardParameterNames:
     """The parameters of one drive. options: the protocol's drive options."""
 
     def __init__(self, protocol: Protocol, address: int, model: Model, options: Any) -> None:
@@ -57,7 +57,7 @@ class ParameterNames:
             return replies.pop()
 
         try:
-            return answered(self._operations.read(info.address), answer)
+            return run_with_answers(self._operations.read(info.address), answer)
         except _AnotherReplyNeeded:
             return None
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from drivecomm.protocol import Direction
     from drivecomm.traffic.sniffer.directions import DirectionEstimator, Observation
-    from drivecomm.traffic.sniffer.readings import Reading
+    from drivecomm.traffic.sniffer.readings import TelegramReading
     from drivecomm.traffic.sniffer.traffic_items import TrafficItem
 
 _CLEARLY_BETTER = 2
@@ -115,7 +115,7 @@ def _item_of(estimator: DirectionEstimator, heard: Observation, direction: Direc
     return _taken(estimator, heard, reading)
 
 
-def _taken(estimator: DirectionEstimator, heard: Observation, reading: Reading) -> TrafficItem:
+def _taken(estimator: DirectionEstimator, heard: Observation, reading: TelegramReading) -> TrafficItem:
     estimator.take(reading, heard.began_s, heard.ended_s)
     return telegram_of(reading, heard)
 

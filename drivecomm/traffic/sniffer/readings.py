@@ -22,7 +22,7 @@ _REMEMBERED = 256
 SHORTEST_LONG = 4
 
 
-class Reading(NamedTuple):
+class TelegramReading(NamedTuple):
     """A sound telegram from `start` up to `end`.
 
     data: without parity bits, if the line has seven data bits. parity: the parity that the eighth bits had, "N" for
@@ -44,7 +44,7 @@ class Reading(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Broken:
+class BrokenTelegram:
     """Bytes with the shape of a telegram that do not decode."""
 
     start: int
@@ -54,16 +54,16 @@ class Broken:
     error: TelegramError
 
 
-class Unfinished:
+class UnfinishedTelegram:
     """The beginning of a telegram that may be completed by more bytes."""
 
 
-Look: TypeAlias = Reading | Broken | Unfinished | None
-_UNFINISHED = Unfinished()
+Look: TypeAlias = TelegramReading | BrokenTelegram | UnfinishedTelegram | None
+_UNFINISHED = UnfinishedTelegram()
 _made = tuple.__new__
 
 
-class Reader:
+class TelegramReader:
     """Reads telegrams of one protocol in one direction."""
 
     def __init__(self, protocol: Protocol, codec: Codec, direction: Direction) -> None:
@@ -116,18 +116,18 @@ class Reader:
         Return None if no telegram begins there.
         """
         found = self.look(data, start, limit)
-        return self._read(self._text(data, start, limit), start) if isinstance(found, Unfinished) else found
+        return self._read(self._text(data, start, limit), start) if isinstance(found, UnfinishedTelegram) else found
 
     def _text(self, data: bytes, start: int, end: int) -> bytes:
         """Return the characters from `start` on, up to the first that does not have this reader's format."""
         return data[start:end]
 
-    def _read(self, taken: bytes, start: int) -> Reading | Broken:
+    def _read(self, taken: bytes, start: int) -> TelegramReading | BrokenTelegram:
         message = self._decoded(taken)
         end = start + len(taken)
         if isinstance(message, TelegramError):
-            return Broken(start, end, self.protocol, self.direction, message)
-        return _made(Reading, (start, end, self.protocol, self.direction, taken, message, self.parity))
+            return BrokenTelegram(start, end, self.protocol, self.direction, message)
+        return _made(TelegramReading, (start, end, self.protocol, self.direction, taken, message, self.parity))
 
     def _decode(self, data: bytes) -> Message | TelegramError:
         try:
@@ -136,7 +136,7 @@ class Reader:
             return error.with_traceback(None)
 
 
-class SevenBitReader(Reader):
+class SevenBitReader(TelegramReader):
     """Reads telegrams of seven data bits from a listener set to 8N1, which receives the parity as the eighth bit."""
 
     def __init__(self, protocol: Protocol, codec: Codec, direction: Direction, parity: Parity) -> None:
@@ -156,12 +156,12 @@ class SevenBitReader(Reader):
         return (heard if wrong < 0 else heard[:wrong]).translate(self._plain)
 
 
-def readers_of(protocol: Protocol, options: Any) -> list[Reader]:
+def readers_of(protocol: Protocol, options: Any) -> list[TelegramReader]:
     """Return the readers of a protocol for both directions, also for seven data bits that are received as eight."""
     directions: tuple[Direction, Direction] = ("request", "reply")
     chosen = protocol.options() if options is None else options
     # A codec may store its last measurement, so each reader has its own codec.
-    readers = [Reader(protocol, protocol.codec(chosen), direction) for direction in directions]
+    readers = [TelegramReader(protocol, protocol.codec(chosen), direction) for direction in directions]
     settings = protocol.facts.settings
     if settings.bytesize == 7 and settings.parity != "N":
         readers += [
@@ -189,7 +189,7 @@ class Candidate:
     merit: points for and against it besides its bytes.
     """
 
-    readings: tuple[Reading, ...]
+    readings: tuple[TelegramReading, ...]
     merit: int
 
     @property

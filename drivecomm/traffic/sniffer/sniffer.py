@@ -17,11 +17,18 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from drivecomm.traffic.sniffer.beginnings import Beginnings
 from drivecomm.traffic.sniffer.damage import DamageReport
-from drivecomm.traffic.sniffer.directions import DirectionEstimator, Observation, asks
+from drivecomm.traffic.sniffer.directions import DirectionEstimator, Observation, wants_reply
 from drivecomm.traffic.sniffer.pending import PendingItems
-from drivecomm.traffic.sniffer.readings import Candidate, Reader, Reading, Unfinished, choose, readers_of
-from drivecomm.traffic.sniffer.stretch import Stretch
+from drivecomm.traffic.sniffer.readings import (
+    Candidate,
+    TelegramReader,
+    TelegramReading,
+    UnfinishedTelegram,
+    choose,
+    readers_of,
+)
 from drivecomm.traffic.sniffer.traffic_items import AmbiguousTelegram, ways_of
+from drivecomm.traffic.sniffer.undecided_bytes import UndecidedBytes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -74,15 +81,15 @@ class Sniffer:
         options: Mapping[str, Any] | None = None,
     ) -> None:
         known = _told_apart(protocols)
-        self._stretch = Stretch(settings.character_s if settings else None)
+        self._stretch = UndecidedBytes(settings.character_s if settings else None)
         self._estimators = {protocol.name: DirectionEstimator(protocol) for protocol in known}
         self._pending = PendingItems(self._estimators)
         options = options or {}
         self._beginnings = Beginnings(reader for each in known for reader in readers_of(each, options.get(each.name)))
         self._damage = DamageReport(self._stretch, self._estimators, self._beginnings.of)
-        self._whole: dict[bytes, tuple[Reading, ...]] = {}
-        self._replies: dict[tuple[str, bytes], tuple[Reading, ...]] = {}
-        self._singles: dict[bytes, tuple[list[Reading], frozenset[str]]] = {}
+        self._whole: dict[bytes, tuple[TelegramReading, ...]] = {}
+        self._replies: dict[tuple[str, bytes], tuple[TelegramReading, ...]] = {}
+        self._singles: dict[bytes, tuple[list[TelegramReading], frozenset[str]]] = {}
         self._longest_gap_s = max((protocol.facts.gap_s for protocol in known), default=0.0)
         self._shortest_gap_s = min((protocol.facts.gap_s for protocol in known), default=0.0)
         self._place = 0
@@ -137,7 +144,7 @@ class Sniffer:
         if over or self._place > _LONGEST_UNKNOWN:
             self._report(self._place)
 
-    def _expected(self, piece: Piece, began_s: float, silence_s: float) -> Sequence[Reading]:
+    def _expected(self, piece: Piece, began_s: float, silence_s: float) -> Sequence[TelegramReading]:
         """Return the reading of a piece that is exactly the reply to the last request; empty for any other piece."""
         name, data = self._spoken_last, piece.data
         if not name or piece.source == "master" or not (estimator := self._estimators[name]).awaits_any:
@@ -163,7 +170,7 @@ class Sniffer:
             return False
         return self._conclude(*self._most_due(readings))
 
-    def _single_before(self, character: bytes, data: bytes) -> tuple[list[Reading], frozenset[str]]:
+    def _single_before(self, character: bytes, data: bytes) -> tuple[list[TelegramReading], frozenset[str]]:
         """Return the readings of a single character before this telegram, from a cache; see `Beginnings.single`."""
         both = character + data
         known = self._singles.get(both)
@@ -173,7 +180,7 @@ class Sniffer:
             known = self._singles[both] = self._beginnings.single(both)
         return known
 
-    def _readings_of_whole(self, data: bytes, source: Source) -> Sequence[Reading]:
+    def _readings_of_whole(self, data: bytes, source: Source) -> Sequence[TelegramReading]:
         """Return the readings of a piece that is certainly one whole telegram of one protocol; empty for any other."""
         readings = self._whole.get(data)
         if readings is None:
@@ -215,7 +222,7 @@ class Sniffer:
             self._place += 1
         return True
 
-    def _conclude(self, readings: list[Reading], belief: Belief) -> bool:
+    def _conclude(self, readings: list[TelegramReading], belief: Belief) -> bool:
         """Accept or skip a short telegram according to the belief in it; return whether its bytes were removed."""
         if belief == "no":
             self._place += 1
@@ -240,10 +247,10 @@ class Sniffer:
         pause_s = min(stretch.quiet_s(place), self._longest_gap_s)
         return min(same, stretch.unbroken_until(place, pause_s) - 1)
 
-    def _readings_at(self, place: int, readers: Iterable[Reader]) -> tuple[list[Reading], bool]:
+    def _readings_at(self, place: int, readers: Iterable[TelegramReader]) -> tuple[list[TelegramReading], bool]:
         """Return the sound telegrams that begin at a position, and whether more bytes may complete others."""
         stretch = self._stretch
-        found, waiting = list[Reading](), False
+        found, waiting = list[TelegramReading](), False
         data, silence_s = stretch.data, self._silence_s
         for reader in readers:
             limit = stretch.unbroken_until(place, reader.gap_s)
@@ -251,19 +258,19 @@ class Sniffer:
                 look = reader.look(data, place, limit)
             else:
                 look = reader.look_at_rest(data, place, limit)
-            if type(look) is Reading:
+            if type(look) is TelegramReading:
                 if (not look.short or self._estimators[look.protocol.name].spoken) and self._may_be_sent(look):
                     found.append(look)
-            elif type(look) is Unfinished:
+            elif type(look) is UnfinishedTelegram:
                 waiting = True
         return self._in_one_format(found) if found else found, waiting
 
-    def _in_one_format(self, readings: list[Reading]) -> list[Reading]:
+    def _in_one_format(self, readings: list[TelegramReading]) -> list[TelegramReading]:
         """Return the readings without duplicates that differ only in their character format.
 
         A short telegram must have the format of the telegrams before it, because one wrong bit can look like parity.
         """
-        kept: dict[tuple[str, Direction, int], Reading] = {}
+        kept: dict[tuple[str, Direction, int], TelegramReading] = {}
         for reading in readings:
             name = reading.protocol.name
             usual = self._estimators[name].parity
@@ -274,7 +281,7 @@ class Sniffer:
                 kept[said] = reading
         return list(kept.values())
 
-    def _may_begin_here(self, reading: Reading, others: list[Reading]) -> bool:
+    def _may_begin_here(self, reading: TelegramReading, others: list[TelegramReading]) -> bool:
         """Whether this is not a reply inside a damaged request, such as a VABus select without its EOT."""
         place, stretch = reading.start, self._stretch
         if not place or reading.direction == "request" or stretch.silence_before(place) > stretch.quiet_s(place):
@@ -283,11 +290,11 @@ class Sniffer:
             return True
         return self._estimators[reading.protocol.name].may_come(reading, stretch.began_s(place))
 
-    def _may_be_sent(self, reading: Reading) -> bool:
+    def _may_be_sent(self, reading: TelegramReading) -> bool:
         source = self._stretch.source_of(reading.start, reading.end)
         return source is not None and _SENDERS.get(source, reading.direction) == reading.direction
 
-    def _sharing_bytes(self, first: list[Reading]) -> list[Reading]:
+    def _sharing_bytes(self, first: list[TelegramReading]) -> list[TelegramReading]:
         """Return these readings and all others that overlap them, directly or through further readings."""
         found = list(first)
         end = max(reading.end for reading in first)
@@ -300,8 +307,8 @@ class Sniffer:
             place = self._beginnings.next_place(data, place + 1, end)
         return found
 
-    def _take_first_of(self, readings: list[Reading]) -> None:
-        by_place: dict[tuple[int, int, str], list[Reading]] = {}
+    def _take_first_of(self, readings: list[TelegramReading]) -> None:
+        by_place: dict[tuple[int, int, str], list[TelegramReading]] = {}
         for reading in readings:
             by_place.setdefault((reading.start, reading.end, reading.protocol.name), []).append(reading)
         if len(by_place) == 1:
@@ -315,7 +322,7 @@ class Sniffer:
         else:
             self._take(list(chosen[0].readings))
 
-    def _merit(self, readings: list[Reading]) -> int:
+    def _merit(self, readings: list[TelegramReading]) -> int:
         start, end = readings[0].start, readings[0].end
         estimator = self._estimators[readings[0].protocol.name]
         over = end == len(self._stretch) or self._stretch.silence_before(end) > self._stretch.quiet_s(end)
@@ -323,7 +330,7 @@ class Sniffer:
         torn = self._stretch.unbroken_until(start, self._stretch.quiet_s(start)) < end
         return estimator.plausibility(self._heard(readings)) + begun + over - _TORN * torn
 
-    def _belief(self, readings: list[Reading]) -> tuple[list[Reading], Belief]:
+    def _belief(self, readings: list[TelegramReading]) -> tuple[list[TelegramReading], Belief]:
         """Return the plausible readings of a short telegram, and the belief that it is one."""
         if readings[0].start:
             return readings, "no"
@@ -331,7 +338,7 @@ class Sniffer:
         # A request damaged after its first character leaves that character behind.
         return self._most_due(readings) if alone == "yes" else (readings, alone)
 
-    def _most_due(self, readings: list[Reading]) -> tuple[list[Reading], Belief]:
+    def _most_due(self, readings: list[TelegramReading]) -> tuple[list[TelegramReading], Belief]:
         """Return the readings of a lone short telegram in the protocol that most expects it, and the belief in them."""
         beliefs = [(reading, self._due(reading)) for reading in readings]
         for belief in ("yes", "perhaps"):
@@ -341,12 +348,12 @@ class Sniffer:
                 return [reading for reading in believed if reading.protocol.name == name], belief
         return readings, "no"
 
-    def _due(self, reading: Reading) -> Belief:
+    def _due(self, reading: TelegramReading) -> Belief:
         """Return the belief that a lone short telegram is due."""
         estimator = self._estimators[reading.protocol.name]
         if reading.direction == "reply":
             return "yes" if estimator.may_come(reading, self._stretch.began_s(reading.start)) else "no"
-        if asks(reading.protocol, reading.message):
+        if wants_reply(reading.protocol, reading.message):
             is_last = self._spoken_last == reading.protocol.name
             return "yes" if is_last and estimator.has_just_answered else "no"
         belief: Belief = "yes" if estimator.closes_often else "perhaps" if estimator.spoken else "no"
@@ -367,13 +374,13 @@ class Sniffer:
             return "no" if same and all(reading.short for reading in following) else "yes"
         return "wait" if waiting else "no"
 
-    def _heard(self, readings: Sequence[Reading]) -> Observation:
+    def _heard(self, readings: Sequence[TelegramReading]) -> Observation:
         start, end = readings[0].start, readings[0].end
         behind_others = self._spoken_last not in ("", readings[0].protocol.name)
         times = self._stretch.began_s(start), self._stretch.ended_s(end - 1), self._stretch.silence_before(start)
         return Observation(readings, *times, behind_others)
 
-    def _take(self, readings: Sequence[Reading]) -> None:
+    def _take(self, readings: Sequence[TelegramReading]) -> None:
         heard = self._heard(readings)
         self._spoken_last = readings[0].protocol.name
         if self._place:
@@ -381,7 +388,7 @@ class Sniffer:
         self._forget(readings[0].end - readings[0].start)
         self._pending.hear(heard)
 
-    def _take_as_ambiguous(self, readings: list[Reading]) -> None:
+    def _take_as_ambiguous(self, readings: list[TelegramReading]) -> None:
         end = max(reading.end for reading in readings)
         data, time_s = self._stretch.data[self._place : end], self._stretch.ended_s(end - 1)
         self._report(self._place)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from drivecomm.errors import TelegramError
     from drivecomm.protocol import Direction, Message, Protocol
     from drivecomm.traffic.sniffer.directions import Observation
-    from drivecomm.traffic.sniffer.readings import Reading
+    from drivecomm.traffic.sniffer.readings import TelegramReading
 
 _made = tuple.__new__
 EVERYBODY = "all"
@@ -85,7 +85,7 @@ TrafficItem: TypeAlias = HeardTelegram | DamagedTelegram | AmbiguousTelegram | U
 """An item that the sniffer reports."""
 
 
-def ways_of(readings: Iterable[Reading]) -> tuple[tuple[str, Direction, Any], ...]:
+def ways_of(readings: Iterable[TelegramReading]) -> tuple[tuple[str, Direction, Any], ...]:
     """Return the readings in the form in which an ambiguous telegram lists them."""
     return tuple((reading.protocol.name, reading.direction, reading.message) for reading in readings)
 
@@ -95,7 +95,7 @@ def ambiguous_of(heard: Observation) -> AmbiguousTelegram:
     return AmbiguousTelegram(time_s=heard.ended_s, data=heard.readings[0].data, readings=ways_of(heard.readings))
 
 
-def telegram_of(reading: Reading, heard: Observation) -> HeardTelegram:
+def telegram_of(reading: TelegramReading, heard: Observation) -> HeardTelegram:
     """Return the item for a telegram with this reading."""
     protocol, message, data, direction = reading.protocol, reading.message, reading.data, reading.direction
     drive = drive_named_in(protocol, message)

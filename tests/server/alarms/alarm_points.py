@@ -3,8 +3,8 @@
 from decimal import Decimal
 
 from drivecomm.protocol import DriveConfig, DriveState as State, DriveStatus, Reading
-from drivecomm.server import CurrentValue, DriveState
-from drivecomm.server.alarms import AlarmRule, Alarms, Limit
+from drivecomm.server import CurrentValue, DriveSnapshot
+from drivecomm.server.alarms import AlarmLimit, AlarmRule, Alarms
 from drivecomm.server.alarms.alarm import Treatment
 
 WALL_S = 1_700_000_000.0
@@ -16,7 +16,7 @@ def rule(on="fault", **changes):
 
 
 def limit(at="12.5", hysteresis="0", side="above", **changes):
-    of = Limit(quantity="output_current", side=side, at=Decimal(at), hysteresis=Decimal(hysteresis))
+    of = AlarmLimit(quantity="output_current", side=side, at=Decimal(at), hysteresis=Decimal(hysteresis))
     return rule("limit", limit=of, **changes)
 
 
@@ -26,7 +26,7 @@ def pump(fault="", *, warning=False, reachability="answers", error="", tripped=N
         has_fault = bool(fault) if tripped is None else tripped
         state = State.FAULT if has_fault else State.READY
         status = DriveStatus(word=0, state=state, running=False, fault=has_fault, warning=warning)
-    return DriveState(config=PUMP, line="hall", reachability=reachability, status=status, fault=fault, error=error)
+    return DriveSnapshot(config=PUMP, line="hall", reachability=reachability, status=status, fault=fault, error=error)
 
 
 def current(value, quality="good", cause="", unit="A"):
@@ -37,7 +37,7 @@ def current(value, quality="good", cause="", unit="A"):
     return CurrentValue(time_s=1.0, drive="pump", name="output_current", reading=reading, quality=quality, cause=cause)
 
 
-class Clock:
+class ClockedAlarms:
     """Alarms on a clock that the test sets. off_s: difference between the time of day and the correct time."""
 
     def __init__(self, *rules, run="run", **before):
@@ -56,7 +56,7 @@ class Clock:
         seen: a state or value that the alarms receive at that time; None if only time passes.
         """
         self.now_s = 1000.0 + seconds
-        if isinstance(seen, DriveState):
+        if isinstance(seen, DriveSnapshot):
             found = self.alarms.drive_seen(seen, self.now_s, self.time_s)
         elif seen is not None:
             found = self.alarms.value_seen(seen, self.now_s, self.time_s)

@@ -13,22 +13,22 @@ from pathlib import Path
 import pytest
 from alarm_receivers import Hook
 
-from drivecomm.server.alarms import Delivery, receivers_of
-from drivecomm.server.alarms.delivery import MOST, Pace, Waiting
+from drivecomm.server.alarms import AlarmDelivery, receivers_of
+from drivecomm.server.alarms.delivery import MOST, DeliveryTiming, UndeliveredAlarm
 
-QUICK = Pace(within_s=0.5, first_s=0.02, longest_s=0.05, give_up_s=60, gather_s=0.02)
+QUICK = DeliveryTiming(within_s=0.5, first_s=0.02, longest_s=0.05, give_up_s=60, gather_s=0.02)
 
 
 class Delivering:
     def __init__(self, *entries, pace=QUICK):
         self.said = []
         self.receivers = receivers_of(entries, {})
-        self.delivery = Delivery(self.receivers, plant="hall 2", say=self.said.append, pace=pace)
+        self.delivery = AlarmDelivery(self.receivers, plant="hall 2", say=self.said.append, pace=pace)
         self.delivery.start()
 
     def put(self, what="raised", to=None, number=1):
         entry = {"message": f"run-1.{number}", "what": what, "title": f"tripped: pump ({what})", "text": f"pump {what}"}
-        self.delivery.put([Waiting(to=each, entry=entry) for each in to or self.receivers])
+        self.delivery.put([UndeliveredAlarm(to=each, entry=entry) for each in to or self.receivers])
 
 
 @pytest.fixture
@@ -66,7 +66,7 @@ def test_webhook_receives_one_message_per_alarm(hook, delivering, eventually):
 
 
 def test_simultaneous_alarms_are_delivered_in_one_message(hook, delivering, eventually):
-    out = delivering(f"webhook:{hook.url}", pace=Pace(gather_s=0.3))
+    out = delivering(f"webhook:{hook.url}", pace=DeliveryTiming(gather_s=0.3))
     for number in range(50):
         out.put(number=number)
     eventually(lambda: hook.got)
@@ -114,7 +114,7 @@ def test_refused_connection_is_reported(delivering, eventually):
 @pytest.mark.soak
 def test_pause_between_retries_grows(hook, delivering, eventually):
     hook.does = 500
-    out = delivering(f"webhook:{hook.url}", pace=Pace(within_s=1, first_s=0.2, longest_s=10, gather_s=0))
+    out = delivering(f"webhook:{hook.url}", pace=DeliveryTiming(within_s=1, first_s=0.2, longest_s=10, gather_s=0))
     began = time.monotonic()
     out.put()
     eventually(lambda: hook.begun == 4)
@@ -124,7 +124,7 @@ def test_pause_between_retries_grows(hook, delivering, eventually):
 def test_delivery_is_given_up_after_its_deadline(hook, delivering, eventually):
     hook.does = 500
     out = delivering(
-        f"webhook:{hook.url}", pace=Pace(within_s=1, first_s=0.05, longest_s=0.05, give_up_s=0.3, gather_s=0)
+        f"webhook:{hook.url}", pace=DeliveryTiming(within_s=1, first_s=0.05, longest_s=0.05, give_up_s=0.3, gather_s=0)
     )
     out.put()
     eventually(lambda: not out.delivery.waiting())
@@ -135,7 +135,7 @@ def test_delivery_is_given_up_after_its_deadline(hook, delivering, eventually):
 def test_hanging_receiver_does_not_delay_another(hook, delivering, eventually):
     hook.does = "hang"
     with Hook() as other:
-        out = delivering(f"webhook:{hook.url}", f"webhook:{other.url}", pace=Pace(within_s=60, gather_s=0))
+        out = delivering(f"webhook:{hook.url}", f"webhook:{other.url}", pace=DeliveryTiming(within_s=60, gather_s=0))
         began = time.monotonic()
         out.put()
         eventually(lambda: other.got)
@@ -148,7 +148,7 @@ def test_hanging_receiver_does_not_delay_another(hook, delivering, eventually):
 
 def test_oldest_messages_are_dropped_from_a_full_queue(hook, delivering):
     hook.does = "hang"
-    out = delivering(f"webhook:{hook.url}", pace=Pace(within_s=60, gather_s=60))
+    out = delivering(f"webhook:{hook.url}", pace=DeliveryTiming(within_s=60, gather_s=60))
     for number in range(MOST + 2):
         out.put(number=number)
     waiting = out.delivery.waiting()
@@ -160,7 +160,7 @@ def test_oldest_messages_are_dropped_from_a_full_queue(hook, delivering):
 @pytest.mark.soak
 def test_close_returns_within_its_time_limit(hook, delivering, eventually):
     hook.does = "hang"
-    out = delivering(f"webhook:{hook.url}", pace=Pace(within_s=60, gather_s=0))
+    out = delivering(f"webhook:{hook.url}", pace=DeliveryTiming(within_s=60, gather_s=0))
     out.put()
     eventually(lambda: hook.begun)
     began = time.monotonic()
@@ -170,7 +170,7 @@ def test_close_returns_within_its_time_limit(hook, delivering, eventually):
 
 
 def test_close_delivers_waiting_messages_immediately(hook, delivering):
-    out = delivering(f"webhook:{hook.url}", pace=Pace(gather_s=60))
+    out = delivering(f"webhook:{hook.url}", pace=DeliveryTiming(gather_s=60))
     out.put()
     out.delivery.close(5)
     assert hook.told == ["raised"]
@@ -179,7 +179,7 @@ def test_close_delivers_waiting_messages_immediately(hook, delivering):
 
 def test_close_retries_a_failed_message(hook, delivering, eventually):
     hook.does = 500
-    out = delivering(f"webhook:{hook.url}", pace=Pace(first_s=60, gather_s=0))
+    out = delivering(f"webhook:{hook.url}", pace=DeliveryTiming(first_s=60, gather_s=0))
     out.put()
     eventually(lambda: out.said)
     hook.does = 200
@@ -208,7 +208,7 @@ class TestCommand:
         got = tmp_path / "got.json"
         out = delivering(
             command(f"import sys, json; json.dump([sys.argv[1:], json.load(sys.stdin)], open({str(got)!r}, 'w'))"),
-            pace=Pace(gather_s=0),
+            pace=DeliveryTiming(gather_s=0),
         )
         out.put()
         eventually(lambda: not out.delivery.waiting())
@@ -219,7 +219,9 @@ class TestCommand:
 
     @pytest.mark.soak
     def test_error_output_of_the_command_is_reported(self, command, delivering, eventually):
-        out = delivering(command("import sys; print('no', file=sys.stderr); sys.exit('modem is off')"), pace=Pace())
+        out = delivering(
+            command("import sys; print('no', file=sys.stderr); sys.exit('modem is off')"), pace=DeliveryTiming()
+        )
         out.put()
         assert eventually(lambda: out.said)[0].endswith("it ended with exit status 1: modem is off")
 
@@ -234,7 +236,7 @@ class TestCommand:
                 f"open({str(pids)!r}, 'a').write(f'{{os.getpid()}} {{child.pid}}\\n')\n"
                 "time.sleep(60)\n"
             ),
-            pace=Pace(within_s=3, first_s=60, gather_s=0),
+            pace=DeliveryTiming(within_s=3, first_s=60, gather_s=0),
         )
         out.put()
         assert eventually(lambda: out.said)[0].endswith("it did not end within 3 s and was killed")
@@ -290,7 +292,9 @@ class TestApprise:
     @pytest.mark.soak
     def test_apprise_sends_a_mail(self, delivering, eventually):
         server = MailServer()
-        out = delivering(f"mailto://localhost:{server.port}/you@example.com?from=hall2@example.com", pace=Pace())
+        out = delivering(
+            f"mailto://localhost:{server.port}/you@example.com?from=hall2@example.com", pace=DeliveryTiming()
+        )
         out.put()
         eventually(lambda: not out.delivery.waiting(), 60)
         server.listening.close()

@@ -6,7 +6,7 @@ import pytest
 
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.protocol import DriveConfig, PollGroup
-from drivecomm.server.alarms import AlarmRule, Limit, read_alarms, receivers_of
+from drivecomm.server.alarms import AlarmLimit, AlarmRule, read_alarms, receivers_of
 from drivecomm.tomlfile import read_toml
 
 DRIVES = [
@@ -67,11 +67,11 @@ def test_alarm_rule_accepts_every_key(rules):
         AlarmRule(name="changed_since_baseline", on="changed_since_baseline", drives=("pump", "fan")),
         AlarmRule(
             name="output_current above 12.1", on="limit", drives=("pump", "fan"),
-            limit=Limit(quantity="output_current", side="above", at=Decimal("12.1"), hysteresis=Decimal("0.5")),
+            limit=AlarmLimit(quantity="output_current", side="above", at=Decimal("12.1"), hysteresis=Decimal("0.5")),
         ),
         AlarmRule(
             name="481 below -3", on="limit", drives=("pump",),
-            limit=Limit(quantity="481", side="below", at=Decimal(-3)),
+            limit=AlarmLimit(quantity="481", side="below", at=Decimal(-3)),
         ),
     )  # fmt: skip
 

@@ -4,7 +4,7 @@ from decimal import Decimal
 from itertools import pairwise
 
 import pytest
-from alarm_points import Clock, current, limit
+from alarm_points import ClockedAlarms, current, limit
 from hypothesis import given, strategies as st
 
 STEPS = st.lists(
@@ -57,7 +57,7 @@ class Account:
     remind_s=st.sampled_from([None, 60.0]),
 )
 def test_delays_and_hysteresis_are_exact_and_no_alarm_is_repeated(steps, for_s, over_s, remind_s):
-    clock = Clock(limit("12.5", "0.5", for_s=for_s, over_s=over_s, remind_s=remind_s))
+    clock = ClockedAlarms(limit("12.5", "0.5", for_s=for_s, over_s=over_s, remind_s=remind_s))
     account = Account(for_s, over_s)
     found, acknowledged = [], True
 

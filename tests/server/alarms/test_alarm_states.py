@@ -3,14 +3,14 @@
 from dataclasses import replace
 
 import pytest
-from alarm_points import WALL_S, Clock, current, limit, pump, rule
+from alarm_points import WALL_S, ClockedAlarms, current, limit, pump, rule
 
 from drivecomm.errors import UsageError
 from drivecomm.server.drift_state import DriveDrift, SetChange
 
 
 def test_fault_is_raised_immediately_and_over_one_minute_after_its_end():
-    clock = Clock(rule())
+    clock = ClockedAlarms(rule())
     assert clock.at(0, pump()) == []
     assert clock.at(1, pump("F0400 overload")) == ["raised"]
     assert clock.at(2, pump("F0400 overload")) == []
@@ -25,7 +25,7 @@ def test_fault_is_raised_immediately_and_over_one_minute_after_its_end():
 
 
 def test_fault_without_a_text_raises_an_alarm():
-    clock = Clock(rule())
+    clock = ClockedAlarms(rule())
     assert clock.at(0, pump(tripped=True)) == ["raised"]
     assert clock.texts() == ["fault"]
     # The drive reports the fault number later; the fault is the same.
@@ -35,7 +35,7 @@ def test_fault_without_a_text_raises_an_alarm():
 
 
 def test_warning_and_silence_of_a_drive_raise_alarms():
-    clock = Clock(rule("warning"), rule("silent"))
+    clock = ClockedAlarms(rule("warning"), rule("silent"))
     assert clock.at(0, pump(reachability="asking")) == []
     assert clock.at(0, pump(warning=None)) == []
     assert clock.at(1, pump(warning=True)) == ["raised"]
@@ -63,7 +63,7 @@ def drifted(*changes, **more):
 
 
 def test_change_since_the_baseline_is_an_alarm_until_the_approved_value_returns():
-    clock = Clock(rule("changed_since_baseline"))
+    clock = ClockedAlarms(rule("changed_since_baseline"))
     assert clock.at(0, pump()) == []
     assert clock.at(1, drifted(("420", 7, 0.0))) == ["raised"]
     assert clock.texts() == ["1 parameter differs from the baseline since 1970-01-01 00:00 UTC: 420: 5 -> 7 s"]
@@ -76,7 +76,7 @@ def test_change_since_the_baseline_is_an_alarm_until_the_approved_value_returns(
 
 
 def test_later_change_since_the_baseline_is_reminded_after_acknowledgement():
-    clock = Clock(rule("changed_since_baseline"))
+    clock = ClockedAlarms(rule("changed_since_baseline"))
     clock.at(0, drifted(("420", 7, 100.0)))
     clock.acknowledge()
     assert clock.at(100, drifted(("420", 7, 100.0))) == []
@@ -86,14 +86,14 @@ def test_later_change_since_the_baseline_is_reminded_after_acknowledgement():
 
 
 def test_replaced_drive_is_an_alarm_and_missing_baseline_is_not():
-    clock = Clock(rule("changed_since_baseline"))
+    clock = ClockedAlarms(rule("changed_since_baseline"))
     assert clock.at(0, drifted(state="no baseline")) == []
     assert clock.at(1, drifted(state="replaced", replaced="its serial number is another")) == ["raised"]
     assert clock.texts() == ["replaced by another drive: its serial number is another"]
 
 
 def test_delay_counts_only_while_the_condition_is_known_to_hold():
-    clock = Clock(limit(for_s=10))
+    clock = ClockedAlarms(limit(for_s=10))
     assert clock.at(0, current("13")) == []
     assert clock.at(4, current(None, "bad", "no reply")) == []
     assert clock.at(100, current("13")) == []
@@ -102,7 +102,7 @@ def test_delay_counts_only_while_the_condition_is_known_to_hold():
 
 
 def test_delay_restarts_if_the_condition_ends_early():
-    clock = Clock(limit(for_s=10))
+    clock = ClockedAlarms(limit(for_s=10))
     clock.at(0, current("13"))
     assert clock.at(9, current("12")) == []
     assert clock.at(10, current("13")) == []
@@ -111,7 +111,7 @@ def test_delay_restarts_if_the_condition_ends_early():
 
 
 def test_alarm_is_raised_if_the_delay_passes_before_the_condition_ends():
-    clock = Clock(limit(for_s=5))
+    clock = ClockedAlarms(limit(for_s=5))
     clock.at(0, current("13"))
     assert clock.at(5, current("12")) == ["raised"]
     assert not clock.alarm.present
@@ -122,7 +122,7 @@ def test_alarm_is_raised_if_the_delay_passes_before_the_condition_ends():
     [("above", "12.6", "12.1", "12.0"), ("below", "12.4", "12.9", "13.0")],
 )
 def test_limit_alarm_clears_only_beyond_the_hysteresis(side, beyond, between, back):
-    clock = Clock(limit("12.5", "0.5", side))
+    clock = ClockedAlarms(limit("12.5", "0.5", side))
     assert clock.at(0, current("12.5")) == []
     assert clock.at(1, current(between)) == []
     assert clock.at(2, current(beyond)) == ["raised"]
@@ -148,7 +148,7 @@ def test_limit_alarm_clears_only_beyond_the_hysteresis(side, beyond, between, ba
     ],
 )
 def test_unknown_value_neither_raises_nor_clears_an_alarm(seen, text):
-    clock = Clock(limit())
+    clock = ClockedAlarms(limit())
     assert clock.at(0, seen) == []
     assert clock.at(1) == []
     assert clock.at(2, current("13")) == ["raised"]
@@ -164,7 +164,7 @@ def test_unknown_value_neither_raises_nor_clears_an_alarm(seen, text):
 
 
 def test_reminders_are_sent_until_acknowledgement():
-    clock = Clock(rule(remind_s=600.0))
+    clock = ClockedAlarms(rule(remind_s=600.0))
     assert clock.at(0, pump("F1")) == ["raised"]
     assert clock.at(599) == []
     assert clock.at(600) == ["reminded"]
@@ -181,7 +181,7 @@ def test_reminders_are_sent_until_acknowledgement():
 
 
 def test_alarm_is_confirmed_once_after_it_was_acknowledged():
-    clock = Clock(rule())
+    clock = ClockedAlarms(rule())
     clock.at(0, pump("F1"))
     assert clock.treat("confirmed") is None
     assert clock.acknowledge().text == "pump fault: acknowledged by ann (fault F1)"
@@ -195,7 +195,7 @@ def test_alarm_is_confirmed_once_after_it_was_acknowledged():
 
 
 def test_comment_does_not_acknowledge_an_alarm():
-    clock = Clock(rule(remind_s=600.0))
+    clock = ClockedAlarms(rule(remind_s=600.0))
     clock.at(0, pump("F1"))
     assert clock.treat("commented", comment="eva looks").text == "pump fault: comment of ann (fault F1): eva looks"
     assert clock.alarm.acknowledged_by == ""
@@ -208,7 +208,7 @@ def test_comment_does_not_acknowledge_an_alarm():
 
 
 def test_alarm_shows_whether_its_condition_is_known():
-    clock = Clock(limit("12.5"))
+    clock = ClockedAlarms(limit("12.5"))
     clock.at(0, current("13"))
     assert clock.alarm.known
     clock.at(1, current(None, "bad"))
@@ -216,7 +216,7 @@ def test_alarm_shows_whether_its_condition_is_known():
 
 
 def test_no_reminder_is_sent_while_the_condition_is_absent():
-    clock = Clock(rule(remind_s=60.0, over_s=600.0))
+    clock = ClockedAlarms(rule(remind_s=60.0, over_s=600.0))
     assert clock.at(0, pump("F1")) == ["raised"]
     assert clock.at(10, pump()) == []
     assert clock.at(300) == []
@@ -224,7 +224,7 @@ def test_no_reminder_is_sent_while_the_condition_is_absent():
 
 
 def test_alarm_that_is_over_remains_listed_until_acknowledged():
-    clock = Clock(rule())
+    clock = ClockedAlarms(rule())
     clock.at(0, pump("F1"))
     clock.at(1, pump())
     assert clock.at(61) == ["over"]
@@ -244,7 +244,7 @@ def test_alarm_that_is_over_remains_listed_until_acknowledged():
 
 
 def test_flapping_condition_is_one_alarm():
-    clock = Clock(rule())
+    clock = ClockedAlarms(rule())
     told = []
     for second in range(600):
         told += clock.at(second, pump("F1" if second % 2 else ""))
@@ -255,7 +255,7 @@ def test_flapping_condition_is_one_alarm():
 
 
 def test_returning_condition_is_reported_again_at_most_once_a_minute():
-    clock = Clock(rule())
+    clock = ClockedAlarms(rule())
     clock.at(0, pump("F1"))
     clock.acknowledge()
     clock.at(5, pump())
@@ -272,7 +272,7 @@ def test_returning_condition_is_reported_again_at_most_once_a_minute():
 
 
 def test_second_fault_of_a_drive_sends_a_reminder():
-    clock = Clock(rule())
+    clock = ClockedAlarms(rule())
     assert clock.at(0, pump("F1")) == ["raised"]
     clock.acknowledge()
     assert clock.at(100, pump("F2")) == ["reminded"]
@@ -282,7 +282,7 @@ def test_second_fault_of_a_drive_sends_a_reminder():
 
 
 def test_setting_the_clock_does_not_affect_delays():
-    clock = Clock(limit(for_s=10, remind_s=600.0))
+    clock = ClockedAlarms(limit(for_s=10, remind_s=600.0))
     clock.at(0, current("13"))
     clock.off_s = -3600
     assert clock.at(9) == []
@@ -300,7 +300,7 @@ def test_setting_the_clock_does_not_affect_delays():
 
 class TestRestart:
     def restarted(self, clock, *rules, off_s=0.0, after_s=30.0):
-        again = Clock(*(rules or clock.rules), run="later")
+        again = ClockedAlarms(*(rules or clock.rules), run="later")
         again.now_s = 1000.0
         again.off_s = clock.time_s + after_s + off_s - WALL_S - 1000.0
         again.alarms = type(again.alarms)(
@@ -310,7 +310,7 @@ class TestRestart:
         return again
 
     def test_acknowledged_alarm_is_not_reported_again_after_restart(self):
-        clock = Clock(rule(remind_s=60.0))
+        clock = ClockedAlarms(rule(remind_s=60.0))
         clock.at(0, pump("F1"))
         clock.acknowledge()
         again = self.restarted(clock)
@@ -321,7 +321,7 @@ class TestRestart:
         assert again.alarm.acknowledged_by == "ann"
 
     def test_alarm_that_ended_during_a_restart_is_reported_as_over(self):
-        clock = Clock(rule())
+        clock = ClockedAlarms(rule())
         clock.at(0, pump("F1"))
         again = self.restarted(clock)
         assert again.at(0, pump()) == []
@@ -330,14 +330,14 @@ class TestRestart:
         assert again.alarm.id == "run-1"
 
     def test_different_fault_after_restart_sends_a_reminder(self):
-        clock = Clock(rule())
+        clock = ClockedAlarms(rule())
         clock.at(0, pump("F1"))
         clock.acknowledge()
         again = self.restarted(clock, after_s=100)
         assert again.at(0, pump("F2")) == ["reminded"]
 
     def test_alarm_within_the_hysteresis_continues_after_restart(self):
-        clock = Clock(limit("12.5", "0.5", for_s=30))
+        clock = ClockedAlarms(limit("12.5", "0.5", for_s=30))
         clock.at(0, current("13"))
         clock.at(30)
         again = self.restarted(clock)
@@ -346,7 +346,7 @@ class TestRestart:
 
     @pytest.mark.parametrize(("off_s", "due_s"), [(0, 470), (-3600, 600), (3600, 0)])
     def test_reminder_survives_a_restart_with_a_changed_clock(self, off_s, due_s):
-        clock = Clock(rule(remind_s=600.0))
+        clock = ClockedAlarms(rule(remind_s=600.0))
         clock.at(0, pump("F1"))
         clock.at(100)
         again = self.restarted(clock, off_s=off_s)
@@ -357,7 +357,7 @@ class TestRestart:
         assert again.at(due_s + 599) == []
 
     def test_alarm_is_over_if_its_rule_was_removed(self):
-        clock = Clock(rule(), rule("warning"))
+        clock = ClockedAlarms(rule(), rule("warning"))
         clock.at(0, pump("F1", warning=True))
         clock.treat("acknowledged", alarm="run-2")
         again = self.restarted(clock, rule("silent"))
@@ -369,7 +369,7 @@ class TestRestart:
         assert again.alarms.standing() == []
 
     def test_alarm_ids_are_not_reused_after_restart(self):
-        clock = Clock(rule())
+        clock = ClockedAlarms(rule())
         clock.at(0, pump("F1"))
         clock.at(1, pump())
         clock.at(61)
@@ -379,9 +379,9 @@ class TestRestart:
 
 
 def test_float_values_are_compared_by_their_decimal_text():
-    clock = Clock(limit("0.3"))
+    clock = ClockedAlarms(limit("0.3"))
     assert clock.at(0, current(0.1 + 0.2)) == ["raised"]
-    clock = Clock(limit("12.6"))
+    clock = ClockedAlarms(limit("12.6"))
     assert clock.at(0, current(12.6)) == []
-    clock = Clock(limit("0.1"))
+    clock = ClockedAlarms(limit("0.1"))
     assert clock.at(0, current(0.1)) == []

@@ -6,13 +6,13 @@ import sys
 from pathlib import Path
 
 import pytest
-from alarm_points import Clock, pump, rule
+from alarm_points import ClockedAlarms, pump, rule
 from pages import ROOT, blocks_of
 
 from drivecomm.protocol import DriveConfig, PollGroup
 from drivecomm.server.alarms import read_alarms
 from drivecomm.server.alarms.messages import entry_of, message_of
-from drivecomm.server.alarms.receivers import Webhook
+from drivecomm.server.alarms.receivers import WebhookReceiver
 from drivecomm.tomlfile import read_toml
 
 PAGE = ROOT / "docs" / "how-to" / "alarms.md"
@@ -34,7 +34,7 @@ def test_rules_on_the_page_match_their_texts(tmp_path):
 
 
 def test_message_on_the_page_matches_a_real_one():
-    clock = Clock(rule(name="tripped"))
+    clock = ClockedAlarms(rule(name="tripped"))
     (raised,) = clock.alarms.drive_seen(pump("F0400 overload"), 0.0, 0.0)
     message = message_of("hall 2", [entry_of(raised)])
     shown = json.loads(block("json"))
@@ -56,7 +56,7 @@ def test_webhook_program_of_the_page_works(tmp_path):
     file.write_text(program)
     with subprocess.Popen([sys.executable, "-u", file], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
         try:
-            hook = Webhook(label="", url=f"http://127.0.0.1:{int(process.stdout.readline())}/hook")
+            hook = WebhookReceiver(label="", url=f"http://127.0.0.1:{int(process.stdout.readline())}/hook")
             message = json.loads(block("json"))
             assert [hook.deliver(message, 10), hook.deliver(message, 10)] == ["", ""]
             message["alarms"][0] |= {"message": "k3v9-17.2", "what": "over", "text": "the end"}

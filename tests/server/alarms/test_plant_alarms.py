@@ -19,11 +19,11 @@ from alarm_receivers import Hook
 from drivecomm.errors import NotAllowedError, UsageError
 from drivecomm.server import Caller, Role
 from drivecomm.server.alarms import PlantAlarms
-from drivecomm.server.alarms.delivery import Pace
+from drivecomm.server.alarms.delivery import DeliveryTiming
 
 ANN = Caller(name="ann", role=Role.OPERATE, door="http 127.0.0.1:8080")
 EVE = Caller(name="eve", role=Role.VIEW, door="http 127.0.0.1:8080")
-QUICK = Pace(within_s=1, first_s=0.05, longest_s=0.1, gather_s=0.02)
+QUICK = DeliveryTiming(within_s=1, first_s=0.05, longest_s=0.1, gather_s=0.02)
 
 
 class Running:

@@ -4,13 +4,13 @@ import asyncio
 import re
 
 import pytest
-from backing import backing
+from running_backups import backing
 from served_core import ENGINEER, asked, awaited, core_of, until
 
 from drivecomm.commissioning.parameter_sets import read_set
 from drivecomm.server.backups import backing_up
 from drivecomm.server.backups.settings import BackupSettings, PlantBackups
-from drivecomm.server.backups.unhurried import Unhurried
+from drivecomm.server.backups.unhurried import PacedDrive
 
 SOON = BackupSettings(every_s=1.0, share=1.0)
 
@@ -69,14 +69,14 @@ async def test_due_drive_is_backed_up_and_a_change_is_reported_with_its_author(t
 @awaited
 async def test_drive_is_not_read_again_before_its_backup_is_due(tmp_path, clock, monkeypatch):
     reads = 0
-    read = Unhurried.read
+    read = PacedDrive.read
 
     def counting(self, *values, **options):
         nonlocal reads
         reads += 1
         return read(self, *values, **options)
 
-    monkeypatch.setattr(Unhurried, "read", counting)
+    monkeypatch.setattr(PacedDrive, "read", counting)
     async with core_of(tmp_path) as (core, _):
         async with backing(core, tmp_path, clock, {"fan": SOON}):
             await until((tmp_path / "state" / "backups.json").exists, 20)

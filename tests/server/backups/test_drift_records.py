@@ -5,14 +5,14 @@ from datetime import UTC, datetime
 from decimal import Decimal
 
 from drivecomm.commissioning.drift import drift_between
-from drivecomm.commissioning.parameter_sets import Approval, Entry, ParameterSet
+from drivecomm.commissioning.parameter_sets import Approval, ParameterEntry, ParameterSet
 from drivecomm.server.backups.drift_file import read_drifts, write_drifts
 from drivecomm.server.backups.drift_records import drift_record, first_seen, newly_changed, news
 from drivecomm.server.drift_state import NOT_COMPARED, DriveDrift
 
 RESTORE = "drivecomm restore pump baselines/pump.toml --another-drive"
-RAMP = Entry(address="420", name="acceleration", value=5, unit="s")
-FREQUENCY = Entry(address="481", name="fixed", value=Decimal("10.00"), unit="Hz")
+RAMP = ParameterEntry(address="420", name="acceleration", value=5, unit="s")
+FREQUENCY = ParameterEntry(address="481", name="fixed", value=Decimal("10.00"), unit="Hz")
 
 
 def set_of(*entries, **more):
@@ -112,7 +112,7 @@ def test_news_of_a_new_baseline_names_who_approved_it():
 
 
 def test_news_of_many_changes_names_the_first_five():
-    many = [Entry(address=str(number), value=1) for number in range(8)]
+    many = [ParameterEntry(address=str(number), value=1) for number in range(8)]
     approved = replace(APPROVED, entries={each.address: each for each in many})
     found = record(now(*(replace(each, value=2) for each in many)), approved=approved)
     assert news(NOT_COMPARED, found, {})[0][1].endswith("4: 1 -> 2, and 3 more")

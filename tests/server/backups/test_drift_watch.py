@@ -6,7 +6,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 
 import pytest
-from backing import backing
+from running_backups import backing
 from served_core import ENGINEER, asked, awaited, core_of, until
 
 from drivecomm.commissioning.drift import approved_set, baseline_path, write_baseline

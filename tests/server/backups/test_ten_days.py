@@ -10,7 +10,7 @@ import re
 from datetime import UTC, datetime
 
 import pytest
-from backing import backing
+from running_backups import backing
 from served_core import awaited, core_of, until
 
 from drivecomm.commissioning.drift import approved_set, baseline_path, write_baseline

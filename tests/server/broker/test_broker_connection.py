@@ -10,16 +10,16 @@ import pytest
 from mosquitto import mosquitto, needs_mosquitto, until
 
 from drivecomm.errors import PortError, UsageError
-from drivecomm.server import ended
-from drivecomm.server.broker import BROKER_KEYS, Broker, Message, broker_settings
-from drivecomm.server.broker.connection import IdentityTakenOver, connected
-from drivecomm.tomlfile import Table
+from drivecomm.server import cancel_and_wait
+from drivecomm.server.broker import BROKER_KEYS, Broker, BrokerMessage, broker_settings
+from drivecomm.server.broker.connection import IdentityTakenOver, connect_to_broker
+from drivecomm.tomlfile import TomlTable
 
 pytestmark = needs_mosquitto
 
 
 def settings(broker, **more):
-    table = Table({"broker": broker.url, **more}, "plant.toml")
+    table = TomlTable({"broker": broker.url, **more}, "plant.toml")
     return broker_settings(table, table.take(BROKER_KEYS), {"DRIVECOMM_BROKER_HALL": "secret"})
 
 
@@ -33,20 +33,20 @@ class Door:
         )  # fmt: skip
 
     def will(self):
-        return Message(topic="plant/state", payload=f"{self.name} lost", retain=True)
+        return BrokerMessage(topic="plant/state", payload=f"{self.name} lost", retain=True)
 
     async def serve(self, connection):
         self.connections += 1
         self.connection = connection
         await connection.subscribe("plant/command")
-        await connection.publish(Message(topic="plant/state", payload=f"{self.name} online", retain=True))
+        await connection.publish(BrokerMessage(topic="plant/state", payload=f"{self.name} online", retain=True))
         await asyncio.Event().wait()
 
     def received(self, received):
         self.heard.append(received)
 
     async def farewell(self, connection):
-        await connection.publish(Message(topic="plant/state", payload=f"{self.name} has left", retain=True))
+        await connection.publish(BrokerMessage(topic="plant/state", payload=f"{self.name} has left", retain=True))
 
 
 @asynccontextmanager
@@ -55,13 +55,13 @@ async def running(*doors):
     try:
         yield tasks
     finally:
-        await ended(*tasks)
+        await cancel_and_wait(*tasks)
 
 
 @asynccontextmanager
 async def listening(broker, *topics, **more):
     heard = []
-    async with connected(settings(broker, **more), "listener", heard.append) as connection:
+    async with connect_to_broker(settings(broker, **more), "listener", heard.append) as connection:
         await connection.subscribe_with_kept(*topics)
         yield connection, heard
 
@@ -90,11 +90,11 @@ def test_earlier_messages_are_not_received_and_retained_ones_are_marked(tmp_path
         with mosquitto(tmp_path / "broker") as broker:
             door = Door(broker, version=version)
             async with listening(broker, "nothing") as (connection, _):
-                await connection.publish(Message(topic="plant/command", payload="old", retain=True))
+                await connection.publish(BrokerMessage(topic="plant/command", payload="old", retain=True))
                 async with running(door):
                     await until(lambda: door.connections == 1)
-                    await connection.publish(Message(topic="plant/command", payload="live"))
-                    await connection.publish(Message(topic="plant/command", payload="kept", retain=True))
+                    await connection.publish(BrokerMessage(topic="plant/command", payload="live"))
+                    await connection.publish(BrokerMessage(topic="plant/command", payload="kept", retain=True))
                     await until(lambda: len(door.heard) >= 2 and door.heard[-1].payload == b"kept")
             found = [(each.payload, each.retained) for each in door.heard]
             if version == "5":
@@ -136,7 +136,7 @@ def test_missing_broker_does_not_delay_the_start(tmp_path):
             assert "cannot be reached" in door.told[0]
             broker.start()
             await until(lambda: door.connections == 1)
-            await ended(task)
+            await cancel_and_wait(task)
 
     asyncio.run(test())
 
@@ -215,7 +215,7 @@ def test_session_taken_over_reason_code_is_understood():
     async def test():
         async with await asyncio.start_server(play, "127.0.0.1", 0) as server:
             place = SimpleNamespace(url=f"mqtt://127.0.0.1:{server.sockets[0].getsockname()[1]}")
-            async with connected(settings(place), "plant", print) as connection:
+            async with connect_to_broker(settings(place), "plant", print) as connection:
                 with pytest.raises(IdentityTakenOver):
                     await asyncio.wait_for(connection.lost(), 5)
 
@@ -228,7 +228,7 @@ def test_identity_of_a_killed_gateway_is_free_for_the_next(tmp_path):
         with mosquitto(tmp_path / "broker") as broker:
             async with listening(broker, "nothing") as (connection, _):
                 holder = '{"instance":"dead","host":"elsewhere","pid":1}'
-                await connection.publish(Message(topic="plant/bridge/holder", payload=holder, retain=True))
+                await connection.publish(BrokerMessage(topic="plant/bridge/holder", payload=holder, retain=True))
                 door = Door(broker)
                 async with running(door):
                     await until(lambda: door.connections == 1, 5)
@@ -247,11 +247,11 @@ def test_wrong_password_is_reported_without_the_password(tmp_path):
     async def test():
         with mosquitto(folder, "allow_anonymous false", f"password_file {passwords}") as broker:
             with pytest.raises(PortError, match="refuses hall") as refused:
-                async with connected(settings(broker, user="hall", password="@hall"), "c", print):
+                async with connect_to_broker(settings(broker, user="hall", password="@hall"), "c", print):
                     pass
             assert "secret" not in str(refused.value)
             with pytest.raises(UsageError, match="there is no password @other"):
-                async with connected(settings(broker, user="hall", password="@other"), "c", print):
+                async with connect_to_broker(settings(broker, user="hall", password="@other"), "c", print):
                     pass
 
     asyncio.run(test())
@@ -270,7 +270,7 @@ def test_response_topic_of_a_command_receives_the_reply(tmp_path):
                     check=True, timeout=20,
                 )  # fmt: skip
                 await until(lambda: door.heard)
-                await door.connection.answer(door.heard[0], Message(topic="plant/response", payload="done"))
+                await door.connection.answer(door.heard[0], BrokerMessage(topic="plant/response", payload="done"))
                 await until(lambda: len(heard) == 2)
                 assert payloads(heard, "plant/response") == payloads(heard, "mine") == ["done"]
                 assert next(each for each in heard if each.topic == "mine").correlation == b"7"
@@ -284,8 +284,10 @@ def test_connection_closed_with_unsent_data_leaves_no_error_in_the_event_loop(tm
     async def scenario(broker):
         wrong = []
         asyncio.get_running_loop().set_exception_handler(lambda _loop, context: wrong.append(context["message"]))
-        async with connected(settings(broker), "plant", lambda _: None) as connection:
-            publishing = asyncio.create_task(connection.publish(Message(topic="plant/much", payload=b"0" * 50_000_000)))
+        async with connect_to_broker(settings(broker), "plant", lambda _: None) as connection:
+            publishing = asyncio.create_task(
+                connection.publish(BrokerMessage(topic="plant/much", payload=b"0" * 50_000_000))
+            )
             await asyncio.sleep(0)
             # The event loop is about to watch the socket for room; the socket closes before that happens.
             connection._client._client._sock_close()

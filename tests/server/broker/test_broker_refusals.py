@@ -6,9 +6,9 @@ import pytest
 from mosquitto import mosquitto, needs_mosquitto
 
 from drivecomm.errors import LinkDownError
-from drivecomm.server.broker import BROKER_KEYS, Message, broker_settings
-from drivecomm.server.broker.connection import connected
-from drivecomm.tomlfile import Table
+from drivecomm.server.broker import BROKER_KEYS, BrokerMessage, broker_settings
+from drivecomm.server.broker.connection import connect_to_broker
+from drivecomm.tomlfile import TomlTable
 
 pytestmark = needs_mosquitto
 
@@ -20,13 +20,13 @@ def test_message_rejected_by_the_broker_raises_an_error(tmp_path):
 
     async def test():
         with mosquitto(folder, f"acl_file {folder / 'rights'}") as broker:
-            table = Table({"broker": broker.url}, "x.toml")
+            table = TomlTable({"broker": broker.url}, "x.toml")
             settings = broker_settings(table, table.take(BROKER_KEYS))
-            async with connected(settings, "client", print) as connection:
-                await connection.publish(Message(topic="allowed/value", payload="1"))
+            async with connect_to_broker(settings, "client", print) as connection:
+                await connection.publish(BrokerMessage(topic="allowed/value", payload="1"))
                 with pytest.raises(
                     LinkDownError, match="does not take what this client publishes, such as plant/value"
                 ):
-                    await connection.publish(Message(topic="plant/value", payload="1"))
+                    await connection.publish(BrokerMessage(topic="plant/value", payload="1"))
 
     asyncio.run(test())

@@ -9,7 +9,7 @@ import pytest
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.server.broker import BROKER_KEYS, broker_settings
 from drivecomm.server.mqtt import mqtt_door
-from drivecomm.tomlfile import Table, read_toml
+from drivecomm.tomlfile import TomlTable, read_toml
 
 
 def settings(tmp_path, text, environment=None):
@@ -113,4 +113,4 @@ def test_server_without_a_broker_door_imports_no_mqtt_module():
 def test_missing_package_is_reported_with_its_install_command(monkeypatch):
     monkeypatch.setitem(sys.modules, "aiomqtt", None)
     with pytest.raises(UsageError, match=r"pip install \"drivecomm\[mqtt\]\""):
-        mqtt_door(Table({}, "plant.toml"))
+        mqtt_door(TomlTable({}, "plant.toml"))

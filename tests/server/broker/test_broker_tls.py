@@ -9,9 +9,9 @@ import pytest
 from mosquitto import mosquitto, needs_mosquitto
 
 from drivecomm.errors import PortError
-from drivecomm.server.broker import BROKER_KEYS, Message, broker_settings
-from drivecomm.server.broker.connection import connected
-from drivecomm.tomlfile import Table
+from drivecomm.server.broker import BROKER_KEYS, BrokerMessage, broker_settings
+from drivecomm.server.broker.connection import connect_to_broker
+from drivecomm.tomlfile import TomlTable
 
 pytestmark = [
     needs_mosquitto,
@@ -29,9 +29,9 @@ def certificate(folder, name):
 
 
 async def publish(broker, **said):
-    table = Table({"broker": f"mqtts://localhost:{broker.port}", **said}, "x.toml")
-    async with connected(broker_settings(table, table.take(BROKER_KEYS)), "client", print) as connection:
-        await connection.publish(Message(topic="a", payload="1"))
+    table = TomlTable({"broker": f"mqtts://localhost:{broker.port}", **said}, "x.toml")
+    async with connect_to_broker(broker_settings(table, table.take(BROKER_KEYS)), "client", print) as connection:
+        await connection.publish(BrokerMessage(topic="a", payload="1"))
 
 
 # The library leaves a socket after a failed handshake to the garbage collector, which then warns.

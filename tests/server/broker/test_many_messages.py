@@ -15,26 +15,26 @@ from mosquitto import mosquitto, needs_mosquitto, until
 from test_broker_tls import certificate
 
 from drivecomm.errors import LinkDownError
-from drivecomm.server.broker import BROKER_KEYS, Message, broker_settings
+from drivecomm.server.broker import BROKER_KEYS, BrokerMessage, broker_settings
 from drivecomm.server.broker.buffered import BufferedSocket
 from drivecomm.server.broker.client import IN_FLIGHT
-from drivecomm.server.broker.connection import connected
-from drivecomm.tomlfile import Table
+from drivecomm.server.broker.connection import connect_to_broker
+from drivecomm.tomlfile import TomlTable
 
 SIZES = (0, 1, 100, 16_383, 16_384, 70_000, 300_000)
 
 
 def settings(**said):
-    table = Table(said, "x.toml")
+    table = TomlTable(said, "x.toml")
     return broker_settings(table, table.take(BROKER_KEYS))
 
 
 async def there_and_back(said, qos):
     """Publish messages to a topic of the same client, and compare them with the received ones."""
     heard, sent = [], [bytes([number % 256]) * SIZES[number % len(SIZES)] for number in range(210)]
-    async with connected(settings(**said), "client", heard.append) as connection:
+    async with connect_to_broker(settings(**said), "client", heard.append) as connection:
         await connection.subscribe("a", qos=qos)
-        for message in [await connection.hand_over(Message(topic="a", payload=each, qos=qos)) for each in sent]:
+        for message in [await connection.hand_over(BrokerMessage(topic="a", payload=each, qos=qos)) for each in sent]:
             await message.arrived()
         await until(lambda: len(heard) == len(sent), 30)
     assert [each.payload for each in heard] == sent
@@ -64,7 +64,7 @@ def test_messages_of_all_sizes_arrive_whole_over_tls(tmp_path, qos):
 @needs_mosquitto
 def test_socket_of_the_client_has_tcp_nodelay(tmp_path):
     async def test(broker):
-        async with connected(settings(broker=broker.url), "client", print) as connection:
+        async with connect_to_broker(settings(broker=broker.url), "client", print) as connection:
             sock = connection._client._client.socket()
             assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
 
@@ -76,12 +76,12 @@ def test_socket_of_the_client_has_tcp_nodelay(tmp_path):
 def test_stalled_broker_limits_the_messages_in_flight(tmp_path):
     async def publish(connection, number, handed):
         for _ in range(number):
-            await connection.hand_over(Message(topic="a", payload="1"))
+            await connection.hand_over(BrokerMessage(topic="a", payload="1"))
             handed.append(1)
 
     async def test(broker):
         handed = []
-        async with connected(settings(broker=broker.url), "client", print) as connection:
+        async with connect_to_broker(settings(broker=broker.url), "client", print) as connection:
             with broker.standing_still():
                 task = asyncio.create_task(publish(connection, 2 * IN_FLIGHT, handed))
                 await asyncio.sleep(0.3)
@@ -97,9 +97,9 @@ def test_missing_acknowledgement_counts_as_a_lost_connection(tmp_path, monkeypat
     monkeypatch.setattr("drivecomm.server.broker.client.WITHIN_S", 0.3)
 
     async def test(broker):
-        async with connected(settings(broker=broker.url), "client", print) as connection:
+        async with connect_to_broker(settings(broker=broker.url), "client", print) as connection:
             with broker.standing_still(), pytest.raises(LinkDownError, match="did not answer in time"):
-                await connection.publish(Message(topic="a", payload="1"))
+                await connection.publish(BrokerMessage(topic="a", payload="1"))
 
     with mosquitto(tmp_path / "broker") as broker:
         asyncio.run(test(broker))
@@ -110,18 +110,18 @@ def test_each_message_has_its_own_acknowledgement_timeout(tmp_path, monkeypatch)
     monkeypatch.setattr("drivecomm.server.broker.client.WITHIN_S", 0.4)
 
     async def test(broker):
-        async with connected(settings(broker=broker.url), "client", print) as connection:
-            await connection.publish(Message(topic="a", payload="0"))
+        async with connect_to_broker(settings(broker=broker.url), "client", print) as connection:
+            await connection.publish(BrokerMessage(topic="a", payload="0"))
             with broker.standing_still():
                 began, waited = time.monotonic(), []
                 for pause_s in (0.3, 0.0):
-                    waited.append(await connection.hand_over(Message(topic="a", payload="1")))
+                    waited.append(await connection.hand_over(BrokerMessage(topic="a", payload="1")))
                     await asyncio.sleep(pause_s)
                 for each, within_s in zip(waited, (0.4, 0.7), strict=True):
                     with pytest.raises(LinkDownError, match="did not answer in time"):
                         await asyncio.wait_for(each.arrived(), 5)
                     assert within_s <= time.monotonic() - began < within_s + 0.25
-            await connection.publish(Message(topic="a", payload="2"))
+            await connection.publish(BrokerMessage(topic="a", payload="2"))
 
     with mosquitto(tmp_path / "broker") as broker:
         asyncio.run(test(broker))
@@ -132,10 +132,10 @@ def test_messages_of_one_event_loop_turn_are_sent_together(tmp_path, monkeypatch
     sent = []
 
     async def test(broker):
-        async with connected(settings(broker=broker.url), "client", print) as connection:
+        async with connect_to_broker(settings(broker=broker.url), "client", print) as connection:
             flush = BufferedSocket.flush
             monkeypatch.setattr(BufferedSocket, "flush", lambda its: sent.append(len(its._unsent)) or flush(its))
-            messages = [await connection.hand_over(Message(topic="a", payload="1")) for _ in range(IN_FLIGHT)]
+            messages = [await connection.hand_over(BrokerMessage(topic="a", payload="1")) for _ in range(IN_FLIGHT)]
             assert not sent
             await asyncio.sleep(0)
             assert [bool(each) for each in sent] == [True]

@@ -9,9 +9,9 @@ from contextlib import asynccontextmanager
 import pytest
 
 from drivecomm.errors import PortError
-from drivecomm.server.broker import BROKER_KEYS, Broker, VersionRefused, broker_settings, connected
-from drivecomm.server.fleet import Fleet, Following
-from drivecomm.tomlfile import Table
+from drivecomm.server.broker import BROKER_KEYS, Broker, VersionRefused, broker_settings, connect_to_broker
+from drivecomm.server.fleet import Fleet, FleetSubscription
+from drivecomm.tomlfile import TomlTable
 
 STATE = b'{"state":"online","session":"s"}'
 CONNECT, PUBLISH, SUBSCRIBE, PING, DISCONNECT = 0x10, 0x30, 0x82, 0xC0, 0xE0
@@ -93,7 +93,7 @@ async def served(broker):
 
 
 def settings_of(url, **more):
-    table = Table({"broker": url, **more}, "x.toml")
+    table = TomlTable({"broker": url, **more}, "x.toml")
     return broker_settings(table, table.take(BROKER_KEYS))
 
 
@@ -101,7 +101,7 @@ def test_error_names_the_mqtt_version_that_the_broker_refuses():
     async def test():
         async with served(OldBroker()) as url:
             with pytest.raises(VersionRefused, match=r'does not speak MQTT 5; write version = "3\.1\.1" if it speaks'):
-                async with connected(settings_of(url), "client", print):
+                async with connect_to_broker(settings_of(url), "client", print):
                     pass
 
     asyncio.run(test())
@@ -111,11 +111,11 @@ def test_error_mentions_the_user_only_if_the_user_was_refused():
     async def test():
         async with served(OldBroker(refuses=BAD_USER)) as url:
             with pytest.raises(PortError, match=r"is user = right\?"):
-                async with connected(settings_of(url, version="3.1.1"), "client", print):
+                async with connect_to_broker(settings_of(url, version="3.1.1"), "client", print):
                     pass
         async with served(OldBroker(refuses=3)) as url:
             with pytest.raises(PortError) as refused:
-                async with connected(settings_of(url, version="3.1.1"), "client", print):
+                async with connect_to_broker(settings_of(url, version="3.1.1"), "client", print):
                     pass
             assert "user = right" not in str(refused.value)
 
@@ -126,7 +126,7 @@ def test_fleet_falls_back_to_mqtt_3_1_1():
     async def test():
         broker = OldBroker()
         async with served(broker) as url:
-            following = Following(settings_of(url), Fleet("drivecomm"))
+            following = FleetSubscription(settings_of(url), Fleet("drivecomm"))
             await asyncio.wait_for(following.known(), 10)
             assert list(following.fleet.plants) == ["Mill north"]
             assert [level for level, _ in broker.clients] == [5, 4]

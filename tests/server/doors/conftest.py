@@ -1,8 +1,8 @@
 """One plant with all doors, and their clients, shared by the tests of a module."""
 
 import pytest
+from door_clients import HANDS
 from every_door import hall_of
-from hands import HANDS
 
 
 @pytest.fixture(scope="module")

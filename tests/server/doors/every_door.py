@@ -13,16 +13,16 @@ from served_core import NoteBook, core_of, runs
 
 from drivecomm.errors import LeaseError
 from drivecomm.server import Users, token_hash
-from drivecomm.server.for_doors import PlantForDoors
-from drivecomm.server.history import Journal
+from drivecomm.server.history import HistoryWriter
+from drivecomm.server.history_service import HistoryService
 from drivecomm.server.http import HttpDoor
 from drivecomm.server.modbus_tcp import modbus_tcp_door
 from drivecomm.server.mqtt import mqtt_door
 from drivecomm.server.opcua import OpcuaDoor
-from drivecomm.server.past import Past
+from drivecomm.server.plant_service import PlantForDoors
 from drivecomm.server.sparkplug import SparkplugDoor
 from drivecomm.server.supervision import OpenDoor
-from drivecomm.tomlfile import Table
+from drivecomm.tomlfile import TomlTable
 
 PAGE = ROOT / "docs" / "development" / "write-a-door.md"
 KINDS = ("http", "lines", "modbus-tcp", "mqtt", "opcua", "sparkplug")
@@ -148,14 +148,14 @@ def hall_of(folder):
     history = folder / "history.sqlite"
 
     async def serve():
-        journal = Journal(history)
+        journal = HistoryWriter(history)
         try:
             async with core_of(folder, PLANT, audit=hall.audit, journal=journal, status_period_s=0.1) as (
                 core,
                 control,
             ):
                 hall.core, hall.control, hall.loop = core, control, asyncio.get_running_loop()
-                hall.plant = PlantForDoors(core, "hall", users=_users(folder), history=Past(history))
+                hall.plant = PlantForDoors(core, "hall", users=_users(folder), history=HistoryService(history))
                 ready.set()
                 await asyncio.to_thread(over.wait)
         finally:
@@ -179,7 +179,7 @@ def hall_of(folder):
 
 def _doors(broker, lines_door):
     def table(kind, **content):
-        return Table({"kind": kind, **content}, "plant.toml", name="door 1")
+        return TomlTable({"kind": kind, **content}, "plant.toml", name="door 1")
 
     here = {"listen": "127.0.0.1:0"}
     return {

@@ -3,8 +3,8 @@
 import threading
 
 import pytest
+from door_clients import HANDS
 from every_door import KINDS, PLANT, TOKENS, token_of, until
-from hands import HANDS
 from mosquitto import needs_mosquitto
 
 from drivecomm.errors import FileFormatError, PortError

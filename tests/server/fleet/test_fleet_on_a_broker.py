@@ -18,12 +18,12 @@ from drivecomm.cli import main
 from drivecomm.plant import read_plant
 from drivecomm.server import ListenAddress
 from drivecomm.server.broker import broker_settings
-from drivecomm.server.fleet import Fleet, Following, PastPages, fleet_page
+from drivecomm.server.fleet import Fleet, FleetSubscription, RecordPages, fleet_page
 from drivecomm.server.record import open_record
-from drivecomm.server.record.messages import Sample, Standing, StandingAlarm
+from drivecomm.server.record.messages import RecordedSample, StandingAlarm, StandingAlarms
 from drivecomm.server.record.writer import Writer
 from drivecomm.testing import ServingThread
-from drivecomm.tomlfile import Table
+from drivecomm.tomlfile import TomlTable
 from drivecomm.version import __version__
 from drivecomm.virtual import PlantServer, VirtualPlant
 
@@ -150,7 +150,7 @@ def page(broker, past=None):
 
     async def serve():
         table = {"broker": broker.url}
-        following = Following(broker_settings(Table(table, "here"), table), Fleet())
+        following = FleetSubscription(broker_settings(TomlTable(table, "here"), table), Fleet())
         loops.append((asyncio.get_running_loop(), asyncio.current_task()))
         hearing = asyncio.create_task(following.run())
         try:
@@ -211,13 +211,13 @@ def test_page_shows_alarms_and_trends_from_a_record(tmp_path, broker):
     now_ms = round(time.time() * 1000)
     with closing(open_it()) as database:
         values = [
-            Sample(
+            RecordedSample(
                 "mill", "pump", "output_frequency", now_ms - 1000 * each, str(each), None, "Hz", "good", "", "", None
             )
             for each in range(0, 3600, 60)
         ]
-        Writer(database).write([Standing("mill", (alarm,)), *values])
-    with page(broker, PastPages(open_it)) as ask:
+        Writer(database).write([StandingAlarms("mill", (alarm,)), *values])
+    with page(broker, RecordPages(open_it)) as ask:
         assert json.loads(ask("/plants")[0])["has_record"] is True
         (shown,) = json.loads(ask("/alarms")[0])["alarms"]
         assert (shown["plant"], shown["text"], shown["ended_s"]) == ("mill", "fault <14>", None)

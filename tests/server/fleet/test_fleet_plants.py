@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from drivecomm.errors import LinkDownError
-from drivecomm.server import ended
-from drivecomm.server.broker import Received
-from drivecomm.server.fleet import Fleet, Following, following
+from drivecomm.server import cancel_and_wait
+from drivecomm.server.broker import ReceivedMessage
+from drivecomm.server.fleet import Fleet, FleetSubscription, following
 
 ONLINE = {"state": "online", "session": "x", "plant": "mill", "version": "1", "since_s": 1000.5}
 RUNNING = {"value": "running", "unit": "", "quality": "good", "time_s": 2000.25}
@@ -186,7 +186,7 @@ class Refusing:
             raise LinkDownError("the broker does not allow this client to subscribe")
         for topic, content in self.messages:
             payload = json.dumps(content).encode()
-            self.received(Received(topic=f"drivecomm/{topic}", payload=payload, retained=True))
+            self.received(ReceivedMessage(topic=f"drivecomm/{topic}", payload=payload, retained=True))
 
     async def lost(self):
         await asyncio.Event().wait()
@@ -199,15 +199,15 @@ def test_refused_deep_subscription_does_not_affect_other_plants(monkeypatch):
     settings = SimpleNamespace(client_id="")
 
     async def test():
-        one = Following(settings, Fleet())
+        one = FleetSubscription(settings, Fleet())
         running = asyncio.create_task(one.run())
         async with asyncio.timeout(10):
             while not one.problem:  # noqa: ASYNC110 - the task sets the attribute
                 await asyncio.sleep(0.01)
         assert one.fleet.plants["mill"].summary.running == 1
         assert not running.done()
-        await ended(running)
+        await cancel_and_wait(running)
         with pytest.raises(LinkDownError, match="does not allow"):
-            await Following(settings, Fleet()).known()
+            await FleetSubscription(settings, Fleet()).known()
 
     asyncio.run(test())

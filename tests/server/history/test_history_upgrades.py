@@ -7,14 +7,14 @@ import pytest
 from past_values import value
 
 from drivecomm.errors import FileFormatError
-from drivecomm.server.history import History, Journal, schema
+from drivecomm.server.history import History, HistoryWriter, schema
 
 
 @pytest.fixture
 def file(tmp_path):
     """Return a history with two values, written with the tables of version 1."""
     path = tmp_path / "history.sqlite"
-    journal = Journal(path)
+    journal = HistoryWriter(path)
     journal.add_values([value(1), value(2)])
     journal.close()
     return path
@@ -40,7 +40,7 @@ def columns(file, table):
 
 
 def test_server_upgrades_earlier_tables_and_keeps_their_rows(newer):
-    Journal(newer).close()
+    HistoryWriter(newer).close()
     assert version_of(newer) == 3
     assert columns(newer, "event")[-1] == "alarm"
     assert columns(newer, "gap")[-1] == "drive"

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 from past_values import NOON, event, value
 
-from drivecomm.server.history import History, Journal, age, journal as journals, store
+from drivecomm.server.history import History, HistoryWriter, age, journal as journals, store
 
 DAY = 86400
 
@@ -22,7 +22,7 @@ def small_segments(monkeypatch):
 
 
 def filled(file, count, *, apart_s=1.0, text=""):
-    one = store.Store(file)
+    one = store.HistoryFile(file)
     for first in range(0, count, 1000):
         one.add([value(n, time_s=NOON + n * apart_s, text=text) for n in range(first, first + 1000)], [])
         one.sort()
@@ -48,7 +48,7 @@ def test_values_and_events_beyond_the_age_limit_are_dropped_in_steps(file):
 def test_oldest_rows_are_dropped_beyond_the_size_limit(file):
     filled(file, 30_000).close()
     full = file.stat().st_size
-    one = store.Store(file)
+    one = store.HistoryFile(file)
     while one.drop_oldest(before_s=0, megabytes=full / 2e6):
         pass
     one.close()
@@ -66,7 +66,7 @@ def test_row_numbers_continue_after_all_rows_were_dropped(file):
     while one.drop_oldest(before_s=NOON * 2, megabytes=1000):
         pass
     one.close()
-    again = store.Store(file)
+    again = store.HistoryFile(file)
     again.add([value(1)], [])
     again.close()
     with History(file) as history:
@@ -75,7 +75,7 @@ def test_row_numbers_continue_after_all_rows_were_dropped(file):
 
 @pytest.mark.soak
 def test_oldest_events_are_dropped_beyond_the_size_limit(file):
-    one = store.Store(file)
+    one = store.HistoryFile(file)
     for _ in range(4):
         one.add([], [event(n, "x" * 500) for n in range(10_000)])
     one.drop_oldest(before_s=0, megabytes=10)
@@ -109,7 +109,7 @@ def test_journal_drops_old_values_after_an_hour(file, monkeypatch):
     steady_s, wall_s = [0.0], NOON + 4200 + 30 * DAY
     clock = SimpleNamespace(time=lambda: wall_s, monotonic=lambda: steady_s[0])
     monkeypatch.setattr(journals, "time", clock)
-    journal = Journal(file, days=30)
+    journal = HistoryWriter(file, days=30)
 
     def kept():
         with History(file) as history:

@@ -5,11 +5,11 @@ from decimal import Decimal
 import pytest
 from hypothesis import given, strategies as st
 
-from drivecomm.server.history import Point, summarized
+from drivecomm.server.history import CoursePoint, summarized
 
 
 def course(*points):
-    return [Point(time_s, value, "bad" if value is None else "good") for time_s, value in points]
+    return [CoursePoint(time_s, value, "bad" if value is None else "good") for time_s, value in points]
 
 
 def test_summary_interpolates_linearly_between_values():
@@ -47,7 +47,8 @@ def test_intervals_with_missing_values_are_marked():
 
 def test_summary_ignores_texts_and_values_from_a_clock_set_back():
     (found,) = summarized(
-        [Point(1, 2, "good"), Point(0, 9, "good"), Point(3, "on", "good"), Point(4, 4, "good")], [(0, 5)]
+        [CoursePoint(1, 2, "good"), CoursePoint(0, 9, "good"), CoursePoint(3, "on", "good"), CoursePoint(4, 4, "good")],
+        [(0, 5)],
     )
     assert (found.number, found.mean, found.has_gap) == (2, 3, True)
 

@@ -4,15 +4,17 @@ from itertools import pairwise
 
 from hypothesis import given, strategies as st
 
-from drivecomm.plant import Outline
-from drivecomm.server.history.thinning import Point, thinned
+from drivecomm.plant import SpanOutline
+from drivecomm.server.history.thinning import CoursePoint, thinned
 
 numbers = st.one_of(st.none(), st.integers(-50, 50))
 courses = st.lists(numbers, min_size=1, max_size=300)
 
 
 def points_of(values):
-    return [Point(float(second), value, "bad" if value is None else "good") for second, value in enumerate(values)]
+    return [
+        CoursePoint(float(second), value, "bad" if value is None else "good") for second, value in enumerate(values)
+    ]
 
 
 def runs(values):
@@ -27,9 +29,9 @@ def edges(points):
 
 
 def test_thinned_curve_continues_after_a_gap():
-    course = [Point(second, 120.0 + second, "good") for second in range(20)]
-    course += [Point(20, None, "bad")]
-    course += [Point(second, 130.0, "good") for second in range(21, 39)]
+    course = [CoursePoint(second, 120.0 + second, "good") for second in range(20)]
+    course += [CoursePoint(20, None, "bad")]
+    course += [CoursePoint(second, 130.0, "good") for second in range(21, 39)]
     assert [(point.time_s, point.value) for point in thinned(course, 0, 86400, 500)] == [
         (0, 120.0), (19, 139.0), (20, None), (21, 130.0), (38, 130.0),
     ]  # fmt: skip
@@ -45,30 +47,30 @@ def test_thinned_curve_keeps_order_ends_and_extremes(values, most):
     if known:
         kept = [point.value for point in found if point.value is not None]
         assert (min(kept), max(kept)) == (min(known), max(known))
-    stretches = max(1, most // Outline.POINTS)
-    assert len(found) <= (stretches + 1) * (Outline.POINTS + 3 * (Outline.MOST_GAPS + 1))
+    stretches = max(1, most // SpanOutline.POINTS)
+    assert len(found) <= (stretches + 1) * (SpanOutline.POINTS + 3 * (SpanOutline.MOST_GAPS + 1))
 
 
 @given(courses, st.integers(4, 200))
 def test_thinned_curve_keeps_begin_and_end_of_its_gaps(values, most):
     points = points_of(values)
     found = list(thinned(points, 0, len(values), most))
-    width = len(values) / max(1, most // Outline.POINTS)
+    width = len(values) / max(1, most // SpanOutline.POINTS)
     by_stretch = {}
     for point in points:
         by_stretch.setdefault(int(point.time_s / width), []).append(point)
-    if all(runs([point.value for point in each]).count(False) <= Outline.MOST_GAPS for each in by_stretch.values()):
+    if all(runs([point.value for point in each]).count(False) <= SpanOutline.MOST_GAPS for each in by_stretch.values()):
         assert runs([point.value for point in found]) == runs(values)
         assert edges(found) == edges(points)
 
 
 @given(st.lists(numbers, min_size=40, max_size=300))
 def test_outline_with_too_many_gaps_keeps_the_first_and_the_last(values):
-    outline = Outline()
+    outline = SpanOutline()
     for place, value in enumerate(values):
         outline.add(place, value)
     kept = outline.kept()
-    assert len(kept) <= Outline.POINTS + 3 * (Outline.MOST_GAPS + 1)
+    assert len(kept) <= SpanOutline.POINTS + 3 * (SpanOutline.MOST_GAPS + 1)
     gaps = [place for place, value in enumerate(values) if value is None]
     if gaps:
         assert gaps[0] in kept

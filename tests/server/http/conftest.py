@@ -4,7 +4,7 @@ import pytest
 from fake_plant import Client, FakeHistory, FakePlant, FakeUsers, served
 
 from drivecomm.server.http import HttpDoor, LocalDoor
-from drivecomm.tomlfile import Table
+from drivecomm.tomlfile import TomlTable
 
 
 @pytest.fixture
@@ -21,6 +21,6 @@ def local(plant, tmp_path):
 
 @pytest.fixture
 def door(plant):
-    made = HttpDoor(Table({"kind": "http", "listen": "127.0.0.1:0"}, "hall.toml"))
+    made = HttpDoor(TomlTable({"kind": "http", "listen": "127.0.0.1:0"}, "hall.toml"))
     with served(made, plant):
         yield made

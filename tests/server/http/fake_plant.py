@@ -17,14 +17,14 @@ from drivecomm.link import Statistics
 from drivecomm.plant import Plant, PlantLine
 from drivecomm.protocol import DriveConfig, DriveState as Motion, DriveStatus, Reading, Stop
 from drivecomm.server import (
-    Answer,
     Caller,
+    CommandAnswer,
     CurrentValue,
-    DoorState,
-    DriveState,
+    DoorSnapshot,
+    DriveSnapshot,
     Event,
     Lease,
-    LineState,
+    LineSnapshot,
     PastValue,
     Role,
     Stopped,
@@ -141,7 +141,7 @@ class FakePlant:
         self.plant = Plant(lines=(PlantLine(name="main", port="/dev/null"),), drives=configs, file="hall.toml")
         self.users, self.history = users, history
         self.states = {
-            each.name: DriveState(config=each, line="main", reachability="answers", answered_s=time.time(),
+            each.name: DriveSnapshot(config=each, line="main", reachability="answers", answered_s=time.time(),
                                   status=DriveStatus(word=0x0F07, state=Motion.RUNNING, running=True, fault=False),
                                   statistics=counted(0.012, {"requests": 12, "framing errors": 1}))
             for each in configs
@@ -152,10 +152,10 @@ class FakePlant:
         self.commands, self.stops, self.acted = [], [], []
         self.answers = {}
         self.held = {}
-        self.line_states = [LineState(name="main", port="/dev/ttyUSB0", up=True, polls=100, missed=2)]
+        self.line_states = [LineSnapshot(name="main", port="/dev/ttyUSB0", up=True, polls=100, missed=2)]
         self.door_states = [
-            DoorState(name="http 127.0.0.1:8080", up=True, clients=3),
-            DoorState(name="mqtt broker:8883", up=False, backlog_rows=120),
+            DoorSnapshot(name="http 127.0.0.1:8080", up=True, clients=3),
+            DoorSnapshot(name="mqtt broker:8883", up=False, backlog_rows=120),
         ]
         self.pending_alarms = [{"id": "pump-fault", "drive": "pump", "text": "overcurrent"}]
         self.waiting = threading.Event()
@@ -234,17 +234,17 @@ class FakePlant:
         elif command.lease and (lease is None or lease.key != command.lease):
             error = LeaseError("the lease is over")
         if error:
-            answer = Answer(id=command.id, outcome="refused", error=error)
+            answer = CommandAnswer(id=command.id, outcome="refused", error=error)
         else:
             self.acted.append(command.verb)
-            answer = Answer(id=command.id, outcome="done", result=reading() if command.verb == "read" else None)
+            answer = CommandAnswer(id=command.id, outcome="done", result=reading() if command.verb == "read" else None)
         self.answers[caller.name, command.id] = answer
         return answer
 
     async def stop_all(self, caller, how, lines=()):
         self.stops.append((caller, how, tuple(lines)))
         return [
-            Stopped(line="main", drive=name, how=Stop(how), answer=Answer(id="", outcome="done"))
+            Stopped(line="main", drive=name, how=Stop(how), answer=CommandAnswer(id="", outcome="done"))
             for name in self.states
         ]
 

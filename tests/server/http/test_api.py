@@ -18,7 +18,7 @@ from drivecomm.errors import (
     UsageError,
 )
 from drivecomm.protocol import LinkLossPolicy, Stop
-from drivecomm.server import Answer, DriveDrift, NotComparable, RememberedFault, SetChange, StandingStop
+from drivecomm.server import CommandAnswer, DriveDrift, NotComparable, RememberedFault, SetChange, StandingStop
 from drivecomm.server.http import answers
 
 
@@ -160,7 +160,7 @@ REFUSED = [
 
 @pytest.mark.parametrize(("error", "outcome", "status"), REFUSED, ids=lambda each: str(getattr(each, "args", each)))
 def test_failed_command_gives_a_matching_status(door, plant, error, outcome, status):
-    plant.answers["otto", "1"] = Answer(id="1", outcome=outcome, error=error)
+    plant.answers["otto", "1"] = CommandAnswer(id="1", outcome=outcome, error=error)
     found = Client(door, "ottootto").post("/api/v1/drives/pump/write", id="1")
     assert (found.status, found.content["status"]) == (status, status)
     assert found.headers["Content-Type"] == "application/problem+json"

@@ -21,11 +21,11 @@ from fake_plant import Client, FakeHistory, FakePlant, FakeUsers, served, value
 from drivecomm.client import json_text, parsed
 from drivecomm.errors import DriveCommError, FileFormatError, PortError, UsageError
 from drivecomm.server.http import HttpDoor, LocalDoor, description, http_door
-from drivecomm.tomlfile import Table
+from drivecomm.tomlfile import TomlTable
 
 
 def table(**content):
-    return Table({"kind": "http", **content}, "hall.toml", name="door 1")
+    return TomlTable({"kind": "http", **content}, "hall.toml", name="door 1")
 
 
 @pytest.fixture

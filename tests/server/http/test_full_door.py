@@ -10,12 +10,12 @@ from fake_plant import Client, served, value
 
 from drivecomm.server import Bounds
 from drivecomm.server.http import HttpDoor
-from drivecomm.tomlfile import Table
+from drivecomm.tomlfile import TomlTable
 
 
 @pytest.fixture
 def small(plant):
-    made = HttpDoor(Table({"kind": "http", "listen": "127.0.0.1:0", "anonymous": "view"}, "hall.toml"))
+    made = HttpDoor(TomlTable({"kind": "http", "listen": "127.0.0.1:0", "anonymous": "view"}, "hall.toml"))
     made.connections = Bounds(4, 4)
     with served(made, plant):
         yield made

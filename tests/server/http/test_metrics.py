@@ -15,7 +15,7 @@ from drivecomm.models import quantities
 from drivecomm.server import CurrentValue, DriveDrift, SetChange
 from drivecomm.server.http import HttpDoor
 from drivecomm.server.http.metrics import names
-from drivecomm.tomlfile import Table
+from drivecomm.tomlfile import TomlTable
 
 PROMTOOL, PROMETHEUS = shutil.which("promtool"), shutil.which("prometheus")
 
@@ -190,7 +190,7 @@ def test_real_prometheus_scrapes_500_drives(tmp_path):
     plant = FakePlant([f"drive-{number}" for number in range(500)], polled=polled)
     for key in plant.current:
         plant.current[key] = replace(value(*key, unit=quantities()[key[1]].unit), keeps_s=600.0)
-    door = HttpDoor(Table({"kind": "http", "listen": "127.0.0.1:0"}, "hall.toml"))
+    door = HttpDoor(TomlTable({"kind": "http", "listen": "127.0.0.1:0"}, "hall.toml"))
     with served(door, plant):
         assert len([name for name in scraped(Client(door)) if "_hertz{" in name]) == 500
         assert _found_by_prometheus(tmp_path, door.port) == {"500"}

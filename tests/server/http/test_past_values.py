@@ -7,7 +7,7 @@ import time
 import pytest
 
 from drivecomm.client import parsed
-from drivecomm.server.http import past
+from drivecomm.server.http import history_routes
 
 PATH = "/api/v1/history?drive=pump&name=output_frequency&from=10&to=20.5"
 
@@ -47,7 +47,7 @@ def test_raw_values_of_an_unknown_quantity_are_an_error(local):
 
 def test_raw_values_of_an_empty_span_have_only_a_header(local, plant):
     plant.history.count = 0
-    assert local.get(f"{PATH}&format=csv").content.decode().splitlines() == [",".join(past.COLUMNS)]
+    assert local.get(f"{PATH}&format=csv").content.decode().splitlines() == [",".join(history_routes.COLUMNS)]
     assert local.get(f"{PATH}&format=ndjson").content == b""
 
 
@@ -85,8 +85,8 @@ def test_third_concurrent_reader_gets_503_and_stops_still_work(local, plant):
 
 
 def test_stalled_reader_of_raw_values_is_disconnected(local, plant, monkeypatch):
-    monkeypatch.setattr(past, "NOT_READING_S", 0.2)
-    monkeypatch.setattr(past, "_written", lambda *_: "x" * 100_000)
+    monkeypatch.setattr(history_routes, "NOT_READING_S", 0.2)
+    monkeypatch.setattr(history_routes, "_written", lambda *_: "x" * 100_000)
     plant.history.count = 10**9
     with begun(local):
         assert plant.history.ended.wait(10)

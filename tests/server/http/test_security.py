@@ -10,7 +10,7 @@ import pytest
 from fake_plant import Client, FakePlant, served
 
 from drivecomm.server.http import HttpDoor, description, guard
-from drivecomm.tomlfile import Table
+from drivecomm.tomlfile import TomlTable
 
 ROOT = Path(__file__).resolve().parents[3]
 START = "/api/v1/drives/pump/start"
@@ -67,7 +67,7 @@ def test_starting_needs_the_role_operate(door, plant):
 
 def test_anonymous_callers_may_only_view():
     plant = FakePlant()
-    door = HttpDoor(Table({"kind": "http", "listen": "127.0.0.1:0"}, "hall.toml"))
+    door = HttpDoor(TomlTable({"kind": "http", "listen": "127.0.0.1:0"}, "hall.toml"))
     with served(door, plant):
         assert Client(door).get("/api/v1/plant").content["you"]["role"] == "view"
         assert Client(door, "guessed").get("/api/v1/plant").status == 401
@@ -173,7 +173,7 @@ def test_request_for_an_address_or_own_host_name_is_accepted(door, host):
 
 
 def test_request_for_a_host_name_of_the_plant_file_is_accepted(plant):
-    door = HttpDoor(Table({"kind": "http", "listen": "127.0.0.1:0", "names": ["Drives.example"]}, "hall.toml"))
+    door = HttpDoor(TomlTable({"kind": "http", "listen": "127.0.0.1:0", "names": ["Drives.example"]}, "hall.toml"))
     with served(door, plant):
         assert Client(door, "annaanna").get("/api/v1/plant", Host="drives.example").status == 200
 

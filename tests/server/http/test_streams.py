@@ -10,7 +10,7 @@ import pytest
 from fake_plant import Client, EventSource, FakePlant, served, value
 
 from drivecomm.server.http import HttpDoor, LocalDoor, stream as streams
-from drivecomm.tomlfile import Table
+from drivecomm.tomlfile import TomlTable
 
 ASK = b"GET /api/v1/stream HTTP/1.1\r\nHost: localhost\r\n\r\n"
 
@@ -233,7 +233,7 @@ def test_many_streams_block_the_event_loop_for_milliseconds_only(crowd):
     """A tenth of the clients never reads; requests still work, and no step blocks the event loop for long."""
     polled = ("output_frequency", "output_current", "dc_link_voltage", "torque")
     plant = FakePlant([f"drive-{number}" for number in range(100)], polled=polled)
-    door = HttpDoor(Table({"kind": "http", "listen": "127.0.0.1:0"}, "hall.toml"))
+    door = HttpDoor(TomlTable({"kind": "http", "listen": "127.0.0.1:0"}, "hall.toml"))
     told = threading.Event()
     with served(door, plant) as running:
         reading = threading.Thread(target=lambda: asyncio.run(_crowd(door.port, crowd, told)))

@@ -8,10 +8,10 @@ from contextlib import contextmanager
 from raw_master import Master, Refused, float_words, until
 from served_core import PLANT, NoteBook, core_of, runs
 
-from drivecomm.server.for_doors import PlantForDoors
 from drivecomm.server.modbus_tcp import modbus_tcp_door
+from drivecomm.server.plant_service import PlantForDoors
 from drivecomm.server.supervision import OpenDoor
-from drivecomm.tomlfile import Table
+from drivecomm.tomlfile import TomlTable
 
 STOP, HEARTBEAT, SEQUENCE, COMMAND, KIND, REFERENCE = 1000, 1001, 1002, 1003, 1004, 1006
 START, BACKWARDS, RESET, AGAIN = 1, 2, 3, 4
@@ -42,7 +42,7 @@ class Gateway:
             "commands_from": ["127.0.0.1"],
             "lease_s": 1,
         }
-        self.door = modbus_tcp_door(Table({**said, **content}, "hall.toml", name="door 1"))
+        self.door = modbus_tcp_door(TomlTable({**said, **content}, "hall.toml", name="door 1"))
         self.opened = OpenDoor(self.door, self.plant, print)
         assert self.opened.opened.wait(5)
 

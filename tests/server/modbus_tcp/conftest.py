@@ -5,7 +5,7 @@ import time
 import fake_plant
 import pytest
 from commanded_plant import DONE, STOP, Plc, gateway
-from played_units import Plant, table
+from fake_units import Plant, table
 from raw_master import Master, until
 
 from drivecomm.server.modbus_tcp import modbus_tcp_door

@@ -6,10 +6,10 @@ from random import Random
 
 import pytest
 from fake_plant import value
-from played_units import Plant, table
+from fake_units import Plant, table
 
 from drivecomm.server.modbus_tcp import modbus_tcp_door
-from drivecomm.server.modbus_tcp.sessions import Session, Units
+from drivecomm.server.modbus_tcp.sessions import ModbusSession, Units
 
 TELEGRAMS = 4000
 
@@ -42,7 +42,7 @@ def test_any_telegram_is_answered(seed, commands_from):
         plant, random = Plant(), Random(seed)
         plant.change(value("pump", "output_frequency", "10"))
         units = Units(plant, modbus_tcp_door(table(commands_from=commands_from)).settings, "modbus-tcp 127.0.0.1:1")
-        session = Session(units, "127.0.0.1")
+        session = ModbusSession(units, "127.0.0.1")
         for _, telegram in zip(range(TELEGRAMS), telegrams(random), strict=False):
             answer = session.answer(random.choice([0, 1, 1, 1, 2, 9, 255]), telegram)
             assert len(answer) <= 253

@@ -105,7 +105,7 @@ class TestStart:
         assert plc.answered().outcome == DONE
 
 
-class TestWhatStartsNothing:
+class TestNoUnwantedStart:
     @pytest.mark.soak
     def test_first_block_of_a_connection_starts_no_motor(self, served, plc):
         plc.heartbeat, plc.sequence, plc.command, plc.kind, plc.reference = 500, 17, START, 1, 50.0

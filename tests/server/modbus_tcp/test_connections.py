@@ -8,7 +8,7 @@ from contextlib import ExitStack, suppress
 
 import pytest
 from fake_plant import served, value
-from played_units import table
+from fake_units import table
 from raw_master import Master, Refused, until
 
 from drivecomm.server import Bounds

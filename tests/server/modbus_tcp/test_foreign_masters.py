@@ -74,7 +74,7 @@ def client(served):
 
 
 @contextmanager
-def kept(served):
+def kept_fan(served):
     """Keep the fan running at half of its reference range during the block, commanded by another caller."""
     key = served.keep("fan")
     try:
@@ -85,7 +85,7 @@ def kept(served):
 
 
 def test_mbpoll_reads_floats(served, mbpoll):
-    with kept(served):
+    with kept_fan(served):
         for table in ("3", "4"):
 
             def at(address, kind="", table=table):
@@ -116,7 +116,7 @@ def test_mbpoll_shows_the_exception_of_a_refused_read(served, mbpoll):
 
 
 def test_mbpoll_stops_a_motor(served, mbpoll):
-    with kept(served):
+    with kept_fan(served):
         mbpoll("-a", "3", "-0", "-r", "1000", "-t", "4", write=[1])
         served.until(lambda: not served.runs("fan"))
 

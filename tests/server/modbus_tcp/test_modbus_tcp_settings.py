@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 from fake_plant import FakePlant, served
-from played_units import table
+from fake_units import table
 
 from drivecomm.cli import main
 from drivecomm.errors import FileFormatError, PortError
 from drivecomm.server import Serving, read_settings
 from drivecomm.server.modbus_tcp import ModbusTcpDoor, modbus_tcp_door
-from drivecomm.tomlfile import Table
+from drivecomm.tomlfile import TomlTable
 
 PLANT = """\
 format = 1
@@ -46,7 +46,7 @@ def written(tmp_path, door):
 
 
 def test_modbus_tcp_door_listens_on_loopback_by_default():
-    door = modbus_tcp_door(Table({"units": {"pump": 1}}, "hall.toml"))
+    door = modbus_tcp_door(TomlTable({"units": {"pump": 1}}, "hall.toml"))
     assert door.name == "modbus-tcp 127.0.0.1:5020"
     assert door.settings.commands_from == ()
 
@@ -86,7 +86,7 @@ def test_invalid_modbus_tcp_table_is_refused(content, text):
 
 def test_units_must_be_given_explicitly():
     with pytest.raises(FileFormatError, match="the key 'units' is missing; write units = a number from 1 to 247"):
-        ModbusTcpDoor(Table({}, "hall.toml"))
+        ModbusTcpDoor(TomlTable({}, "hall.toml"))
 
 
 @pytest.mark.parametrize("listen", ["0.0.0.0:502", "[::]:502", "192.168.1.2:502"])

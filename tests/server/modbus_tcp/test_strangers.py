@@ -2,7 +2,7 @@
 
 import pytest
 from commanded_plant import STOP
-from played_units import table
+from fake_units import table
 from raw_master import Refused, until
 
 from drivecomm.server import Role

@@ -13,12 +13,12 @@ from paho.mqtt.properties import Properties
 
 from drivecomm.client import parsed
 from drivecomm.errors import NotAllowedError
-from drivecomm.server import Caller, Role, ended
-from drivecomm.server.broker import BROKER_KEYS, Message, broker_settings
-from drivecomm.server.broker.connection import connected
-from drivecomm.server.for_doors import PlantForDoors
+from drivecomm.server import Caller, Role, cancel_and_wait
+from drivecomm.server.broker import BROKER_KEYS, BrokerMessage, broker_settings
+from drivecomm.server.broker.connection import connect_to_broker
 from drivecomm.server.mqtt import mqtt_door
-from drivecomm.tomlfile import Table
+from drivecomm.server.plant_service import PlantForDoors
+from drivecomm.tomlfile import TomlTable
 
 TOKENS = {
     "anna's": Caller(name="anna", role=Role.VIEW, door="mqtt"),
@@ -59,7 +59,7 @@ class Client:
 
     async def publish(self, topic, content, *, retain=False):
         payload = content if isinstance(content, str | bytes) else json.dumps(content)
-        await self.connection.publish(Message(topic=f"{self.prefix}/{topic}", payload=payload, retain=retain))
+        await self.connection.publish(BrokerMessage(topic=f"{self.prefix}/{topic}", payload=payload, retain=retain))
 
     def command(self, verb, /, **more):
         """Return a valid command. more: fields that replace the valid ones; None omits a field."""
@@ -90,7 +90,7 @@ class Client:
     async def cut(self):
         """Cut the gateway's connection to the broker, and wait until it is connected again."""
         before = self.session
-        async with connected(self.settings, self.prefix.replace("/", "-"), print):
+        async with connect_to_broker(self.settings, self.prefix.replace("/", "-"), print):
             pass
         await until(lambda: self.session not in (None, before))
 
@@ -105,9 +105,9 @@ class Client:
 @asynccontextmanager
 async def listening(broker, prefix="drivecomm/hall"):
     """Yield a client that receives everything below the prefix."""
-    table = Table({"broker": broker.url}, "x.toml")
+    table = TomlTable({"broker": broker.url}, "x.toml")
     client = Client(prefix, broker_settings(table, table.take(BROKER_KEYS)))
-    async with connected(client.settings, "client", client.hear) as connection:
+    async with connect_to_broker(client.settings, "client", client.hear) as connection:
         client.connection = connection
         await connection.subscribe_with_kept("#")
         yield client
@@ -117,7 +117,7 @@ async def listening(broker, prefix="drivecomm/hall"):
 async def open_door(core, broker, *, users=None, history=None, name="hall", place=None, **table):
     """Run the door in this loop until the end of the block; yield it."""
     plant = PlantForDoors(core, name, users=users, history=history)
-    door = mqtt_door(Table({"broker": place or broker.url, **table}, "hall.toml"))
+    door = mqtt_door(TomlTable({"broker": place or broker.url, **table}, "hall.toml"))
     opened = asyncio.Event()
     running = asyncio.create_task(door.run(plant, opened.set))
     try:
@@ -127,7 +127,7 @@ async def open_door(core, broker, *, users=None, history=None, name="hall", plac
             running.result()
         yield door
     finally:
-        await ended(running)
+        await cancel_and_wait(running)
 
 
 def door_events(core):

@@ -9,14 +9,14 @@ import pytest
 from drivecomm.client import parsed
 from drivecomm.errors import LinkDownError
 from drivecomm.protocol import Reading
-from drivecomm.server import CurrentValue, ended
-from drivecomm.server.history import Store
-from drivecomm.server.mqtt import catching_up
-from drivecomm.server.mqtt.catching_up import CatchingUp
-from drivecomm.server.mqtt.changes import ChangeRules, Changes
+from drivecomm.server import CurrentValue, cancel_and_wait
+from drivecomm.server.history import HistoryFile
+from drivecomm.server.history_service import HistoryService
+from drivecomm.server.mqtt import value_backfill
+from drivecomm.server.mqtt.changes import ChangeDetector, ChangeRules
 from drivecomm.server.mqtt.content import sample_of
 from drivecomm.server.mqtt.delivered import LiveValues, Position, read_position, write_position
-from drivecomm.server.past import Past
+from drivecomm.server.mqtt.value_backfill import ValueBackfill
 
 NOON = 1_795_000_000.0
 
@@ -47,28 +47,30 @@ class Broker:
 class Plant:
     def __init__(self, folder):
         self.file, self.history = folder / "position.json", folder / "history.sqlite"
-        self.store = Store(self.history)
+        self.store = HistoryFile(self.history)
         self.live, self.told = LiveValues(), []
 
     def add(self, first, last):
         self.store.add([value(number) for number in range(first, last)], [])
 
     async def run(self, broker, until, rules=None):
-        new = None if rules is None else partial(Changes, rules)
-        one = CatchingUp(Past(self.history), self.live, "historical", self.file, new_changes=new, tell=self.told.append)
+        new = None if rules is None else partial(ChangeDetector, rules)
+        one = ValueBackfill(
+            HistoryService(self.history), self.live, "historical", self.file, new_changes=new, tell=self.told.append
+        )
         await one.begin()
         running = asyncio.create_task(one.run(broker))
         async with asyncio.timeout(10):
             while not (until(one) or running.done()):  # noqa: ASYNC110 - no single event to wait for
                 await asyncio.sleep(0.01)
-        await ended(running)
+        await cancel_and_wait(running)
         await one.end()
 
 
 @pytest.fixture
 def plant(tmp_path, monkeypatch):
-    monkeypatch.setattr(catching_up, "LOOKED_EVERY_S", 0.02)
-    monkeypatch.setattr(catching_up, "VALUES_A_MESSAGE", 10)
+    monkeypatch.setattr(value_backfill, "LOOKED_EVERY_S", 0.02)
+    monkeypatch.setattr(value_backfill, "VALUES_A_MESSAGE", 10)
     made = Plant(tmp_path)
     yield made
     made.store.close()

@@ -8,20 +8,20 @@ from mosquitto import mosquitto, needs_mosquitto, until
 from served_core import PLANT, awaited, core_of
 
 from drivecomm.plant import read_plant
-from drivecomm.server.for_doors import PlantForDoors
-from drivecomm.server.mqtt.changes import ChangeRules, Changes, tag_deadband
-from drivecomm.server.mqtt.content import Sample
+from drivecomm.server.mqtt.changes import ChangeDetector, ChangeRules, tag_deadband
+from drivecomm.server.mqtt.content import PublishedValue
+from drivecomm.server.plant_service import PlantForDoors
 
 
 def sample(value, *, time_s=0.0, quality="good", text="", note="", name="output_current"):
-    return Sample("pump", name, value, "A", text, quality, note, round(time_s * 1000))
+    return PublishedValue("pump", name, value, "A", text, quality, note, round(time_s * 1000))
 
 
 def published(rules, samples):
     """Return the values that are published if each of them is delivered immediately."""
-    changes, found = Changes(rules), []
+    changes, found = ChangeDetector(rules), []
     for each in samples:
-        if changes.is_one(each):
+        if changes.is_change(each):
             changes.published(each)
             found.append(each.value)
     return found
@@ -45,12 +45,12 @@ def test_deadband_applies_to_its_quantity_only():
 
 def test_deadband_of_a_tag_overrides_that_of_the_door():
     rules = ChangeRules(deadbands={"output_current": 5})
-    changes = Changes(rules, lambda drive, name: {("pump", "output_current"): 0.5}.get((drive, name)))
+    changes = ChangeDetector(rules, lambda drive, name: {("pump", "output_current"): 0.5}.get((drive, name)))
     changes.published(sample(Decimal("1.0")))
-    assert [changes.is_one(sample(Decimal(each))) for each in ("1.5", "1.6")] == [False, True]
+    assert [changes.is_change(sample(Decimal(each))) for each in ("1.5", "1.6")] == [False, True]
     other = sample(Decimal("1.6"))._replace(drive="fan")
     changes.published(other)
-    assert not changes.is_one(other._replace(value=Decimal("6.6")))
+    assert not changes.is_change(other._replace(value=Decimal("6.6")))
 
 
 def test_changed_quality_text_or_note_is_published_despite_the_deadband():
@@ -63,25 +63,25 @@ def test_changed_quality_text_or_note_is_published_despite_the_deadband():
 def test_constant_value_is_repeated_at_intervals_and_after_a_clock_set_back():
     rules = ChangeRules(at_least_every_s=60)
     course = [sample(1, time_s=time_s) for time_s in (0, 30, 59, 60, 90, 119.9, 120, 20)]
-    changes, times = Changes(rules), []
+    changes, times = ChangeDetector(rules), []
     for each in course:
-        if changes.is_one(each):
+        if changes.is_change(each):
             changes.published(each)
             times.append(each.time_ms / 1000)
     assert times == [0, 60, 120, 20]
 
 
 def test_undelivered_value_is_no_base_for_comparison():
-    changes = Changes(ChangeRules())
-    assert changes.is_one(sample(1))
-    assert changes.is_one(sample(1))
+    changes = ChangeDetector(ChangeRules())
+    assert changes.is_change(sample(1))
+    assert changes.is_change(sample(1))
 
 
 @given(st.lists(st.decimals(-100, 100, places=1), min_size=1), st.decimals(0, 20, places=1))
 def test_last_published_value_is_within_the_deadband(values, deadband):
-    changes, known = Changes(ChangeRules(deadbands={"output_current": float(deadband)})), None
+    changes, known = ChangeDetector(ChangeRules(deadbands={"output_current": float(deadband)})), None
     for value in values:
-        if changes.is_one(sample(value)):
+        if changes.is_change(sample(value)):
             changes.published(sample(value))
             known = value
         assert abs(known - value) <= deadband

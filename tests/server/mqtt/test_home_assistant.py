@@ -15,9 +15,9 @@ from drivecomm.client import parsed
 from drivecomm.plant import read_plant
 from drivecomm.protocol import Reading
 from drivecomm.server import CurrentValue
-from drivecomm.server.broker import Message
-from drivecomm.server.mqtt.earlier import drives_told
+from drivecomm.server.broker import BrokerMessage
 from drivecomm.server.mqtt.kinds import kind_of, state_kinds
+from drivecomm.server.mqtt.retained_state import drives_in_inventory
 
 pytestmark = needs_mosquitto
 
@@ -28,7 +28,7 @@ ALLOWED = PLANT.replace(
 ).replace('network = { http = ["start"', 'network = { mqtt = ["start"')
 
 
-def told(client, drive):
+def discovery_messages(client, drive):
     """Return the discovery messages of a drive, newest first."""
     found = [parsed(each.payload) for each in client.heard if each.topic == PLACE.format(drive) and each.payload]
     return found[::-1]
@@ -36,8 +36,13 @@ def told(client, drive):
 
 async def known(client, core):
     await until(lambda: core.drive("fan").reachability == "answers")
-    await until(lambda: told(client, "fan") and "output_frequency" in told(client, "fan")[0]["components"])
-    await until(lambda: "unit_of_measurement" in told(client, "fan")[0]["components"]["output_frequency"])
+    await until(
+        lambda: (
+            discovery_messages(client, "fan")
+            and "output_frequency" in discovery_messages(client, "fan")[0]["components"]
+        )
+    )
+    await until(lambda: "unit_of_measurement" in discovery_messages(client, "fan")[0]["components"]["output_frequency"])
 
 
 @pytest.mark.soak
@@ -50,7 +55,7 @@ async def test_drive_is_a_device_with_sensors(tmp_path):
             open_door(core, broker, home_assistant="homeassistant"),
         ):
             await known(client, core)
-            fan = told(client, "fan")[0]
+            fan = discovery_messages(client, "fan")[0]
             assert fan["device"]["identifiers"] == ["drivecomm_hall_fan"]
             assert fan["origin"]["name"] == "drivecomm"
             assert fan["availability_mode"] == "all"
@@ -73,7 +78,7 @@ async def test_drive_is_a_device_with_sensors(tmp_path):
             ids = [
                 each["unique_id"]
                 for name in ("fan", "pump")
-                for each in told(client, name)[0]["components"].values()
+                for each in discovery_messages(client, name)[0]["components"].values()
                 if len(each) > 1
             ]
             assert len(ids) == len(set(ids))
@@ -90,14 +95,14 @@ async def test_discovery_is_repeated_when_home_assistant_starts_and_on_each_conn
         ):
             await known(client, core)
             await asyncio.sleep(1.5)
-            before = len(told(client, "fan"))
-            await client.connection.publish(Message(topic="homeassistant/status", payload="offline"))
+            before = len(discovery_messages(client, "fan"))
+            await client.connection.publish(BrokerMessage(topic="homeassistant/status", payload="offline"))
             await asyncio.sleep(1.5)
-            assert len(told(client, "fan")) == before
-            await client.connection.publish(Message(topic="homeassistant/status", payload="online"))
-            await until(lambda: len(told(client, "fan")) == before + 1)
+            assert len(discovery_messages(client, "fan")) == before
+            await client.connection.publish(BrokerMessage(topic="homeassistant/status", payload="online"))
+            await until(lambda: len(discovery_messages(client, "fan")) == before + 1)
             await client.cut()
-            await until(lambda: len(told(client, "fan")) == before + 2)
+            await until(lambda: len(discovery_messages(client, "fan")) == before + 2)
 
 
 def pressed(template, session):
@@ -118,38 +123,41 @@ async def test_buttons_exist_for_allowed_verbs_and_are_valid_for_one_connection(
             open_door(core, broker, home_assistant="homeassistant", role="operate"),
         ):
             await known(client, core)
-            parts = told(client, "fan")[0]["components"]
+            parts = discovery_messages(client, "fan")[0]["components"]
             assert parts["command_reset"] == {"platform": "button"}
             number = parts["command_reference"]
             assert (number["platform"], number["min"], number["max"]) == ("number", 0, 100)
             session = client.session
             await client.connection.publish(
-                Message(topic=number["command_topic"], payload=pressed(number["command_template"], session))
+                BrokerMessage(topic=number["command_topic"], payload=pressed(number["command_template"], session))
             )
             await until(lambda: client.payloads("fan/response"))
             assert client.latest("fan/response")["outcome"] == "done", client.latest("fan/response")
             start = parts["command_start"]
             await client.cut()
             await client.connection.publish(
-                Message(topic=start["command_topic"], payload=pressed(start["command_template"], session))
+                BrokerMessage(topic=start["command_topic"], payload=pressed(start["command_template"], session))
             )
             await until(lambda: len(client.payloads("fan/response")) == 2)
             assert client.latest("fan/response")["outcome"] == "refused"
             await until(
-                lambda: client.session in told(client, "fan")[0]["components"]["command_start"]["command_template"]
+                lambda: (
+                    client.session
+                    in discovery_messages(client, "fan")[0]["components"]["command_start"]["command_template"]
+                )
             )
-            again = told(client, "fan")[0]["components"]["command_start"]["command_template"]
+            again = discovery_messages(client, "fan")[0]["components"]["command_start"]["command_template"]
             await client.connection.publish(
-                Message(topic=start["command_topic"], payload=pressed(again, client.session))
+                BrokerMessage(topic=start["command_topic"], payload=pressed(again, client.session))
             )
             await until(lambda: runs(control, "fan"))
             stop = parts["command_stop"]
             # A drive that seems silent can still be stopped.
             assert [each["topic"] for each in stop["availability"]] == ["drivecomm/hall/bridge/state"]
-            await client.connection.publish(Message(topic=stop["command_topic"], payload=stop["payload_press"]))
+            await client.connection.publish(BrokerMessage(topic=stop["command_topic"], payload=stop["payload_press"]))
             await until(lambda: not runs(control, "fan"))
             # Home Assistant does not renew a lease, so verbs that need a lease have no button.
-            assert told(client, "pump")[0]["components"]["command_start"] == {"platform": "button"}
+            assert discovery_messages(client, "pump")[0]["components"]["command_start"] == {"platform": "button"}
 
 
 def a_value(name="output_frequency", content=Decimal("12.5"), **more):
@@ -201,13 +209,13 @@ def test_problem_sensor_is_unknown_without_a_fresh_state():
     "payload", [b"", b"x", b"[]", b'{"drives":[{"name":"a"}]}', b'{"drives":[3]}', b'{"drives":7}']
 )
 def test_malformed_discovery_of_an_earlier_run_is_ignored(payload):
-    assert drives_told(payload, "drivecomm/hall") == {}
+    assert drives_in_inventory(payload, "drivecomm/hall") == {}
 
 
 @pytest.mark.parametrize("topic", ["drivecomm/hallway/a", "other/a", "drivecomm/hall/+", "drivecomm/hall/a/#"])
 def test_drive_below_another_prefix_is_ignored(topic):
     payload = json.dumps({"drives": [{"name": "a", "topic": topic, "quantities": ["status"]}]}).encode()
-    assert drives_told(payload, "drivecomm/hall") == {}
+    assert drives_in_inventory(payload, "drivecomm/hall") == {}
 
 
 @pytest.mark.soak
@@ -234,7 +242,9 @@ async def test_removed_drives_and_quantities_of_the_last_run_are_cleared(tmp_pat
                 assert kept(client, PLACE.format("pump")) == b""
                 assert kept(client, PLACE.format("mixer")) == b""
                 assert kept(client, "drivecomm/hall/pump/availability") == b""
-                assert {"platform": "sensor"} in [each["components"].get("16_34") for each in told(client, "fan")]
+                assert {"platform": "sensor"} in [
+                    each["components"].get("16_34") for each in discovery_messages(client, "fan")
+                ]
                 assert kept(client, PLACE.format("fan"))
                 await until(lambda: "16-34" not in str(client.latest("bridge/info")))
 

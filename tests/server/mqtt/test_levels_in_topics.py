@@ -10,11 +10,11 @@ from doors import listening, open_door
 from mosquitto import mosquitto, needs_mosquitto, until
 from served_core import PLANT, NoteBook, awaited, core_of, runs
 
-from drivecomm.server.fleet import Fleet, Following
-from drivecomm.server.history import Journal
-from drivecomm.server.mqtt import catching_up, mqtt_door
-from drivecomm.server.past import Past
-from drivecomm.tomlfile import Table
+from drivecomm.server.fleet import Fleet, FleetSubscription
+from drivecomm.server.history import HistoryWriter
+from drivecomm.server.history_service import HistoryService
+from drivecomm.server.mqtt import mqtt_door, value_backfill
+from drivecomm.tomlfile import TomlTable
 
 pytestmark = [needs_mosquitto, pytest.mark.soak]
 
@@ -36,7 +36,7 @@ async def served(tmp_path, **more):
             yield broker, client, core, control
 
 
-def kept(client, topic):
+def last_payload(client, topic):
     """Return a list of the last payload received on a topic; an empty list if no payload was received."""
     return [each.payload for each in client.heard if each.topic == f"{PREFIX}/{topic}"][-1:]
 
@@ -49,7 +49,7 @@ async def test_values_are_published_below_the_line_of_their_drive(tmp_path):
         await until(lambda: client.latest("bridge/info"))
         told = {each["name"]: each["topic"] for each in client.latest("bridge/info")["drives"]}
         assert told["fan"] == f"{PREFIX}/yard/fan"
-        door = mqtt_door(Table({"levels": LEVELS}, "hall.toml"))
+        door = mqtt_door(TomlTable({"levels": LEVELS}, "hall.toml"))
         assert door.address_of("hall", core.plant.drive("fan"), "status") == f"{PREFIX}/yard/fan/status"
         assert not any(each.topic.startswith(f"{PREFIX}/fan") for each in client.heard)
 
@@ -93,7 +93,7 @@ async def test_topics_of_a_drive_are_cleared_when_it_moves_to_another_line(tmp_p
         drives = tuple(replace(each, line="yard") if each.name == "pump" else each for each in core.plant.drives)
         await core.changed(replace(core.plant, drives=drives))
         for each in ("status", "output_frequency", "availability"):
-            await until(lambda each=each: kept(client, f"hall/pump/{each}") == [b""])
+            await until(lambda each=each: last_payload(client, f"hall/pump/{each}") == [b""])
         await until(lambda: client.latest("yard/pump/availability"))
 
 
@@ -118,11 +118,16 @@ async def test_discovery_uses_topics_with_levels(tmp_path):
 
 @awaited
 async def test_missed_values_are_published_below_the_levels(tmp_path, monkeypatch):
-    monkeypatch.setattr(catching_up, "LOOKED_EVERY_S", 0.1)
+    monkeypatch.setattr(value_backfill, "LOOKED_EVERY_S", 0.1)
     file = tmp_path / "history.sqlite"
-    journal = Journal(file)
+    journal = HistoryWriter(file)
     try:
-        async with served(tmp_path, core={"journal": journal}, history=Past(file)) as (broker, client, _core, _control):
+        async with served(tmp_path, core={"journal": journal}, history=HistoryService(file)) as (
+            broker,
+            client,
+            _core,
+            _control,
+        ):
             await until(lambda: client.latest("yard/fan/output_frequency"))
             before = journal.written
             with broker.away():
@@ -142,7 +147,7 @@ async def test_fleet_shows_plants_at_any_depth(tmp_path):
     ):
         await until(lambda: client.latest("yard/fan/status"))
         fleet = Fleet()
-        running = asyncio.create_task(Following(client.settings, fleet).run())
+        running = asyncio.create_task(FleetSubscription(client.settings, fleet).run())
         try:
             for name in ("Leeds/mixing hall", "mill", "kiln"):
                 await until(lambda name=name: name in fleet.plants and fleet.plants[name].summary.answering == 3)

@@ -13,7 +13,7 @@ from mosquitto import mosquitto, needs_mosquitto, until
 from served_core import PLANT, NoteBook, awaited, core_of, runs
 
 from drivecomm.protocol import Stop
-from drivecomm.server.broker import Message
+from drivecomm.server.broker import BrokerMessage
 from drivecomm.server.mqtt import commanding
 
 pytestmark = needs_mosquitto
@@ -229,7 +229,7 @@ async def test_flood_of_commands_is_ignored_and_a_stop_still_works(tmp_path, mon
         await until(lambda: runs(control, "fan"))
         before = len(notes.ended_with)
         flood = [
-            client.connection.publish(Message(topic="drivecomm/hall/fan/command", payload=f"x{number}", qos=0))
+            client.connection.publish(BrokerMessage(topic="drivecomm/hall/fan/command", payload=f"x{number}", qos=0))
             for number in range(3000)
         ]
         await asyncio.gather(*flood)

@@ -12,10 +12,10 @@ from drivecomm.server import CurrentValue, Role
 from drivecomm.server.mqtt.changes import ChangeRules
 from drivecomm.server.mqtt.content import named_text, repeated, sample_of, value_text
 from drivecomm.server.mqtt.delivered import LiveValues, Position, read_position, write_position
-from drivecomm.server.mqtt.floods import A_SECOND, AT_ONCE, Flood
+from drivecomm.server.mqtt.rate_limit import A_SECOND, AT_ONCE, RateLimit
 from drivecomm.server.mqtt.settings import mqtt_settings
 from drivecomm.server.mqtt.topics import Topics, level, name_of
-from drivecomm.tomlfile import Table
+from drivecomm.tomlfile import TomlTable
 
 NOON = 1_795_000_000.0
 
@@ -120,7 +120,7 @@ def test_position_file_survives_a_restart(tmp_path):
 
 
 def test_rate_limit_admits_an_operator_and_stops_a_flood():
-    rate = Flood()
+    rate = RateLimit()
     assert all(rate.admits(number / 10) for number in range(1000))
     flood = [rate.admits(100.0 + number / 10_000) for number in range(10_000)]
     assert AT_ONCE <= sum(flood) <= AT_ONCE + A_SECOND + 1
@@ -131,12 +131,12 @@ def test_rate_limit_admits_an_operator_and_stops_a_flood():
 
 def test_mqtt_settings_are_read_from_the_table():
     said = {"broker": "mqtt://127.0.0.1:1", "prefix": "a/b", "role": "operate", "messages": "drives"}
-    settings = mqtt_settings(Table(said, "plant.toml"))
+    settings = mqtt_settings(TomlTable(said, "plant.toml"))
     assert (settings.prefix, settings.role, settings.messages) == ("a/b", Role.OPERATE, "drives")
-    plain = mqtt_settings(Table({}, "plant.toml"))
+    plain = mqtt_settings(TomlTable({}, "plant.toml"))
     assert (plain.role, plain.changes) == (None, None)
     said = {"publish": "changes", "deadband": {"output_current": 0.1}, "at_least_every_s": 600}
-    assert mqtt_settings(Table(said, "plant.toml")).changes == ChangeRules(
+    assert mqtt_settings(TomlTable(said, "plant.toml")).changes == ChangeRules(
         deadbands={"output_current": 0.1}, at_least_every_s=600
     )
 
@@ -161,5 +161,5 @@ def test_mqtt_settings_are_read_from_the_table():
 )
 def test_invalid_mqtt_setting_is_refused(said, sentence):
     with pytest.raises(FileFormatError) as refused:
-        mqtt_settings(Table(said, "plant.toml"))
+        mqtt_settings(TomlTable(said, "plant.toml"))
     assert sentence in str(refused.value)

@@ -8,8 +8,8 @@ import pytest
 from served_core import awaited
 
 from drivecomm.errors import NotAllowedError, UsageError
-from drivecomm.server import Answer, Caller, Role
-from drivecomm.server.broker import Received
+from drivecomm.server import Caller, CommandAnswer, Role
+from drivecomm.server.broker import ReceivedMessage
 from drivecomm.server.mqtt import commanding, stops
 from drivecomm.server.mqtt.callers import BrokerCallers
 from drivecomm.server.mqtt.commanding import Commanding
@@ -35,7 +35,7 @@ class Plant:
             self.waits.set()
             await asyncio.Event().wait()
         self.stops.append((command.drive, command.arguments.get("how", "")))
-        return Answer(id=command.id, outcome="done")
+        return CommandAnswer(id=command.id, outcome="done")
 
     async def stop_all(self, _caller, how, lines=()):
         self.all.append((how, *lines))
@@ -77,7 +77,7 @@ class Users:
         return Caller(name="otto", role=Role.OPERATE, door=door)
 
 
-async def begun(drives, *, users=None):
+async def command_handler(drives, *, users=None):
     """Return the command handler of a plant with this number of drives, the plant, and its connection."""
     plant, connection = Plant(drives), Connection()
     callers = BrokerCallers(users=users, door="mqtt", role=None if users else Role.OPERATE)
@@ -87,10 +87,10 @@ async def begun(drives, *, users=None):
 
 
 def stop(drive, payload=b""):
-    return Received(topic=TOPICS.stop(drive), payload=payload)
+    return ReceivedMessage(topic=TOPICS.stop(drive), payload=payload)
 
 
-async def quiet(heard):
+async def until_all_sent(heard):
     """Wait until every received stop is sent."""
     while heard._stops.wait or heard._stopping:  # noqa: ASYNC110 - waits for internal tasks
         await asyncio.sleep(0)
@@ -98,7 +98,7 @@ async def quiet(heard):
 
 @awaited
 async def test_stops_of_many_drives_are_sent_immediately():
-    heard, plant, connection = await begun(300)
+    heard, plant, connection = await command_handler(300)
     for drive in plant.plant.drives:
         heard.received(stop(drive))
     await asyncio.sleep(0)
@@ -109,13 +109,13 @@ async def test_stops_of_many_drives_are_sent_immediately():
 
 @awaited
 async def test_latest_stop_of_each_drive_is_sent_in_a_flood():
-    heard, plant, connection = await begun(3)
+    heard, plant, connection = await command_handler(3)
     guard = asyncio.create_task(heard.guard(connection))
     for _ in range(500):
         heard.received(stop("d0", b"coast"))
     heard.received(stop("d1"))
     heard.received(stop("d0", b"quick"))
-    await quiet(heard)
+    await until_all_sent(heard)
     assert plant.stops[-2:] == [("d0", "quick"), ("d1", "")]
     assert len(plant.stops) < 150
     assert f"{TOPICS.prefix}/+/stop" in connection.listens
@@ -131,7 +131,7 @@ async def test_latest_stop_of_each_drive_is_sent_in_a_flood():
 
 @awaited
 async def test_flood_without_a_token_does_not_block_stops_of_users():
-    heard, plant, _ = await begun(3, users=Users())
+    heard, plant, _ = await command_handler(3, users=Users())
     wanted = json.dumps({"token": "otto's"}).encode()
     for _ in range(300):
         heard.received(stop("d0", b"{}"))
@@ -139,7 +139,7 @@ async def test_flood_without_a_token_does_not_block_stops_of_users():
     for number in range(300):
         heard.received(stop("d0", b"{"))
         heard.received(stop(f"unknown{number}", wanted))
-    await quiet(heard)
+    await until_all_sent(heard)
     assert plant.stops == [("d0", "")]
     assert len(plant.told) == 1
     assert "stop nothing" in plant.told[0]
@@ -149,16 +149,16 @@ async def test_flood_without_a_token_does_not_block_stops_of_users():
 @awaited
 async def test_stop_of_all_drives_works_while_requests_are_paused(monkeypatch):
     monkeypatch.setattr(commanding, "PAUSE_S", 0.1)
-    heard, plant, connection = await begun(2)
+    heard, plant, connection = await command_handler(2)
     guard = asyncio.create_task(heard.guard(connection))
     everything = f"{TOPICS.bridge}/request/stop"
     for _ in range(300):
-        heard.received(Received(topic=f"{TOPICS.bridge}/request/explode", payload=b"{}"))
+        heard.received(ReceivedMessage(topic=f"{TOPICS.bridge}/request/explode", payload=b"{}"))
     await asyncio.sleep(0.02)
     assert f"{TOPICS.bridge}/request/#" not in connection.listens
     assert everything in connection.listens
     for lines in ([], ["hall"], ["yard"]):
-        heard.received(Received(topic=everything, payload=json.dumps({"lines": lines}).encode()))
+        heard.received(ReceivedMessage(topic=everything, payload=json.dumps({"lines": lines}).encode()))
     await asyncio.sleep(0.02)
     assert plant.all == [("ramp",), ("ramp", "hall"), ("ramp", "yard")]
     await asyncio.sleep(0.15)
@@ -169,18 +169,20 @@ async def test_stop_of_all_drives_works_while_requests_are_paused(monkeypatch):
 
 @awaited
 async def test_lease_renewals_of_many_drives_are_not_limited():
-    heard, plant, _ = await begun(200)
+    heard, plant, _ = await command_handler(200)
     for _ in range(2):
         for drive in plant.plant.drives:
             content = {"id": drive, "session": heard.session, "drive": drive, "key": "k", "seconds": 3}
-            heard.received(Received(topic=f"{TOPICS.bridge}/request/lease/renew", payload=json.dumps(content).encode()))
+            heard.received(
+                ReceivedMessage(topic=f"{TOPICS.bridge}/request/lease/renew", payload=json.dumps(content).encode())
+            )
     await asyncio.sleep(0.1)
     assert plant.renewed == 400
 
 
 @awaited
 async def test_stop_received_before_a_lost_connection_is_sent():
-    heard, plant, _ = await begun(1)
+    heard, plant, _ = await command_handler(1)
     heard.received(stop("d0"))
     heard.end()
     await asyncio.sleep(0.01)
@@ -189,9 +191,9 @@ async def test_stop_received_before_a_lost_connection_is_sent():
 
 @awaited
 async def test_waiting_command_is_cancelled_with_the_connection():
-    heard, plant, _ = await begun(1)
+    heard, plant, _ = await command_handler(1)
     content = {"id": "1", "verb": "wait", "session": heard.session, "arguments": {"goal": "ready"}}
-    heard.received(Received(topic=TOPICS.command("d0"), payload=json.dumps(content).encode()))
+    heard.received(ReceivedMessage(topic=TOPICS.command("d0"), payload=json.dumps(content).encode()))
     await plant.waits.wait()
     (waiting,) = heard._doing
     heard.end()

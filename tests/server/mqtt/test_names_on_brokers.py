@@ -10,11 +10,11 @@ from mosquitto import mosquitto, needs_mosquitto, until
 from served_core import PLANT, awaited, core_of, runs
 
 from drivecomm.errors import FileFormatError
-from drivecomm.server.broker import BROKER_KEYS, broker_settings, client_id_of, connected
+from drivecomm.server.broker import BROKER_KEYS, broker_settings, client_id_of, connect_to_broker
 from drivecomm.server.mqtt import mqtt_door
 from drivecomm.server.mqtt.topics import Topics, level, name_of
 from drivecomm.server.sparkplug import sparkplug_door
-from drivecomm.tomlfile import Table
+from drivecomm.tomlfile import TomlTable
 
 ODD = "Lüfter 1/2 + #3 *>%"
 PLANT_OF_ODD = "Mühle north + #1/" + 10 * "long "
@@ -41,13 +41,13 @@ async def test_drive_with_an_unusual_name_is_published_and_stopped(tmp_path, bro
     text = PLANT.replace('name = "pump"', f'name = "{ODD}"')
     topics = Topics(f"drivecomm/{level(PLANT_OF_ODD)}")
     with brokers(tmp_path / "broker") as broker:
-        table = Table({"broker": broker.url, "version": version}, "x.toml")
+        table = TomlTable({"broker": broker.url, "version": version}, "x.toml")
         settings = broker_settings(table, table.take(BROKER_KEYS))
         client = Client(topics.prefix, settings)
         given = {"version": version, "role": "operate", "client_id": "", "name": PLANT_OF_ODD}
         async with core_of(tmp_path, text) as (core, control), open_door(core, broker, **given) as door:
             assert door.broker.connected
-            async with connected(settings, "client", client.hear) as connection:
+            async with connect_to_broker(settings, "client", client.hear) as connection:
                 client.connection = connection
                 await connection.subscribe_with_kept("#")
                 own = topics.drive(ODD).removeprefix(f"{topics.prefix}/")
@@ -81,4 +81,4 @@ def test_different_long_names_have_different_client_ids():
 )
 def test_configured_client_id_with_a_control_character_is_refused(door, more):
     with pytest.raises(FileFormatError, match="client_id has characters that brokers refuse"):
-        door(Table({"client_id": "hall\x00", **more}, "hall.toml"))
+        door(TomlTable({"client_id": "hall\x00", **more}, "hall.toml"))

@@ -31,7 +31,7 @@ class Followed:
 
     act: object
     browse: object
-    told: list = field(default_factory=list)
+    condition_fields: list = field(default_factory=list)
     others: list = field(default_factory=list)
 
     def latest(self, condition):
@@ -64,7 +64,7 @@ def operand(path):
     )  # fmt: skip
 
 
-def told(values):
+def condition_fields(values):
     """Return the fields that `event_filter` selects, by name; None for an event that is not of a condition."""
     condition, *fields = values
     plain = {name: each.Value for name, each in zip(_FIELDS, fields, strict=True)}
@@ -108,7 +108,7 @@ class _Publishing:
     async def __call__(self, result):
         for each in result.NotificationMessage.NotificationData or []:
             for event in getattr(each, "Events", None) or []:
-                found = told(event.EventFields)
+                found = condition_fields(event.EventFields)
                 if found is None:
                     self._followed.others.append(event.EventFields[2].Value.to_string())
                 else:

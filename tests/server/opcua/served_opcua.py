@@ -10,14 +10,14 @@ from drivecomm.plant import read_plant
 from drivecomm.server import Users, password_hash, token_hash
 from drivecomm.server.alarms import PlantAlarms, read_alarms
 from drivecomm.server.core import Core
-from drivecomm.server.for_doors import PlantForDoors
-from drivecomm.server.history import Journal
+from drivecomm.server.history import HistoryWriter
+from drivecomm.server.history_service import HistoryService
 from drivecomm.server.opcua import OpcuaDoor
-from drivecomm.server.past import Past
+from drivecomm.server.plant_service import PlantForDoors
 from drivecomm.server.settings import read_settings
 from drivecomm.server.supervision import OpenDoor
 from drivecomm.testing import ServingThread
-from drivecomm.tomlfile import Table
+from drivecomm.tomlfile import TomlTable
 from drivecomm.virtual import ControlClient, PlantServer, VirtualPlant
 
 PLANT = """\
@@ -71,7 +71,7 @@ class NoteBook:
         self.asked_for.append((caller.name, caller.door_kind, command.drive, command.verb, dict(command.arguments)))
         return len(self.asked_for)
 
-    def stop_asked(self, caller, command):
+    def record_stop(self, caller, command):
         self.stops.append((caller.name, command.drive, command.arguments.get("how")))
         return 0
 
@@ -132,8 +132,8 @@ async def opened(tmp_path, text=PLANT, *, users=True, history=False, reached=Tru
         listed.chmod(0o600)
     server = PlantServer(VirtualPlant(plant), control="127.0.0.1:0")
     thread = ServingThread(server)
-    journal = Journal(tmp_path / "history.sqlite", 30, 100, tell=print) if history else None
-    door = OpcuaDoor(Table({"kind": "opcua", "listen": "127.0.0.1:0", **table}, "plant.toml", name="door 1"))
+    journal = HistoryWriter(tmp_path / "history.sqlite", 30, 100, tell=print) if history else None
+    door = OpcuaDoor(TomlTable({"kind": "opcua", "listen": "127.0.0.1:0", **table}, "plant.toml", name="door 1"))
     settings = read_settings(file)
     rules = read_alarms(settings.alarms, plant.drives, settings.backups.drives)
     watched = watching = alarms = None
@@ -148,7 +148,7 @@ async def opened(tmp_path, text=PLANT, *, users=True, history=False, reached=Tru
             async with core:
                 served = PlantForDoors(
                     core, "hall 2", users=Users(listed) if users else None,
-                    history=Past(tmp_path / "history.sqlite") if history else None,
+                    history=HistoryService(tmp_path / "history.sqlite") if history else None,
                 )  # fmt: skip
                 if rules:
                     loop = asyncio.get_running_loop()
@@ -158,7 +158,7 @@ async def opened(tmp_path, text=PLANT, *, users=True, history=False, reached=Tru
                             partial(core.table.happened, *said, **more)
                         ),
                     )  # fmt: skip
-                    served.alarms_are(alarms)
+                    served.set_alarms(alarms)
                     watching = OpenDoor(alarms, served, print)
                 one = Opened(door, core, control, served, listed)
                 one.alarms = alarms
@@ -189,7 +189,7 @@ async def until(condition, seconds=20.0):
             await asyncio.sleep(0.01)
 
 
-class Told(list):
+class ReceivedValues(list):
     """Values that a subscription of asyncua received, oldest first; also the handler of the subscription."""
 
     def datachange_notification(self, _node, value, _data):

@@ -8,7 +8,7 @@ from asyncua import ua
 from served_opcua import TOKEN, call, data, lock, node, opened, reads_good, until
 
 from drivecomm.errors import NoReplyError
-from drivecomm.server import Answer
+from drivecomm.server import CommandAnswer
 
 
 def run(test):
@@ -147,7 +147,7 @@ def test_unconfirmed_stop_of_all_drives_is_not_good(door):
 
 def test_unconfirmed_stop_is_bad_timeout(door, monkeypatch):
     async def silent(_caller, command):
-        return Answer(id=command.id, outcome="open", error=NoReplyError("fan did not answer"))
+        return CommandAnswer(id=command.id, outcome="open", error=NoReplyError("fan did not answer"))
 
     async def test(one):
         monkeypatch.setattr(one.plant, "command", silent)

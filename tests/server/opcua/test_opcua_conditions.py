@@ -7,7 +7,7 @@ import pytest
 from alarm_clients import act_of, event_filter, followed_by_asyncua, followed_by_node, operand, refresh
 from asyncua import ua
 from served_core import ENGINEER, OPERATOR
-from served_opcua import PLANT, Told, data, node, opened, until
+from served_opcua import PLANT, ReceivedValues, data, node, opened, until
 
 from drivecomm.server.drift_state import DriveDrift, SetChange
 
@@ -263,7 +263,7 @@ def test_where_clause_filters_condition_fields_but_not_refresh_events(alarmed):
 
 def test_fields_of_a_condition_are_read_and_followed_as_variables(alarmed):
     async def test(one):
-        told = Told()
+        told = ReceivedValues()
 
         async with one.client("vera") as vera:
             one.control.order("set", drive="fan", parameter="518", value=12000)

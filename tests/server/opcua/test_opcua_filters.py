@@ -8,7 +8,7 @@ from functools import partial
 import pytest
 from asyncua import ua
 from node_programs import node_program
-from served_opcua import Told, node, until
+from served_opcua import ReceivedValues, node, until
 
 from drivecomm.server.opcua.filters import ChangeFilter
 
@@ -191,7 +191,7 @@ def test_invalid_filter_refuses_only_its_item(hall, listener, place, filter_, st
 
 def test_deadband_set_by_asyncua_is_accepted_and_can_be_changed(hall):
     async def test(one):
-        told = Told()
+        told = ReceivedValues()
 
         async def course(*values):
             for value in values:

@@ -9,8 +9,8 @@ from served_core import ENGINEER, OPERATOR, asked, awaited, core_of
 from served_opcua import PLANT, data, node, opened
 
 from drivecomm.errors import NotSupported
-from drivecomm.server.for_doors import PlantForDoors
 from drivecomm.server.http.content import drive_text
+from drivecomm.server.plant_service import PlantForDoors
 from drivecomm.server.sparkplug.metrics import metrics_of_drive
 
 DRIVE = """

@@ -11,9 +11,9 @@ from asyncua import ua
 from served_opcua import call, node, until
 
 from drivecomm.server import EventKind
+from drivecomm.server.history_service import _backwards
 from drivecomm.server.opcua import limits
 from drivecomm.server.opcua.events import _SEVERITIES
-from drivecomm.server.past import _backwards
 
 WHERE = "drives/pump/Monitoring/ConverterOutputFrequency"
 

@@ -22,7 +22,7 @@ from served_opcua import PASSWORDS, call, lock, node, opened, reads_good, until
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.server.opcua import limits, opcua_door
 from drivecomm.server.opcua.trusted import TrustedClients
-from drivecomm.tomlfile import Table
+from drivecomm.tomlfile import TomlTable
 
 pytestmark = pytest.mark.soak
 
@@ -30,7 +30,7 @@ STATE = "drives/pump/Status/State"
 
 
 def table(**content):
-    return Table({"kind": "opcua", **content}, "hall.toml", name="door 1")
+    return TomlTable({"kind": "opcua", **content}, "hall.toml", name="door 1")
 
 
 @asynccontextmanager

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from asyncua import ua
-from served_opcua import PASSWORDS, Told, data, node, reads_good, until
+from served_opcua import PASSWORDS, ReceivedValues, data, node, reads_good, until
 
 from drivecomm.protocol import DriveState
 from drivecomm.version import __version__
@@ -169,7 +169,7 @@ def test_each_path_and_subscription_gets_its_own_result(door):
 
 def test_enabled_item_sends_its_present_value(door):
     async def test(one):
-        told = Told()
+        told = ReceivedValues()
 
         async with one.client("vera") as vera:
             subscription = await vera.create_subscription(50, told)

@@ -13,7 +13,7 @@ from served_opcua import PLANT, call, data, lock, node, opened, until
 from drivecomm.models import quantities
 from drivecomm.plant import read_plant
 from drivecomm.protocol import Reading
-from drivecomm.server import CurrentValue, DriveDrift, LineState
+from drivecomm.server import CurrentValue, DriveDrift, LineSnapshot
 from drivecomm.server.opcua.naming import engineering_unit, part, place_of, places
 from drivecomm.server.opcua.states import REACHABILITIES, STATES
 from drivecomm.server.opcua.values import data_value, past_value
@@ -297,7 +297,7 @@ def test_line_that_is_being_closed_is_ignored(door, monkeypatch):
     async def test(one):
         lines = one.plant.lines()
         # The plant no longer has this line, but the core has not closed it yet.
-        monkeypatch.setattr(one.plant, "lines", lambda: [LineState(name="gone", port=""), *lines])
+        monkeypatch.setattr(one.plant, "lines", lambda: [LineSnapshot(name="gone", port=""), *lines])
         async with one.client("vera") as vera:
 
             async def polls():

@@ -19,7 +19,7 @@ from drivecomm.server.fleet import Fleet, fleet_page
 pytestmark = [pytest.mark.browser, pytest.mark.soak]
 
 
-class Played:
+class PlayedFleet:
     """A fleet whose broker is played by the test, and the thread that serves its page."""
 
     def __init__(self):
@@ -67,7 +67,7 @@ RUNNING, FAULT = {"value": "running"}, {"value": "fault", "text": "14 earth faul
 
 @pytest.fixture
 def played():
-    fleet = Played()
+    fleet = PlayedFleet()
     fleet.start()
     yield fleet
     fleet.stop()

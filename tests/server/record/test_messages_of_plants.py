@@ -5,9 +5,16 @@ import json
 import pytest
 
 from drivecomm.errors import UsageError
-from drivecomm.server.mqtt.content import Sample as Published, named_text, value_text
+from drivecomm.server.mqtt.content import PublishedValue as Published, named_text, value_text
 from drivecomm.server.record.layout import Layout
-from drivecomm.server.record.messages import Commanded, Happened, Running, Sample, Standing, recorded
+from drivecomm.server.record.messages import (
+    PlantState,
+    RecordedCommand,
+    RecordedEvent,
+    RecordedSample,
+    StandingAlarms,
+    records_in,
+)
 
 UNFIT = (ValueError, TypeError, KeyError, AttributeError, ArithmeticError, RecursionError)
 FREQUENCY = '{"value":12.50,"unit":"Hz","quality":"good","time_s":1795375957.921}'
@@ -15,12 +22,12 @@ FREQUENCY = '{"value":12.50,"unit":"Hz","quality":"good","time_s":1795375957.921
 
 def records(topic, payload, *levels):
     payload = payload if isinstance(payload, str) else json.dumps(payload)
-    return list(recorded(Layout("drivecomm", levels or ("plant",)), topic, payload.encode()))
+    return list(records_in(Layout("drivecomm", levels or ("plant",)), topic, payload.encode()))
 
 
 def test_recorded_value_keeps_its_digits_and_time():
     (found,) = records("drivecomm/Mill%20north/fan/output_frequency", FREQUENCY)
-    assert found == Sample(
+    assert found == RecordedSample(
         "Mill north", "fan", "output_frequency", 1795375957921, "12.50", None, "Hz", "good", "", "", None
     )
 
@@ -48,19 +55,19 @@ def test_events_states_and_commands_of_a_plant_are_recorded():
     (event,) = records(
         "drivecomm/hall/bridge/event", {"number": 3, "time_s": 17, "kind": "fault", "text": "x", "drive": "fan"}
     )
-    assert event == Happened("hall", 17000, 3, "fault", "x", "fan", "", "", "")
+    assert event == RecordedEvent("hall", 17000, 3, "fault", "x", "fan", "", "", "")
     (state,) = records("drivecomm/hall/bridge/state", {"state": "online", "version": "1.2", "session": "s"})
-    assert state == Running("hall", state="online", version="1.2")
+    assert state == PlantState("hall", state="online", version="1.2")
     file = {"name": "plant.toml", "sha256": "ab", "read_s": 1.5}
     (info,) = records("drivecomm/hall/bridge/info", {"version": "1.2", "file": file, "drives": []})
     assert (info.file, info.file_sha256, info.file_read_ms) == ("plant.toml", "ab", 1500)
     alarm = {"id": "a-1", "rule": "tripped", "drive": "fan", "text": "fault", "since_s": 2, "over_s": None}
     (standing,) = records("drivecomm/hall/bridge/alarms", {"alarms": [alarm]})
-    assert isinstance(standing, Standing)
+    assert isinstance(standing, StandingAlarms)
     assert standing.alarms[0][:5] == ("a-1", "tripped", "fan", "fault", 2000)
     command = {"row": 4, "time_s": 1, "done_s": 2, "who": "otto", "verb": "start", "drive": "fan", "outcome": "done"}
     (done,) = records("drivecomm/hall/bridge/audit", {"commands": [{**command, "arguments": {"percent": 40}}]})
-    assert isinstance(done, Commanded)
+    assert isinstance(done, RecordedCommand)
     assert (done.row, done.who, done.arguments) == (4, "otto", '{"percent":40}')
 
 

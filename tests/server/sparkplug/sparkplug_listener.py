@@ -11,7 +11,7 @@ import aiomqtt
 from paho.mqtt.subscribeoptions import SubscribeOptions
 from sparkplug_plant import GROUP, HOST, NODE, state
 
-from drivecomm.server import ended
+from drivecomm.server import cancel_and_wait
 from drivecomm.server.sparkplug.wire import payload_class
 
 NODE_KINDS, DEVICE_KINDS = ("NBIRTH", "NDEATH", "NDATA"), ("DBIRTH", "DDEATH", "DDATA")
@@ -105,7 +105,7 @@ async def listening(port):
         try:
             yield listener
         finally:
-            await ended(task)
+            await cancel_and_wait(task)
 
 
 async def _hear(client, listener):

@@ -8,13 +8,13 @@ from types import SimpleNamespace
 
 from served_core import core_of
 
-from drivecomm.server import ended
-from drivecomm.server.for_doors import PlantForDoors
-from drivecomm.server.history import Journal
-from drivecomm.server.past import Past
+from drivecomm.server import cancel_and_wait
+from drivecomm.server.history import HistoryWriter
+from drivecomm.server.history_service import HistoryService
+from drivecomm.server.plant_service import PlantForDoors
 from drivecomm.server.sparkplug import SparkplugDoor
-from drivecomm.server.sparkplug.payload import DataType, Metric, Payload, encoded
-from drivecomm.tomlfile import Table
+from drivecomm.server.sparkplug.payload import DataType, Metric, Payload, encode_payload
+from drivecomm.tomlfile import TomlTable
 
 GROUP, NODE, HOST = "plant", "gateway", "scada"
 
@@ -51,17 +51,17 @@ link_loss = { policy = "coast", watchdog_s = 2 }
 def door_of(*urls, **keys):
     """Return a door to these brokers."""
     said = {"brokers": list(urls), "group": GROUP, "node": NODE, "role": "operate", "keep_alive_s": 2, **keys}
-    return SparkplugDoor(Table(said, "plant.toml", name="door 1"))
+    return SparkplugDoor(TomlTable(said, "plant.toml", name="door 1"))
 
 
 @asynccontextmanager
 async def gateway(tmp_path, door, text=PLANT, *, journal=True):
     """Serve a plant by a door; yield its core, the control of its drives, its door's task and its audit."""
     file = tmp_path / "history.sqlite"
-    kept = Journal(file) if journal else None
+    kept = HistoryWriter(file) if journal else None
     try:
         async with core_of(tmp_path, text, journal=kept) as (core, control):
-            plant = PlantForDoors(core, "hall 2", history=Past(file) if journal else None)
+            plant = PlantForDoors(core, "hall 2", history=HistoryService(file) if journal else None)
             opened = asyncio.Event()
             served = SimpleNamespace(core=core, control=control, plant=plant, opened=opened, door=door)
             served.begin = lambda: _begin(served)
@@ -81,7 +81,7 @@ def _begin(served):
 
 async def end(task):
     """Shut down a door in an orderly way."""
-    await ended(task)
+    await cancel_and_wait(task)
 
 
 def state(*, online, time_ms=None):
@@ -93,7 +93,7 @@ def command(name="", value=None, kind=None, *, alias=None, age_s=0.0, timed=True
     """Return the payload of a command with one or more metrics."""
     metrics = [Metric(name=name, alias=alias, type=kind or _KINDS[type(value)], value=value), *more]
     time_ms = round((time.time() - age_s) * 1000) if timed else None
-    return encoded(Payload(metrics=tuple(metrics), time_ms=time_ms, uuid=uuid), say_types=True)
+    return encode_payload(Payload(metrics=tuple(metrics), time_ms=time_ms, uuid=uuid), say_types=True)
 
 
 _KINDS = {bool: DataType.BOOLEAN, float: DataType.DOUBLE, int: DataType.INT32, str: DataType.STRING}

@@ -13,7 +13,7 @@ from sparkplug_grader import Seen
 from sparkplug_listener import Wire, listening
 from sparkplug_plant import REBIRTH, command, door_of, end, gateway
 
-from drivecomm.server import LineState
+from drivecomm.server import LineSnapshot
 
 SHOWN = {
     "drive_silent_and_back": ["operational-behavior-device-ddeath"],
@@ -75,7 +75,7 @@ async def start_and_values(tmp_path, broker):
         await one.host.until(lambda: one.host.value("fan", "Status/Fault") is True)
         assert one.host.value("fan", "Status/State") == "fault"
         await one.host.until(lambda: one.host.value("", "Lines/yard/Up") is True)
-        lines = [LineState(name=name, port="", up=name != "yard") for name in ("hall", "yard")]
+        lines = [LineSnapshot(name=name, port="", up=name != "yard") for name in ("hall", "yard")]
         one.served.plant.lines = lambda: lines
         await one.host.until(lambda: one.host.value("", "Lines/yard/Up") is False)
     return one.seen()

@@ -13,7 +13,7 @@ from sparkplug_plant import PLANT, command, door_of, gateway
 from drivecomm.server import DriveDrift
 from drivecomm.server.sparkplug import SparkplugDoor, hosts as hosts_module
 from drivecomm.server.sparkplug.payload import DataType, Metric
-from drivecomm.tomlfile import Table
+from drivecomm.tomlfile import TomlTable
 
 pytestmark = needs_mosquitto
 
@@ -141,7 +141,7 @@ async def test_stop_needs_no_lease_or_time_and_is_sent_beside_invalid_metrics(tm
 async def test_hosts_without_a_role_may_not_command_or_stop(tmp_path):
     said = {"group": "plant", "node": "gateway"}
     with mosquitto(tmp_path / "broker") as broker:
-        door = SparkplugDoor(Table({"broker": broker.url, **said}, "plant.toml"))
+        door = SparkplugDoor(TomlTable({"broker": broker.url, **said}, "plant.toml"))
         async with listening(broker.port) as host, gateway(tmp_path, door, journal=False) as served:
             host.audit = served.core.audit
             await host.until(lambda: {each.device for each in host.of("DBIRTH")} == {"pump", "fan"})

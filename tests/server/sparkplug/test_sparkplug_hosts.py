@@ -8,14 +8,14 @@ from served_core import awaited
 from sparkplug_plant import command
 
 from drivecomm.errors import NotAllowedError
-from drivecomm.server import Answer, Caller, Role
-from drivecomm.server.broker import Received
+from drivecomm.server import Caller, CommandAnswer, Role
+from drivecomm.server.broker import ReceivedMessage
 from drivecomm.server.sparkplug.hosts import MOST_STOPS, Hosts
 from drivecomm.server.sparkplug.payload import DataType, Metric
-from drivecomm.server.sparkplug.topics import Topics
+from drivecomm.server.sparkplug.topics import SparkplugTopics
 
 HOST = Caller(name="host", role=Role.OPERATE, door="sparkplug")
-TOPICS = Topics(group="plant", node="gateway", host="scada")
+TOPICS = SparkplugTopics(group="plant", node="gateway", host="scada")
 NODE = SimpleNamespace(drive_of=lambda device: device, named=lambda _drive, metric: metric)
 
 
@@ -30,8 +30,8 @@ class Plant:
         self.begun.append((command.verb, command.arguments.get("how", "ramp")))
         await self.done.acquire()
         if command.verb == "stop" or self.outcome == "done":
-            return Answer(id=command.id, outcome="done")
-        return Answer(id=command.id, outcome="refused", error=NotAllowedError("no"))
+            return CommandAnswer(id=command.id, outcome="done")
+        return CommandAnswer(id=command.id, outcome="refused", error=NotAllowedError("no"))
 
     async def take_lease(self, _caller, drive, _seconds):
         self.leases.add(drive)
@@ -53,7 +53,9 @@ def hosts_of(plant):
 
 
 def send(hosts, *values, **more):
-    hosts.heard(Received(topic=TOPICS.device_commands.replace("+", "fan"), payload=command(*values, **more)), NODE)
+    hosts.heard(
+        ReceivedMessage(topic=TOPICS.device_commands.replace("+", "fan"), payload=command(*values, **more)), NODE
+    )
 
 
 async def until(condition):

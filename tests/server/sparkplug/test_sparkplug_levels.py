@@ -10,13 +10,13 @@ from sparkplug_plant import command, gateway
 
 from drivecomm.errors import FileFormatError
 from drivecomm.server.sparkplug import SparkplugDoor
-from drivecomm.tomlfile import Table
+from drivecomm.tomlfile import TomlTable
 
 LEVELS = {"enterprise": "Acme", "site": "Leeds", "area": "mixing", "plant": "hall 2", "line": ""}
 
 
 def door_of(url, **keys):
-    return SparkplugDoor(Table({"broker": url, "role": "operate", "keep_alive_s": 2, **keys}, "plant.toml"))
+    return SparkplugDoor(TomlTable({"broker": url, "role": "operate", "keep_alive_s": 2, **keys}, "plant.toml"))
 
 
 @pytest.mark.parametrize(

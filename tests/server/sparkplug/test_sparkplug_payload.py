@@ -13,8 +13,8 @@ from drivecomm.server.sparkplug.payload import (
     Metric,
     Payload,
     Property,
-    decoded,
-    encoded,
+    decode_payload,
+    encode_payload,
     typed,
 )
 
@@ -44,8 +44,8 @@ DATA = bytes.fromhex(
 
 def test_encoded_death_matches_the_wire_format():
     payload = Payload(time_ms=1000, metrics=(Metric(name="bdSeq", type=DataType.INT64, value=5),))
-    assert encoded(payload, say_types=True) == DEATH
-    assert decoded(DEATH) == payload
+    assert encode_payload(payload, say_types=True) == DEATH
+    assert decode_payload(DEATH) == payload
 
 
 def test_encoded_data_has_no_type_and_no_name():
@@ -55,8 +55,8 @@ def test_encoded_data_has_no_type_and_no_name():
     }
     metric = Metric(alias=7, time_ms=2, type=DataType.DOUBLE, value=12.5, is_historical=True, properties=said)
     payload = Payload(time_ms=1, seq=255, metrics=(metric,))
-    assert encoded(payload, say_types=False) == DATA
-    found = decoded(DATA).metrics[0]
+    assert encode_payload(payload, say_types=False) == DATA
+    found = decode_payload(DATA).metrics[0]
     assert found.type is None
     assert typed(found, DataType.DOUBLE) == metric
 
@@ -94,13 +94,13 @@ def metrics(draw):
 @given(st.lists(metrics(), max_size=5), st.none() | st.integers(0, 255))
 def test_payload_survives_encoding_and_decoding(said, seq):
     payload = Payload(metrics=tuple(said), time_ms=5, seq=seq)
-    assert decoded(encoded(payload, say_types=True)) == payload
+    assert decode_payload(encode_payload(payload, say_types=True)) == payload
 
 
 @given(st.binary(max_size=200) | st.builds(lambda at, by: DATA[:at] + by + DATA[at:], st.integers(0, 60), st.binary()))
 def test_any_bytes_give_a_payload_or_a_usage_error(data):
     try:
-        payload = decoded(data)
+        payload = decode_payload(data)
     except UsageError:
         return
     for metric in payload.metrics:
@@ -114,11 +114,11 @@ def test_any_bytes_give_a_payload_or_a_usage_error(data):
 
 def test_payload_with_too_many_bytes_or_metrics_is_refused():
     with pytest.raises(UsageError, match=f"send at most {MOST_BYTES}"):
-        decoded(bytes(MOST_BYTES + 1))
+        decode_payload(bytes(MOST_BYTES + 1))
     with pytest.raises(UsageError, match=f"send at most {MOST_METRICS}"):
-        decoded(b"\x12\x00" * (MOST_METRICS + 1))
+        decode_payload(b"\x12\x00" * (MOST_METRICS + 1))
 
 
 def test_infinite_value_is_decoded_unchanged():
     metric = Metric(name="x", type=DataType.DOUBLE, value=math.inf)
-    assert decoded(encoded(Payload(metrics=(metric,)), say_types=True)).metrics == (metric,)
+    assert decode_payload(encode_payload(Payload(metrics=(metric,)), say_types=True)).metrics == (metric,)

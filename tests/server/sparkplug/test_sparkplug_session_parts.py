@@ -9,23 +9,23 @@ import pytest
 from drivecomm.errors import FileFormatError, UsageError
 from drivecomm.line import FRESH, STATUS
 from drivecomm.protocol import DriveConfig, DriveState as Motion, DriveStatus, PollGroup, Reading
-from drivecomm.server import Caller, CurrentValue, DriveState, Lease, LineState, Role
+from drivecomm.server import Caller, CurrentValue, DriveSnapshot, Lease, LineSnapshot, Role
 from drivecomm.server.sparkplug import sparkplug_door
 from drivecomm.server.sparkplug.edge_node import EdgeNode
+from drivecomm.server.sparkplug.edge_node_state import EdgeNodeState
 from drivecomm.server.sparkplug.host_state import LATE_S, HostMessage, HostState, host_message
-from drivecomm.server.sparkplug.kept import KeptSession
 from drivecomm.server.sparkplug.limits import limits_of
-from drivecomm.server.sparkplug.topics import Topics, device_ids, is_id
-from drivecomm.tomlfile import Table
+from drivecomm.server.sparkplug.topics import SparkplugTopics, device_ids, is_id
+from drivecomm.tomlfile import TomlTable
 
 NOW_S = 1_700_000_000.0
 
 
 def test_connection_number_wraps_around_and_is_stored(tmp_path):
     file = tmp_path / "state" / "sparkplug.json"
-    numbers = [KeptSession(file).next_connection() for _ in range(258)]
+    numbers = [EdgeNodeState(file).next_connection() for _ in range(258)]
     assert numbers == [*range(256), 0, 1]
-    kept = KeptSession(file)
+    kept = EdgeNodeState(file)
     kept.next_connection()
     kept.not_connected()
     # The connection failed, so that its number is used for the next one.
@@ -34,11 +34,11 @@ def test_connection_number_wraps_around_and_is_stored(tmp_path):
     kept.waits("fan", 5, 9)
     kept.waits("fan", 3, 12)
     kept.save()
-    known = KeptSession(file)
+    known = EdgeNodeState(file)
     assert (known.bd_seq, known.row, known.waiting) == (2, 77, {"fan": (3, 12)})
     known.passed_on_later("fan")
     known.save()
-    assert KeptSession(file).waiting == {}
+    assert EdgeNodeState(file).waiting == {}
 
 
 @pytest.mark.parametrize(
@@ -47,14 +47,14 @@ def test_connection_number_wraps_around_and_is_stored(tmp_path):
 def test_malformed_session_file_is_ignored(tmp_path, text):
     file = tmp_path / "sparkplug.json"
     file.write_text(text)
-    kept = KeptSession(file)
+    kept = EdgeNodeState(file)
     assert (kept.bd_seq, kept.row, kept.waiting) == (None, None, {})
     assert kept.next_connection() == 0
 
 
 def test_session_works_with_an_unwritable_folder_and_warns(tmp_path, caplog):
     (tmp_path / "file").write_text("")
-    kept = KeptSession(tmp_path / "file" / "sparkplug.json")
+    kept = EdgeNodeState(tmp_path / "file" / "sparkplug.json")
     assert [kept.next_connection(), kept.next_connection()] == [0, 1]
     assert len(caplog.records) == 1
     assert "a late will of an earlier connection may end a session" in caplog.text
@@ -135,7 +135,7 @@ def test_device_ids_replace_reserved_characters_and_are_unique():
     }
     with pytest.raises(UsageError, match="'hall/fan' and 'hall#fan' would both be the Sparkplug device 'hall_fan'"):
         device_ids({each: each for each in ("hall/fan", "hall#fan")})
-    topics = Topics(group="g", node="n")
+    topics = SparkplugTopics(group="g", node="n")
     assert topics.device_of("spBv1.0/g/DCMD/n/pump") == "pump"
     for other in ("spBv1.0/g/DCMD/n/", "spBv1.0/g/DCMD/n/a/b", "spBv1.0/g/DCMD/m/pump", "spBv1.0/g/NCMD/n", ""):
         assert topics.device_of(other) == ""
@@ -150,7 +150,7 @@ class OneDrive:
     def __init__(self):
         poll = (PollGroup(parameters=("output_frequency", "210", "software_version")),)
         self.config = DriveConfig(protocol="vabus", address=1, name="pump", options={"model": "agile"}, poll=poll)
-        self.state = DriveState(
+        self.state = DriveSnapshot(
             config=self.config, line="main", reachability="answers",
             status=DriveStatus(word=0x0F07, state=Motion.RUNNING, running=True, fault=False),
         )  # fmt: skip
@@ -182,7 +182,7 @@ class OneDrive:
         return list(self.current.values())
 
     def lines(self):
-        return [LineState(name="main", port="", up=self.up)]
+        return [LineSnapshot(name="main", port="", up=self.up)]
 
 
 @pytest.fixture
@@ -223,12 +223,12 @@ def test_metric_has_quality_and_uncertainty_of_its_value(plant, node, name):
 def test_value_without_new_readings_becomes_stale_once(plant, node):
     plant.put("output_frequency", Decimal("1.5"), keeps_s=3.0)
     node.births(0, NOW_S)
-    assert node.looked_over(NOW_S + 2.9) == []
-    (data,) = node.looked_over(NOW_S + 3.1)
+    assert node.periodic_messages(NOW_S + 2.9) == []
+    (data,) = node.periodic_messages(NOW_S + 3.1)
     (metric,) = data.metrics
     assert (metric.value, metric.properties["Quality"].value) == (1.5, 500)
     assert metric.time_ms == round((NOW_S + 3.1) * 1000)
-    assert node.looked_over(NOW_S + 4) == []
+    assert node.periodic_messages(NOW_S + 4) == []
 
 
 def test_birth_has_unread_values_and_a_change_of_type_causes_a_new_birth(plant, node):
@@ -274,38 +274,38 @@ def test_commander_and_line_state_are_sent_when_they_change(plant, node):
     node.births(0, NOW_S)
     holder = Caller(name="otto", role=Role.OPERATE, door="http")
     state = plant.state
-    plant.state = DriveState(
+    plant.state = DriveSnapshot(
         config=state.config, line="main", reachability="answers", status=state.status, kept="ramp",
         lease=Lease(drive="pump", holder=holder, until_s=0, key=""),
     )  # fmt: skip
     plant.up = False
-    node_data, data = node.looked_over(NOW_S)
+    node_data, data = node.periodic_messages(NOW_S)
     assert [(each.kind, [metric.value for metric in each.metrics]) for each in (node_data, data)] == [
         ("NDATA", [False]), ("DDATA", ["otto (http)", "ramp"]),
     ]  # fmt: skip
-    assert node.looked_over(NOW_S) == []
+    assert node.periodic_messages(NOW_S) == []
 
 
 def test_removed_drive_dies_and_changed_drive_is_born_again(plant, node):
     node.births(0, NOW_S)
     plant.config = DriveConfig(protocol="vabus", address=2, name="pump", title="another")
-    plant.state = DriveState(config=plant.config, line="main", reachability="answers")
-    (birth,) = node.looked_over(NOW_S)
+    plant.state = DriveSnapshot(config=plant.config, line="main", reachability="answers")
+    (birth,) = node.periodic_messages(NOW_S)
     assert (birth.kind, metric_of([birth], "Properties/Title").value) == ("DBIRTH", "another")
     plant.drives = list
-    (death,) = node.looked_over(NOW_S)
+    (death,) = node.periodic_messages(NOW_S)
     assert (death.kind, death.device) == ("DDEATH", "pump")
 
 
 def test_silent_drive_dies_once_and_is_born_again_when_it_answers(plant, node):
     node.births(0, NOW_S)
     answering = plant.state
-    plant.state = DriveState(config=plant.config, line="main", reachability="silent")
-    (death,) = node.looked_over(NOW_S)
+    plant.state = DriveSnapshot(config=plant.config, line="main", reachability="silent")
+    (death,) = node.periodic_messages(NOW_S)
     assert (death.kind, death.device) == ("DDEATH", "pump")
-    assert node.looked_over(NOW_S) == []
+    assert node.periodic_messages(NOW_S) == []
     plant.state = answering
-    (birth,) = node.looked_over(NOW_S)
+    (birth,) = node.periodic_messages(NOW_S)
     assert birth.kind == "DBIRTH"
 
 
@@ -369,10 +369,10 @@ WRONG = {
 def test_invalid_sparkplug_setting_is_refused(name):
     said, words = WRONG[name]
     with pytest.raises(FileFormatError, match=words):
-        sparkplug_door(Table(said, "plant.toml", name="door 1"))
+        sparkplug_door(TomlTable(said, "plant.toml", name="door 1"))
 
 
 def test_door_is_named_after_its_edge_node():
-    door = sparkplug_door(Table({"kind": "sparkplug", "group": "hall 2", "node": "gateway"}, "plant.toml"))
+    door = sparkplug_door(TomlTable({"kind": "sparkplug", "group": "hall 2", "node": "gateway"}, "plant.toml"))
     assert door.name == "sparkplug hall 2/gateway"
     assert json.dumps(door.name)

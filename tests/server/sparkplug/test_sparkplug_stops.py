@@ -6,7 +6,7 @@ import pytest
 
 from drivecomm.errors import UsageError
 from drivecomm.server.sparkplug.commanding import commands_in
-from drivecomm.server.sparkplug.payload import DataType, decoded
+from drivecomm.server.sparkplug.payload import DataType, decode_payload
 from drivecomm.server.sparkplug.wire import payload_class
 
 
@@ -15,7 +15,7 @@ def asked(*metrics):
     message = payload_class()(timestamp=int(time.time() * 1000))
     for name, kind, field, value in metrics:
         message.metrics.add(name=name, datatype=kind, **{field: value})
-    payload = decoded(message.SerializeToString())
+    payload = decode_payload(message.SerializeToString())
     return [(each.verb, dict(each.arguments)) for each in commands_in(payload, payload.metrics, "fan")]
 
 

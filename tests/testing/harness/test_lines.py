@@ -13,7 +13,7 @@ from benches import COMMANDED
 import drivecomm
 from drivecomm.errors import ParameterAddressError, PortError, UsageError
 from drivecomm.models import load_model
-from drivecomm.plant import Fault, FaultPlan
+from drivecomm.plant import FaultPlan, LineFault
 from drivecomm.protocol import LineSettings
 from drivecomm.testing import LineMaker
 
@@ -250,7 +250,7 @@ class TestWhatHappens:
             drive.assert_holds("3-41", 300)
 
     def test_fault_plan_drops_every_telegram(self, lines):
-        line = lines.line(["vabus:1"], faults=FaultPlan(rate=1.0, kinds=[Fault.DROP]))
+        line = lines.line(["vabus:1"], faults=FaultPlan(rate=1.0, kinds=[LineFault.DROP]))
         with drivecomm.open_bus(line.port) as bus, pytest.raises(drivecomm.NoReplyError):
             bus.drive("vabus", 1).read("481")
         line.drive("vabus:1").assert_nothing_received()
@@ -358,19 +358,19 @@ class TestServed:
         assert 0.15 <= time.monotonic() - began < 2
 
     def test_served_line_drops_requests(self, lines):
-        plan = FaultPlan(rate=1.0, kinds=[Fault.DROP])
+        plan = FaultPlan(rate=1.0, kinds=[LineFault.DROP])
         drive = lines.drive("vabus:1", listen="tcp", faults=plan)
         with connected(drive.port) as master:
             master.sendall(ENQUIRY)
             drive.assert_nothing_received()
-        assert plan.happened == {Fault.DROP: 1}
+        assert plan.happened == {LineFault.DROP: 1}
 
     def test_served_line_delays_replies(self, lines):
         drive = lines.drive(
             "vabus:1",
             listen="tcp",
             reply_delay_s=0.0,
-            faults=FaultPlan(rate=1.0, kinds=[Fault.DELAY], requests=False, delay_s=0.4, seed=1),
+            faults=FaultPlan(rate=1.0, kinds=[LineFault.DELAY], requests=False, delay_s=0.4, seed=1),
         )
         with connected(drive.port) as master:
             began = time.monotonic()
@@ -380,14 +380,14 @@ class TestServed:
             assert time.monotonic() - began > 0.05
 
     def test_served_line_duplicates_requests(self, lines):
-        plan = FaultPlan(rate=1.0, kinds=[Fault.DUPLICATE], replies=False)
+        plan = FaultPlan(rate=1.0, kinds=[LineFault.DUPLICATE], replies=False)
         drive = lines.drive("vabus:1", listen="tcp", faults=plan)
         with connected(drive.port) as master:
             master.sendall(ENQUIRY)
             drive.assert_received(times=2)
 
     def test_served_line_injects_foreign_traffic(self, lines):
-        plan = FaultPlan(rate=1.0, kinds=[Fault.FOREIGN], traffic=[ENQUIRY], traffic_within_s=0.05)
+        plan = FaultPlan(rate=1.0, kinds=[LineFault.FOREIGN], traffic=[ENQUIRY], traffic_within_s=0.05)
         line = lines.line(["vabus:1", "fuji:7"], listen="tcp", faults=plan)
         with connected(line.port) as master:
             master.sendall(b"\0")

@@ -7,7 +7,7 @@ from hypothesis import given, settings, strategies as st
 import drivecomm
 from drivecomm.errors import DriveError, UsageError, ValueRefusedError
 from drivecomm.models import load_model
-from drivecomm.plant import Fault, FaultPlan
+from drivecomm.plant import FaultPlan, LineFault
 from drivecomm.protocol import installed
 from drivecomm.testing import limits, strategies
 from drivecomm.virtual import VirtualLine, virtual_drive
@@ -122,11 +122,11 @@ def test_protocol_is_accepted_by_name_or_as_plugin(data):
 
 
 @FEW
-@given(plan=strategies.fault_plans(highest_rate=0.4, kinds=[Fault.DROP, Fault.CORRUPT]))
+@given(plan=strategies.fault_plans(highest_rate=0.4, kinds=[LineFault.DROP, LineFault.CORRUPT]))
 def test_drawn_fault_plans_keep_their_limits_and_are_repeatable(plan):
     assert isinstance(plan, FaultPlan)
     assert 0 <= plan.rate <= 0.4
-    assert set(plan.kinds) <= {Fault.DROP, Fault.CORRUPT}
+    assert set(plan.kinds) <= {LineFault.DROP, LineFault.CORRUPT}
     # An equal plan produces the same faults.
     again = FaultPlan(rate=plan.rate, seed=plan.seed, kinds=plan.kinds, delay_s=plan.delay_s)
     assert [plan.request(b"12345678") for _ in range(30)] == [again.request(b"12345678") for _ in range(30)]

@@ -57,7 +57,7 @@ def _exclusive_or(data: bytes) -> int:
     return check
 
 
-class _Ear:
+class _ReceiveBuffer:
     """Received bytes that are not parsed yet.
 
     A telegram begins with a start character, and its head gives its length.
@@ -116,7 +116,7 @@ class VabusDrive:
         self.address = node
         self.values: dict[str, list[int]] = {name: [number] * 4 for number, name in enumerate(self._digits, 100)}
         self.error = 0
-        self._ear = _Ear(0x04)
+        self._ear = _ReceiveBuffer(0x04)
 
     def holds(self, parameter: str) -> Decimal:
         """Return the value of data set 0."""
@@ -222,7 +222,7 @@ class DanfossDrive:
     def __init__(self, address: int) -> None:
         self.address = address
         self.values = dict.fromkeys(self._bits, 300)
-        self._ear = _Ear(0x02)
+        self._ear = _ReceiveBuffer(0x02)
 
     def holds(self, parameter: str) -> Decimal:
         """Return the value; the indexed one has a sign."""
@@ -291,7 +291,7 @@ class Vlt3500Drive:
     def __init__(self, address: int) -> None:
         self.address = address
         self.values = {"215": Decimal("10.0"), "216": Decimal("10.0"), "516": Decimal("0.00")}
-        self._ear = _Ear(ord("<"))
+        self._ear = _ReceiveBuffer(ord("<"))
 
     def holds(self, parameter: str) -> Decimal:
         """Return the value."""
@@ -354,7 +354,7 @@ class FujiDrive:
         self.address = station
         self.values = dict.fromkeys(("S01", "S05", "S06", "S08", "S09", "C05", "H30", "M26", "M06", "M07"), 0)
         self.values |= {"M09": 0, "M14": 0x1028, "F03": 60}
-        self._ear = _Ear(0x01)
+        self._ear = _ReceiveBuffer(0x01)
 
     def holds(self, parameter: str) -> Decimal:
         """Return the value, without a sign."""
@@ -431,7 +431,7 @@ class FujiDrive:
 
 
 @dataclass(kw_only=True)
-class Mischief:
+class ReplyFaults:
     """Random faults of replies.
 
     silent, damaged, late: shares of the replies. late_s: longest delay. A damaged reply has one or two wrong bits in
@@ -479,7 +479,7 @@ class DriveLine:
     url: address for the master. A drive that prepares a reply receives nothing, as its receiver is off while it sends.
     """
 
-    def __init__(self, drives: Sequence[Drive], mischief: Mischief, *, where: str) -> None:
+    def __init__(self, drives: Sequence[Drive], mischief: ReplyFaults, *, where: str) -> None:
         self.drives = drives
         self.mischief = mischief
         self.answered = 0

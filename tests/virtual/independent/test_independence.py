@@ -12,7 +12,7 @@ from random import Random
 
 import pytest
 from campaign import Campaign
-from drives import DanfossDrive, DriveLine, FujiDrive, Mischief, VabusDrive, Vlt3500Drive
+from drives import DanfossDrive, DriveLine, FujiDrive, ReplyFaults, VabusDrive, Vlt3500Drive
 from masters import DanfossMaster, FujiMaster, Line, NoAnswerError, Talk, VabusMaster, Vlt3500Master
 from uss import UssDrive, UssMaster
 
@@ -118,7 +118,7 @@ class Recording:
         pass
 
 
-class Forgetful(Mischief):
+class Forgetful(ReplyFaults):
     """A fault: the drive changes its values after each reply; its telegrams are sound."""
 
     drive = None

@@ -9,7 +9,7 @@ from random import Random
 
 import pytest
 from campaign import Campaign, seconds
-from drives import DanfossDrive, DriveLine, FujiDrive, Mischief, VabusDrive, Vlt3500Drive
+from drives import DanfossDrive, DriveLine, FujiDrive, ReplyFaults, VabusDrive, Vlt3500Drive
 from uss import UssDrive
 
 import drivecomm
@@ -106,7 +106,7 @@ class LibraryTalk:
 
 
 def mischief(seed):
-    return Mischief(random=Random(seed), silent=0.02, damaged=0.03, late=0.02, late_s=0.25)
+    return ReplyFaults(random=Random(seed), silent=0.02, damaged=0.03, late=0.02, late_s=0.25)
 
 
 @pytest.fixture

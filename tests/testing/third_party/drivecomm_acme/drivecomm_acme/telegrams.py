@@ -27,7 +27,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 from drivecomm.errors import TelegramError
-from drivecomm.protocol.schema import Check, Form, choice, constant, decimal_number, hex_number, message_of
+from drivecomm.protocol.schema import CheckCharacters, Form, choice, constant, decimal_number, hex_number, message_of
 
 if TYPE_CHECKING:
     from collections.abc import Container, Mapping
@@ -134,7 +134,7 @@ def _line(message: type[Any], addresses: Container[int], *fields: Any) -> Form[A
         constant(b":", "colon"),
         "address" / decimal_number(2, addresses, "address, 00 for all drives"),
         *fields,
-        Check(2, 1, complement, meaning="two's complement of the sum of all characters behind the colon"),
+        CheckCharacters(2, 1, complement, meaning="two's complement of the sum of all characters behind the colon"),
         constant(b"\r", "CR"),
         constant(b"\n", "LF"),
     )

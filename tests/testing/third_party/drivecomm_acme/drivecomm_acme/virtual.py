@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import ParameterAddressError
-from drivecomm.protocol import Command, Damaged, Framed, LineSettings, Motor, VirtualReply
+from drivecomm.protocol import Damaged, Framed, LineSettings, Motor, MotorCommand, VirtualReply
 from drivecomm_acme import words
 from drivecomm_acme.parameters import number_of, physical
 from drivecomm_acme.telegrams import (
@@ -81,7 +81,7 @@ class VirtualAcmeDrive:
 
     def power_cycle(self, now: float) -> None:
         """Switch mains off and on: values that are not stored, the command and the fault are lost (section 3.2)."""
-        self.motor.stop(Command.OFF, now)
+        self.motor.stop(MotorCommand.OFF, now)
         self.motor.reset(now)
         self._words, self._control = dict(self._stored), 0
 
@@ -143,14 +143,14 @@ class VirtualAcmeDrive:
         motor = self.motor
         motor.ramp_up_s, motor.ramp_down_s = self._words[_RAMP_UP] / 10, self._words[_RAMP_DOWN] / 10
         if self._control & words.COAST:
-            motor.stop(Command.OFF, now)
+            motor.stop(MotorCommand.OFF, now)
         elif self._control & words.QUICK:
-            motor.stop(Command.QUICK_STOP, now)
+            motor.stop(MotorCommand.QUICK_STOP, now)
         elif self._control & words.RUN:
             hertz = self._words[_REFERENCE] / 100
             motor.run(-hertz if self._control & words.REVERSE else hertz, now)
         else:
-            motor.stop(Command.RAMP_STOP, now)
+            motor.stop(MotorCommand.RAMP_STOP, now)
 
     def _status_word(self) -> int:
         motor = self.motor
@@ -159,5 +159,5 @@ class VirtualAcmeDrive:
             | words.BACKWARDS * (motor.output_hz < 0)
             | words.FAULT * bool(motor.fault)
             | words.AT_REFERENCE * motor.at_reference
-            | words.STOPPING * (motor.command is Command.QUICK_STOP)
+            | words.STOPPING * (motor.command is MotorCommand.QUICK_STOP)
         )
