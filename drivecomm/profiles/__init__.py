@@ -1,4 +1,7 @@
-"""Control profiles as data, and what commands a drive by one and acts one out; no I/O, no clock."""
+"""Control profiles as data, the commands of a master by a profile, and virtual drives that follow one.
+
+No I/O, no clock.
+"""
 
 import lazy_loader
 

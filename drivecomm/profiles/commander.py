@@ -1,8 +1,8 @@
-"""The master's side of a control profile: starting, stopping and acknowledging, in the order that the profile says.
+"""The master's side of a control profile: starting, stopping and acknowledging, in the order of the profile.
 
-What holds for every profile: a start is sent once, and taken back when the drive does not obey it in time, because a
-standing order is an accident that waits; a stop is urgent, and confirmed by what the drive then says; a fault is
-acknowledged by one edge, and only where there is one.
+These rules hold for every profile. A start is sent once, and taken back if the drive does not obey it in time, since a
+start that stays in force could move the motor at any later moment. A stop is urgent, and the next status of the drive
+must confirm it. A fault is acknowledged by one edge, and only if there is one.
 """
 
 from __future__ import annotations
@@ -30,33 +30,33 @@ if TYPE_CHECKING:
 
 _POLL_S = 0.05
 _RESTART_SILENCES = 3
-"""How many questions without an answer are no end of a reset."""
+"""Number of unanswered requests that do not end a reset."""
 
 _BUSY_S = 1.0
-"""How long a stop is told again to a drive that is busy; other drives may wait for theirs."""
+"""Seconds for which a stop is repeated to a busy drive; not longer, since other drives may wait for their stops."""
 
 
 class Carrier(Protocol):
-    """How control words and status words get to a drive and back: what a protocol package gives."""
+    """Transport of control words to a drive and of status words back, which a protocol package provides."""
 
     def look(self) -> Exchange[Words]:
-        """Return the status words, by what commands nothing."""
+        """Return the status words, read by requests that command nothing."""
 
     def send(self, step: Step, *, urgent: bool) -> Exchange[Words | None]:
-        """Send a control word; returns the status words that came with the reply, None where none did.
+        """Send a control word; return the status words that came with the reply, None if it had none.
 
-        urgent: for what stops the motor, see `Ask`.
+        urgent: for a word that stops the motor, see `Ask`.
         """
 
 
 class Commander:
-    """Commands one drive, or all at an address where nobody answers.
+    """Commands to one drive, or to all drives at the broadcast address.
 
-    state_timeout_s: how long a drive has for what it is told. advice: what to check when a drive does not start.
-    answers: whether anybody answers at this address. fault_code: asks for the code of a fault, to name it; a drive that
-    refuses it has its fault all the same. busy: the codes with which a drive refuses what it wants to be told again.
-    again: returns the status words while something is awaited after a step, where it is sent again for that; else the
-    carrier looks.
+    state_timeout_s: seconds that a drive has to obey. advice: what to check when a drive does not start. answers:
+    whether a drive answers at this address. fault_code: reads the code of a fault, to name it; a drive that refuses to
+    return it has its fault nevertheless. busy: the codes of refusals after which a drive wants the command again.
+    again: returns the status words while the effect of a step is awaited, for drives to which the step must be sent
+    again for that; by default the carrier looks.
     """
 
     def __init__(
@@ -81,10 +81,10 @@ class Commander:
         self._again = again
 
     def status(self, model: Model | None, seen: Words | None = None, **further: Any) -> Exchange[DriveStatus]:
-        """Return the status, with the code of a fault where it is asked for.
+        """Return the status, with the code of a fault if it can be read.
 
-        model: says what the codes mean. seen: the status words, where they were read already. further: what else a
-        `DriveStatus` tells, from elsewhere.
+        model: the meanings of the codes. seen: the status words, if they have been read already. further: other fields
+        of the `DriveStatus`.
         """
         seen = seen or (yield from self._carrier.look())
         known, texts = self._profile.status(seen, **further), model.faults if model else {}
@@ -94,16 +94,16 @@ class Commander:
         return replace(known, fault_code=code, fault_text=texts.get(code, "") if code is not None else "")
 
     def start(self, *, reverse: bool = False, prepare: Exchange[None] | None = None) -> Exchange[None]:
-        """Start the motor, each step of the way awaited. Raises StateError where it cannot be, or does not obey.
+        """Start the motor and wait for the effect of each step. Raises StateError if it cannot start or does not obey.
 
-        prepare: what is done before the first word, once it is known that nothing speaks against a start.
+        prepare: runs before the first control word, after the check that nothing forbids a start.
         """
         profile = self._profile
         steps = profile.start_towards(reverse=reverse)
         seen = yield from self.check_start()
         if prepare is not None:
             yield from prepare
-        # The way begins where the drive is; what its own steps lead to leaves none of them out.
+        # Steps are left out by the state before the start; the effects of earlier steps must not skip later ones.
         begun = seen
         for number, step in enumerate(steps):
             if any(condition.holds(begun) for condition in step.unless):
@@ -123,7 +123,7 @@ class Commander:
                 raise type(error)(f"{error}; the drive had been told to run before") from None
 
     def check_start(self) -> Exchange[Words]:
-        """Return the status words of a drive that can be started. Raises StateError where something forbids it."""
+        """Return the status words of a drive that can be started. Raises StateError if its state forbids a start."""
         seen = yield from self._carrier.look()
         for refusal in self._profile.refusals:
             if any(condition.holds(seen) for condition in refusal.when):
@@ -135,7 +135,7 @@ class Commander:
         return seen
 
     def stop(self, how: Stop) -> Exchange[None]:
-        """Stop the motor by every step of the stop; what becomes of the last one decides.
+        """Stop the motor by all steps of the stop; only the result of the last one counts.
 
         Raises StateError if the drive does not report that it obeys.
         """
@@ -149,7 +149,7 @@ class Commander:
             except (OvertakenError, DeadlineError):
                 raise
             except (ReplyError, RefusedError, _NotReachedError):
-                # The word that stops must go out, whatever became of those that prepare it.
+                # The word that stops must go out even if the words that prepare it have failed.
                 continue
         try:
             yield from self._carry_out(last, urgent=True)
@@ -157,7 +157,7 @@ class Commander:
             raise StateError(f"the drive got the stop and does not report it: {error.shown}") from None
 
     def reset(self) -> Exchange[None]:
-        """Acknowledge a fault; does nothing on a drive without one. Raises StateError where the fault stays."""
+        """Acknowledge a fault; does nothing on a drive without one. Raises StateError if the fault remains."""
         profile = self._profile
         if self._answers and not profile.status((yield from self._carrier.look())).fault:
             return
@@ -170,7 +170,7 @@ class Commander:
                 ) from None
 
     def _carry_out(self, step: Step, *, urgent: bool) -> Exchange[Words | None]:
-        """Send a step, and wait until the drive is where it leads."""
+        """Send a step, and wait until the drive reaches the state to which it leads."""
         if step.pause_s:
             yield Pause(seconds=step.pause_s)
         seen = yield from (self._insisted(step) if urgent else self._carrier.send(step, urgent=False))
@@ -188,7 +188,10 @@ class Commander:
         return seen
 
     def _seen_after(self, step: Step) -> Exchange[Words]:
-        """Look while something is awaited; a drive may restart on its reset, and be silent for a second or two."""
+        """Return the status words while the effect of a step is awaited.
+
+        A drive may restart on its reset and be silent for a second or two, so some missing replies are ignored then.
+        """
         patience = _RESTART_SILENCES if step in self._profile.reset else 0
         while True:
             try:
@@ -199,7 +202,7 @@ class Commander:
             patience -= 1
 
     def _insisted(self, step: Step) -> Exchange[Words | None]:
-        """Send what stops the motor, again and again while the drive is busy."""
+        """Send a word that stops the motor, repeatedly while the drive is busy."""
         waited = 0.0
         while True:
             try:
@@ -229,7 +232,10 @@ class Commander:
 
 
 class _NotReachedError(Exception):
-    """A drive is not where it was to be. shown: where it is."""
+    """A drive has not reached the expected state.
+
+    shown: the state that the drive shows.
+    """
 
     def __init__(self, shown: str) -> None:
         self.shown = shown
@@ -241,7 +247,7 @@ def _any_holds(conditions: Sequence[Condition], seen: Words) -> bool:
 
 
 def taken_over(raw: int | None) -> int:
-    """Return the reference that a drive shows in 16 bits. Raises StateError where it shows none."""
+    """Return the reference that a drive shows in 16 bits, with its sign. Raises StateError if the drive shows none."""
     if raw is None:
         raise StateError(
             "no reference was set from here, and the drive does not show the one that it has from the bus, so it "
@@ -251,9 +257,9 @@ def taken_over(raw: int | None) -> int:
 
 
 def check_needs(needs: Mapping[str, Sequence[object]], read: Callable[[str], Exchange[Reading]]) -> Exchange[None]:
-    """Raise StateError unless parameters hold what a drive needs to obey; they are read, and never written.
+    """Raise StateError unless parameters hold the values with which a drive obeys. They are only read.
 
-    needs: the raw values that are right, by address.
+    needs: the permitted raw values, by address.
     """
     for address, allowed in needs.items():
         found = yield from read(address)

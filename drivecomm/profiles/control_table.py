@@ -1,7 +1,7 @@
 """The table [control] of a model: how drives whose commands are registers are commanded, and how they store a write.
 
-Beside the commands and the status of `drivecomm.profiles.order_tables` it says which parameters are the references and
-the code of a fault, what a start needs, and where a write goes.
+Besides the commands and the status of `drivecomm.profiles.order_tables`, the table names the parameters that hold the
+references and the code of a fault, the requirements of a start, and the place to which a write goes.
 """
 
 from __future__ import annotations
@@ -27,11 +27,14 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Model, ParameterInfo
 
 Views: TypeAlias = "Mapping[str, tuple[tuple[Place, Place], ...]]"
-"""Registers and coils that show others, or bits of them, and pass on what is written there: by name, as pairs of the
-own part and the place that it shows. One that shows several passes on to all of them, and shows the last."""
+"""Registers and coils that show others, or bits of them, and pass on writes to them.
+
+By name, as pairs of the own part and the place that it shows. A register that shows several places passes on writes to
+all of them, and shows the last one.
+"""
 
 SIGNED = frozenset({"s16", "s32"})
-"""Types of a parameter that shows the direction by its sign."""
+"""Types of parameters whose sign can show the direction."""
 
 _STORING = ("store_before", "store_after", "volatile_before", "volatile_after", "write_before")
 CONTROL_PARAMETERS = ("fault_code", "reference_hz", "reference_percent", "actual_percent", "direction")
@@ -61,7 +64,7 @@ CONTROL_KEYS = frozenset(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WayOfWriting:
-    """The steps before and after a write, and how much higher it goes than where the parameter is read."""
+    """Steps before and after a write, and the offset from the parameter's place to the place of the write."""
 
     before: tuple[Step, ...] = ()
     offset: int = 0
@@ -70,34 +73,36 @@ class WayOfWriting:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ControlTable:
-    """What a table [control] says.
+    """Content of a table [control].
 
-    storing: the steps before and after a write that goes to EEPROM, those around one that is kept out of it, and those
-    before each write, references included (`write_before`). status: the conditions of the status, by name. fault_code,
-    reference_hz, reference_percent: addresses of parameters, empty where there are none. full_scale: what
-    reference_percent is a share of, None where no parameter in hertz is known to hold it. direction: the address of a
-    signed parameter that is negative while the motor turns backwards, empty where the status says it or nothing. needs:
-    the raw values with which a drive obeys, by address; needs_reverse: further ones for a start backwards;
-    needs_reference: those with which it takes a reference. plain_write: where a write goes without such steps, empty
-    where that is not known.
-    volatile_offset: how much higher the registers are that keep it in RAM.
+    storing: the steps before and after a write that goes to EEPROM, those before and after a write that is kept out of
+    it, and those before each write, references included (`write_before`). status: the conditions of the status, by
+    name. fault_code, reference_hz, reference_percent: addresses of parameters, empty if there are none. full_scale: the
+    parameters that hold the range of reference_percent; None if no parameter in hertz is known to hold it. direction:
+    the address of a signed parameter that is negative while the motor turns backwards; empty if the status shows the
+    direction, or nothing does. needs: the raw values with which a drive obeys, by address; needs_reverse: further ones
+    for a start backwards; needs_reference: those with which it takes a reference. plain_write: the memory to which a
+    write without such steps goes, empty if it is unknown. volatile_offset: the offset to the registers that keep a
+    write in RAM.
 
-    further_starts: addresses of registers and coils that can start the motor besides those of `start`. starts: the
-    places of all these, and of registers and coils that pass on to them. imported: whether any fact of the model comes
-    from a file of another program; without orders, such a drive takes no write, for its registers may be miscounted.
+    further_starts: addresses of registers and coils that can start the motor in addition to those of `start`. starts:
+    the places of all these, and of registers and coils that pass on writes to them. imported: whether any fact of the
+    model comes from a file of another program; without orders, such a drive accepts no write, since its registers may
+    have wrong numbers.
 
-    sure_stop: the stop whose words start nothing whatever `needs` hold, where others could; all drives at once get it.
-    code_tells: whether the code of a fault tells one as well as the status does; without a status of a fault it is all.
-    way: what the status shows before the first step of a start and after each, in this order; None where the steps are
-    not awaited. fed_by: the write that restarts the time of the drive's watchdog; None where whatever it hears does.
-    command_shown: the place where the drive shows which command it got last from the bus, empty where it does not.
+    sure_stop: the stop whose words start nothing, whatever the parameters of `needs` hold, if other stops could start
+    something; a stop to all drives uses it. code_tells: whether the code of a fault shows a fault as well as the status
+    does; if the status shows none, only the code does. way: the values of the status before the first step of a start
+    and after each step, in this order; None if the steps are not awaited. fed_by: the write that restarts the time of
+    the drive's watchdog; None if every telegram does. command_shown: the place where the drive shows the last command
+    from the bus, empty if it does not show it.
 
-    What only a virtual drive needs: further_references: parameters in per cent or hertz that are a reference, too.
-    actual_percent: the parameter that shows the output frequency in per cent of the highest. signed: parameters that
-    show the direction by their sign though their type does not say so. state_machine: by what it
-    obeys any control word; None where only the words of the commands mean something to it. measured: parameters without
-    a common name that show what one with that common name does. unused: "zero" where registers that a drive does not
-    have read 0, after one that it has, and take any value.
+    For virtual drives only: further_references: further parameters in per cent or hertz that are references.
+    actual_percent: the parameter that shows the output frequency in per cent of the highest one. signed: parameters
+    that show the direction by their sign although their type does not say so. state_machine: the state machine by which
+    the drive obeys any control word; None if only the words of the commands have a meaning. measured: parameters
+    without a common name, with the common name whose value they show. unused: "zero" if registers that a drive does not
+    have read as 0 and accept any value, behind one that it has.
     """
 
     profile: ControlProfile = field(default_factory=lambda: ControlProfile(name=""))
@@ -131,8 +136,9 @@ class ControlTable:
     def may_start(self, written: Target, words: Iterable[int]) -> bool:
         """Return whether words written to a parameter may start the motor.
 
-        Any word may that goes where a start ends, except 0 and those that stop or reset; on a drive that is monitoring
-        only, any that goes where the model lists nothing, and any at all where its registers were imported.
+        A word may do so at the place of a start's last step, unless it is 0 or belongs to a stop or a reset. On a drive
+        that is monitoring only, any word may do so at a place that the model does not list, and at any place if the
+        registers were imported.
         """
         if self.is_monitoring_only and (self.imported or written.info is None):
             return True
@@ -142,9 +148,9 @@ class ControlTable:
         return any(word and spot in self.starts and (spot, word) not in harmless for spot, word in pairs)
 
     def way_of_writing(self, address: str, info: ParameterInfo | None, *, store: bool) -> WayOfWriting:
-        """Return how a parameter is written, to be stored or not. Raises NotSupported where it cannot be.
+        """Return the steps and the offset of a write, stored or not. Raises NotSupported if such a write is impossible.
 
-        address: what the refusal is of. info: what the model says of it, where it says something.
+        address: for the error. info: the model's facts about the parameter, if it has any.
         """
         commands = info is not None and info.kind == "command"
         if commands or self.imported:
@@ -162,9 +168,12 @@ class ControlTable:
         return WayOfWriting(before=(*unlocking, *before), offset=self.volatile_offset, after=after)
 
     def capabilities(self, model: Model | None, *, broadcast: bool) -> Capabilities:
-        """Return what a drive with this table can do. broadcast: whether its protocol can address all drives."""
+        """Return the capabilities of a drive with this table.
+
+        broadcast: whether its protocol can address all drives.
+        """
         return Capabilities(
-            # Without a model no stop is known; the call says so.
+            # Without a model no stop is known; the call raises an error that says so.
             stops=frozenset(self.profile.stops) if model else frozenset({Stop.RAMP}),
             reverse=bool(self.profile.start_reverse),
             reference_percent=bool(self.reference_percent) and not self.is_monitoring_only,
@@ -178,7 +187,7 @@ class ControlTable:
 
     @property
     def is_monitoring_only(self) -> bool:
-        """Whether its model starts, stops and resets nothing; not known without a model."""
+        """Whether the model starts, stops and resets nothing; False without a model."""
         profile = self.profile
         return bool(profile.name) and not (profile.start or profile.start_reverse or profile.stops or profile.reset)
 
@@ -202,7 +211,7 @@ class ControlTable:
 
 
 def references_of(model: Model | None) -> frozenset[str]:
-    """Return the addresses of the parameters that are written as references, and of those that are views of them."""
+    """Return the addresses of the parameters that are written as references, and of those that these show as views."""
     given: Mapping[str, Any] = model.control if model is not None else {}
     written = {given.get("reference_hz", ""), given.get("reference_percent", ""), *given.get("further_references", ())}
     views = given.get("views", {})
@@ -210,9 +219,9 @@ def references_of(model: Model | None) -> frozenset[str]:
 
 
 def control_entries(model: Model, place_of: Callable[[str], Place]) -> dict[str, Any]:
-    """Return what the table of a model says, as arguments of `ControlTable`. Raises UsageError for a wrong table.
+    """Return the arguments of `ControlTable` from the table of a model. Raises UsageError for an invalid table.
 
-    place_of: where the register, the coil or the part of a register with an address is.
+    place_of: returns the register, the coil or the part of a register for an address.
     """
 
     def spot_of(address: str) -> tuple[str, int]:
@@ -224,7 +233,7 @@ def control_entries(model: Model, place_of: Callable[[str], Place]) -> dict[str,
     status = status_of(given.get("status", {}), spot_of)
     for key in CONTROL_PARAMETERS:
         if key in given and model.find(given[key]) is None:
-            raise UsageError(f"[control] {key}: {given[key]!r} is no parameter of the model")
+            raise UsageError(f"[control] {key}: {given[key]!r} is not a parameter of the model")
     turning = model.find(given.get("direction", ""))
     if turning is not None and turning.type not in SIGNED:
         raise UsageError(f"[control] direction: parameter {turning.address} is {turning.type or 'u16'}, without a sign")
@@ -254,7 +263,7 @@ def control_entries(model: Model, place_of: Callable[[str], Place]) -> dict[str,
 
 
 def _state_machine(given: Any, spot_of: Callable[[str], tuple[str, int]]) -> StateMachine:
-    """Return what the entry `state_machine` says. Raises UsageError for a wrong one, or an unknown profile."""
+    """Return the state machine of the entry `state_machine`. Raises UsageError for an invalid entry or profile."""
     keys = ("profile", "control_word", "status_word")
     if not isinstance(given, Mapping) or given.keys() - {"reset_lock_s", "contacts"} != set(keys):
         raise UsageError(f"[control] state_machine: write {{ {', '.join(f'{key} = ...' for key in keys)} }}")
@@ -268,7 +277,10 @@ def _state_machine(given: Any, spot_of: Callable[[str], tuple[str, int]]) -> Sta
 
 
 def views_of(model: Model, place_of: Callable[[str], Place]) -> Views:
-    """Return what the table [control.views] of a model says, for a virtual drive. place_of: as of `control_entries`."""
+    """Return the views in the table [control.views] of a model, for a virtual drive.
+
+    place_of: as in `control_entries`.
+    """
     views: dict[str, tuple[tuple[Place, Place], ...]] = {}
     for address, given in model.control.get("views", {}).items():
         for shown in given if isinstance(given, tuple) else (given,):
@@ -278,7 +290,7 @@ def views_of(model: Model, place_of: Callable[[str], Place]) -> Views:
 
 
 def _parts(own: Place, shown: Place) -> list[tuple[Place, Place]]:
-    """Return what shows what: sixteen coils from one on show the bits of a register."""
+    """Return pairs of a place and the place that it shows: sixteen coils in a row show the bits of a register."""
     if not own.is_bit or shown.is_bit or shown.part:
         return [(own, shown)]
     return [(replace(own, start=own.start + bit), replace(shown, part=str(bit))) for bit in range(16)]

@@ -1,8 +1,9 @@
-"""How registers stand in telegrams: the one small class that a protocol package writes for drives that hold them.
+"""Dialects: how the telegrams of a protocol carry registers.
 
-A register is whatever the protocol can read or write by itself: a parameter, an instruction code, a coil. Everything
-else of such a drive is the same in every protocol, and is in this room: its verbs (`RegisterOperations`), what it is
-asked telegram by telegram (`RegisterConversation`), and how it behaves (`VirtualRegisterDrive`).
+A dialect is the one small class that a protocol package writes for drives that hold registers. A register is anything
+that the protocol can read or write by itself: a parameter, an instruction code, a coil. All other behaviour of such a
+drive is the same in every protocol, and is in `drivecomm.profiles`: its verbs (`RegisterOperations`), its requests and
+replies (`RegisterConversation`), and the virtual drive (`VirtualRegisterDrive`).
 """
 
 from __future__ import annotations
@@ -28,9 +29,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Access:
-    """What a request does: it reads so many registers from a place on, or writes these words.
+    """Effect of a request: it reads registers from a place on, or writes words there.
 
-    only_ram: whether what it writes goes to RAM on a drive whose other writes go to EEPROM.
+    count: the number of registers to read. words: the words to write, None for a read. only_ram: whether the write goes
+    to RAM on a drive whose other writes go to EEPROM.
     """
 
     place: Place
@@ -42,31 +44,44 @@ class Access:
 class Dialect:
     """The registers of one drive, and the telegrams that read and write them.
 
-    A master and a virtual drive have one each, so that a virtual drive may keep in its own what a request has left
-    behind (a page, an index). address: of the drive. options: an object of the package's options. model: None where it
-    is not known.
+    A master and a virtual drive have a dialect each, so that a virtual drive may keep in its own the state that a
+    request has left behind (a page, an index). address: of the drive. options: an object of the package's options.
+    model: None if it is unknown.
 
-    title: the protocol in messages, "Modbus has no start of its own". common_model: the file of the model by which a
-    drive without one is commanded, where all are commanded alike; empty where they are not. broadcast_address: the
-    address that all drives obey, None where there is none. requests: the message classes that a drive listens to, where
-    it decodes others, too; probe: the place that a scan reads. identity: what `identify` reads, addresses by name.
-    reply_kinds_of and `repeats` decide which reply belongs to which request: repeats names the fields, beside the
-    address, that replies have from their request, by the kind of the reply; "" stands for every kind. refusals: texts
-    by code. codes: the code with which a virtual drive refuses, by `Why`; a drive with one for "not set up" takes no
-    command while the model's `needs` do not hold. reason: the place that tells the code of the last refusal, where
-    refusals have none of their own; `codes` then has those of damaged requests by the category of the error, too.
-    damage: codes of a request that came damaged, which is sent again, three times in all. busy: codes of a drive that
-    wants to be asked again a little later. stop_again: further codes after which a stop is told again. types: those
-    that a parameter can have; without u16 the first is that of a parameter of which nothing is known. joins: whether
-    one telegram reads and writes several words from a place on, which then hold 32 bits or a text. most: registers that
-    one telegram reads for several parameters. bridged: registers nobody asked for that may lie between two that are
-    read together. whole: kinds of place of which one telegram tells all, whatever is asked; by kind their numbers.
-    feeds_all: a telegram to any drive feeds this one's watchdog. continues: some requests name no drive and go on from
-    the one before (`continued`), which a drive forgets when another drive is addressed, or something else is heard.
-    doubts_echoes: a read proves that a drive is there before the reply to a `mirrored` write, which the echo of an
-    adapter could be, is believed. follows: the common names that a virtual drive's motor obeys. state_timeout_s: time
-    that a drive has to obey. reply_delay_s: how soon a virtual drive answers. reference_range: the frequencies of 0 and
-    100 % by the options; reference_option: how to give the latter. advice: what to check when it does not start.
+    - title: the protocol in messages, "Modbus has no start of its own".
+    - common_model: the file of the model that commands a drive without a model, if all are commanded alike; empty
+      otherwise.
+    - broadcast_address: the address that all drives obey, None if there is none.
+    - requests: the message classes to which a drive listens, if the codec decodes others as well.
+    - probe: the place that a scan reads.
+    - identity: the addresses that `identify` reads, by name.
+    - repeats: the fields, besides the address, that a reply has in common with its request, by the kind of the reply;
+      "" stands for every kind. This and reply_kinds_of decide which reply belongs to which request.
+    - refusals: texts by code.
+    - codes: the code with which a virtual drive refuses, by `Why`. A drive with a code for "not set up" obeys no
+      command while the model's `needs` do not hold.
+    - reason: the place that shows the code of the last refusal, if refusals carry no code of their own. `codes` then
+      also holds the codes for damaged requests, by the category of the error.
+    - damage: codes for a request that arrived damaged; the request is sent three times in all.
+    - busy: codes of a drive that wants the request again a little later.
+    - stop_again: further codes after which a stop is repeated.
+    - types: the possible types of a parameter. Without u16, the first one is the type of a parameter that is not in a
+      model.
+    - joins: whether one telegram reads and writes several words from a place on, which then hold 32 bits or a text.
+    - most: the maximum number of registers that one telegram reads for several parameters.
+    - bridged: the maximum number of unneeded registers between two that are read together.
+    - whole: kinds of place that a telegram always reads completely, with the numbers of their places.
+    - feeds_all: whether a telegram to any drive feeds this drive's watchdog.
+    - continues: whether some requests name no drive and continue the one before (`continued`). A drive forgets that one
+      when another drive is addressed, or anything else is received.
+    - doubts_echoes: whether the reply to a `mirrored` write, which could be the echo of an adapter, is trusted only
+      after a read has proved that the drive is there.
+    - follows: the common names of the parameters that set a virtual drive's motor.
+    - state_timeout_s: seconds that a drive has to obey.
+    - reply_delay_s: delay of a virtual drive's reply, in seconds.
+    - reference_range: the frequencies of 0 and 100 %, by the options.
+    - reference_option: how a caller gives the frequency of 100 %.
+    - advice: what to check when the drive does not start.
     """
 
     title: ClassVar[str]
@@ -100,57 +115,60 @@ class Dialect:
     def __init__(self, address: int, options: Any, model: Model | None) -> None:
         self.address, self.options, self.model = address, options, model
 
-    # What a register is
+    # Registers and their places
 
     def place_of(self, address: str) -> Place:
-        """Return where an address as the manual prints it is. Raises ParameterAddressError, with how to write one."""
+        """Return the place of an address as the manual prints it. Raises ParameterAddressError."""
         raise NotImplementedError
 
     def address_at(self, place: Place) -> str:
-        """Return how a message calls a place: as the model does, else by its name."""
+        """Return the address of a place for messages: that of the model, or else the name of the place."""
         known = self.places.get(place)
         return known.address if known else place.name
 
-    def allowed(self, place: Place) -> range | None:  # noqa: ARG002 - for those who override it
-        """Return the numbers that a place can hold, None for those of 16 bits, or of its type."""
+    def allowed(self, place: Place) -> range | None:  # noqa: ARG002 - overriding methods use it
+        """Return the numbers that a place can hold; None for all numbers of 16 bits or of its type."""
         return None
 
-    def is_wide(self, place: Place, type: str) -> bool:  # noqa: ARG002 - for those who override it
-        """Whether one place holds 32 bits; else two neighbours do."""
+    def is_wide(self, place: Place, type: str) -> bool:  # noqa: ARG002 - overriding methods use it
+        """Return whether one place holds 32 bits; if not, two neighbours do."""
         return "u16" not in self.types
 
     def control_defaults(self) -> Mapping[str, Any]:
-        """Return what the table [control] says besides the model, such as `plain_write` by an option."""
+        """Return entries of the table [control] that override those of the model, such as `plain_write`."""
         return {}
 
-    # The master's side
+    # Methods for a master
 
     def reading(self, place: Place, count: int, /) -> Ask:
         """Return the request that reads registers from a place on."""
         raise NotImplementedError
 
     def writing(self, place: Place, words: Sequence[int], /) -> Ask:
-        """Return the request that writes registers from a place on; what must not happen twice is added to it."""
+        """Return the request that writes registers from a place on; callers restrict its repetition if necessary."""
         raise NotImplementedError
 
     def words(self, reply: Any, place: Place, /) -> tuple[int, ...]:
-        """Return the words, unsigned, that the reply to the reading of a place tells."""
+        """Return the words, unsigned, in the reply to a read of a place."""
         raise NotImplementedError
 
     def refusal(self, reply: Any) -> int | None:
-        """Return the code with which a reply refuses, None for one that does not."""
+        """Return the code with which a reply refuses; None if the reply is not a refusal."""
         raise NotImplementedError
 
-    def refusal_text(self, code: int, called: str) -> str:  # noqa: ARG002 - for those who override it
-        """Return what a refusal of `called` means."""
+    def refusal_text(self, code: int, called: str) -> str:  # noqa: ARG002 - overriding methods use it
+        """Return the meaning of a refusal code.
+
+        called: what was refused.
+        """
         return self.refusals.get(code, "not listed in the manual")
 
-    def preparing(self, place: Place) -> Ask | None:  # noqa: ARG002 - for those who override it
-        """Return what is sent before each request for a place, such as the choice of its page."""
+    def preparing(self, place: Place) -> Ask | None:  # noqa: ARG002 - overriding methods use it
+        """Return the request to send before each request for a place, such as the choice of its page, if any."""
         return None
 
-    def silence_s(self, request: Any) -> float:  # noqa: ARG002 - for those who override it
-        """Return how long a drive neither hears nor answers after a request without a reply; 0 where it replies."""
+    def silence_s(self, request: Any) -> float:  # noqa: ARG002 - overriding methods use it
+        """Return the seconds for which a drive is deaf and silent after a request without a reply; 0 if it replies."""
         return 0.0
 
     def verbs(self, drive: RegisterConversation) -> Mapping[str, Callable[..., Exchange[Any]]]:  # noqa: ARG002
@@ -158,25 +176,25 @@ class Dialect:
         return {}
 
     def reply_kinds_of(self, request: Any) -> Collection[str]:
-        """Return the kinds of reply that a request may have, refusals with them."""
+        """Return the possible kinds of reply to a request, including refusals."""
         raise NotImplementedError
 
     def mismatch(self, request: Any, reply: Any) -> str:
-        """Name the first field in which a sound reply does not belong to a request; nothing when it belongs."""
+        """Return the first field in which a sound reply does not belong to a request; empty if it belongs."""
         if differs := difference(request, reply, "address", *self.repeats.get("", ())):
             return differs
         if reply.kind not in self.reply_kinds_of(request):
             return "kind"
         return difference(request, reply, *self.repeats.get(reply.kind, ()))
 
-    # The drive's side
+    # Methods for a virtual drive
 
     def meant(self, request: Any) -> Access | None:
-        """Return what a request to this drive does; None for one that only prepares another. Raises RegisterRefusal."""
+        """Return the effect of a request to this drive, None if it only prepares another. Raises RegisterRefusal."""
         raise NotImplementedError
 
     def continued(self, request: Any) -> Any:
-        """Return what a request means behind the one before it; one of another drive does not concern this one."""
+        """Return a request that names no drive, completed from the one before; other requests stay as they are."""
         return request
 
     def told(self, request: Any, words: Sequence[int]) -> Message:
@@ -184,7 +202,7 @@ class Dialect:
         raise NotImplementedError
 
     def taken(self, request: Any) -> Message:
-        """Return the reply to a write, or to what only prepares."""
+        """Return the reply to a write, or to a request that only prepares another one."""
         raise NotImplementedError
 
     def refused(self, request: Any, code: int) -> Message:
@@ -192,56 +210,57 @@ class Dialect:
         raise NotImplementedError
 
     def can_refuse(self, request: Any) -> bool:
-        """Whether a drive may refuse a request."""
+        """Return whether a drive may refuse a request."""
         return isinstance(request, self.requests)
 
-    def damaged(self, find: Damaged) -> Message | None:  # noqa: ARG002 - for those who override it
-        """Return what a drive answers to a telegram that came damaged; None is silence."""
+    def damaged(self, find: Damaged) -> Message | None:  # noqa: ARG002 - overriding methods use it
+        """Return the reply of a drive to a damaged telegram; None if the drive stays silent."""
         return None
 
     def forget(self) -> None:
-        """Forget what requests have left behind, as a drive does that starts anew: the page that was chosen."""
+        """Forget the state that requests have left behind, such as the chosen page, as a restarting drive does."""
 
     def intent(self, request: Any) -> Intent:
-        """Return what a request is for."""
+        """Return the purpose of a request."""
         if not isinstance(request, self.requests):
             return Intent()
         try:
             access = self.meant(request)
         except RegisterRefusal:
-            # What this drive does not know, another may obey.
+            # Another drive may obey a request that this one does not know.
             return Intent(commands=True)
         return Intent(prepares=True) if access is None else Intent(access="read" if access.words is None else "write")
 
-    # What follows from it
+    # Properties that follow from the methods above
 
     @cached_property
     def shared_addresses(self) -> Collection[int | None]:
-        """Addresses at which a drive obeys and does not answer: that of all drives, that of its group."""
+        """Addresses at which a drive obeys and does not answer: the broadcast address, and the address of its group."""
         return {self.broadcast_address}
 
     @cached_property
     def control(self) -> ControlTable:
-        """How the drive is commanded and stores: the table [control] of its model."""
+        """The table [control] of the model, by which the drive is commanded and stores."""
         return control_of(type(self), self.options, self.model)
 
     @cached_property
     def places(self) -> Mapping[Place, ParameterInfo]:
-        """The parameters of the model by where they are; of several at one place the first counts."""
+        """Parameters of the model by place; of several at one place, the first counts."""
         infos = [] if self.model is None else list(self.model.parameters.values())
         return {self.place_of(info.address): info for info in reversed(infos)}
 
     def target(self, parameter: str, type: str = "") -> Target:
-        """Return what is to be read or written. type: instead of the model's.
+        """Return the parameter to read or write.
 
-        Raises ParameterAddressError, and UsageError for a type that it cannot have.
+        type: overrides the type of the model. Raises ParameterAddressError, and UsageError for a type that the
+        parameter cannot have.
         """
         info = self.model.find(parameter) if self.model is not None else None
         place = self.place_of(info.address if info else parameter)
         info = info or self.places.get(place)
         kind = type or (info.type if info else "") or ("" if "u16" in self.types else self.types[0])
         if kind and kind not in self.types:
-            raise UsageError(f"{kind!r} is no type of a {self.title} parameter; types are {', '.join(self.types)}")
+            raise UsageError(f"{kind!r} is not a type of a {self.title} parameter; types are {', '.join(self.types)}")
         extra = info.extra if info else {}
         low_first = extra.get("word_order", getattr(self.options, "word_order", "high")) == "low"
         size = (int(extra.get("characters", 2)) + 1) // 2 if kind == "string" else 2 if kind.endswith("32") else 1
@@ -260,7 +279,7 @@ class Dialect:
 
 @kept
 def control_of(dialect: type[Dialect], options: Any, model: Model | None) -> ControlTable:
-    """Return the table [control] of a model, or what all have in common, with what a dialect adds to it."""
+    """Return the table [control] of a model, or the common one of the dialect, with the dialect's own entries."""
     if model is None:
         if not dialect.common_model:
             return ControlTable()

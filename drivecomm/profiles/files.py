@@ -1,21 +1,21 @@
-"""Control profiles as TOML: those that come with drivecomm, and what one may say.
+"""Control profiles as TOML: the profiles that come with drivecomm, and the keys of a profile.
 
-    name = "drivecom"           extends = "...", to begin with all that another one says; [bits] and [flags] one by one
+    name = "drivecom"           extends = "...", to begin with all keys of another one; [bits] and [flags] key by key
     title = ""  source = ""     valid = 0x0400  idle = 0  off = 0x0007  reverse = 0x8000  full = 16384
-    runs = { mask = 0, value = 0 }   what is so of each control word that lets a motor run
-    follows = { mask = 0, value = 0 }   what is so of each control word with which a motor follows its reference
+    runs = { mask = 0, value = 0 }   condition of each control word that lets a motor run
+    follows = { mask = 0, value = 0 }   condition of each control word with which a motor follows its reference
     [[start]]                   one step each: word, and unless, until, repeats, pause_s, mask, place
     [stop]                      ramp, coast, quick, dc_brake: a list of such steps
-    [[reset]]                   as of [[start]]
+    [[reset]]                   as in [[start]]
     [[refused]]                 when, say
     named_states = false        whether a status shows the state by name, too
-    [[state]]                   name, mask and value, means, shows, motor, stands; the first one that fits is it
+    [[state]]                   name, mask and value, means, shows, motor, stands; the first one that fits counts
     [[transition]]              from, to, and mask and value, or rising
-    [bits]                      running, fault, warning, at_reference, reverse, remote: when that is so
+    [bits]                      running, fault, warning, at_reference, reverse, remote: the condition of each
     [flags]                     names of bits of the status word, by their number
 
-A condition is the number of a bit, the name of a state, or a table with mask and value, or bit and active. Where one is
-asked for, a list of them may stand, of which one must hold.
+A condition is the number of a bit, the name of a state, or a table with mask and value, or with bit and active. A list
+of conditions may be given instead of one; one of them must hold.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ KEYS = {
     "runs": _WHEN, "follows": _WHEN, "start": TABLES, "start_reverse": TABLES, "stop": TABLE, "reset": TABLES,
     "refused": TABLES, "state": TABLES, "named_states": CHOICE, "transition": TABLES, "bits": TABLE, "flags": TABLE,
 }  # fmt: skip
-"""What a control profile may say."""
+"""Keys of a control profile, with the kinds of their values."""
 _STEP = {
     "word": WHOLE, "place": TEXT, "mask": WHOLE, "unless": _WHEN, "until": _WHEN, "repeats": CHOICE, "pause_s": NUMBER,
 }  # fmt: skip
@@ -65,7 +65,7 @@ def control_profile(name: str) -> ControlProfile:
 
 
 def control_profile_from(table: Table) -> ControlProfile:
-    """Return the profile that a table describes. Raises FileFormatError with the key and what is wrong about it."""
+    """Return the profile that a table describes. Raises FileFormatError that names the key and the mistake."""
     given = table.take(KEYS, "name")
     states = tuple(_state(each) for each in table.tables("state"))
     read = _Reader({state.name: state.known_by for state in states})
@@ -74,7 +74,7 @@ def control_profile_from(table: Table) -> ControlProfile:
         title=given.get("title", ""),
         source=given.get("source", ""),
         **{key: given[key] for key in (*_VALUES, "named_states") if key in given},
-        # Where every word commands, none is idle, whatever the extended profile says.
+        # If every word commands, there is no idle word, even if the extended profile has one.
         idle=given.get("idle") if given.get("valid") else None,
         runs=next(iter(read.conditions(table, "runs")), None),
         follows=next(iter(read.conditions(table, "follows")), None),
@@ -94,7 +94,7 @@ def control_profile_from(table: Table) -> ControlProfile:
 
 
 class _Reader:
-    """Reads what names states."""
+    """Reader of entries that refer to states by name."""
 
     def __init__(self, states: Mapping[str, Condition]) -> None:
         self.states = states
@@ -177,7 +177,7 @@ def _flags(table: Table) -> dict[int, str]:
 
 
 def _content(name: str) -> Table:
-    """Return the table of a profile, over that of the one that it extends."""
+    """Return the table of a profile, merged over the table of the profile that it extends."""
     if name not in control_profiles():
         raise UsageError(f"there is no control profile {name!r}; {meant(name, control_profiles(), 'there are')}")
     own = read_toml(_TABLES / f"{name}.toml", "a control profile", shown=f"control profile {name}")

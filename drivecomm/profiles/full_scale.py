@@ -1,4 +1,4 @@
-"""What references in per cent are shares of, where parameters of the drive hold it."""
+"""The full scale of references in per cent, if parameters of the drive hold it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _NEEDED, _KEYS = {"maximum", "source"}, {"maximum", "minimum", "source"}
 class FullScale:
     """The parameters that hold the frequencies of a reference of 100 % and of 0 %.
 
-    maximum, minimum: their addresses; without a minimum 0 % is 0 Hz. source: the document and page that say so.
+    maximum, minimum: their addresses; without a minimum, 0 % is 0 Hz. source: the document and page that state this.
     """
 
     maximum: str
@@ -27,12 +27,12 @@ class FullScale:
 
     @property
     def addresses(self) -> tuple[str, ...]:
-        """The parameters to be read, that of 100 % first."""
+        """Addresses of the parameters to read, the one of 100 % first."""
         return tuple(filter(None, (self.maximum, self.minimum)))
 
 
 def full_scale_of(model: Model) -> FullScale | None:
-    """Return what the key `full_scale` of a [control] says. Raises UsageError for a wrong one."""
+    """Return the full scale from the key `full_scale` of a [control], if it has one. Raises UsageError if invalid."""
     given: Any = model.control.get("full_scale")
     if given is None:
         return None
@@ -44,7 +44,7 @@ def full_scale_of(model: Model) -> FullScale | None:
     for address in found.addresses:
         info = model.find(address)
         if info is None:
-            raise UsageError(f"[control] full_scale: {address!r} is no parameter of the model")
+            raise UsageError(f"[control] full_scale: {address!r} is not a parameter of the model")
         if info.unit != "Hz":
             raise UsageError(f"[control] full_scale: parameter {address} is in {info.unit or 'no unit'}, not in Hz")
     if not model.control.get("reference_percent"):

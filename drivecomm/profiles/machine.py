@@ -1,4 +1,4 @@
-"""The drive's side of a control profile: what control words make of the state, and the state of the motor."""
+"""The drive's side of a control profile: changes of the state by control words, and the motor in each state."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ _STOPS = {
 
 
 def have_do(motor: Motor, does: MotorDoes, hz: Callable[[], float], now: float) -> None:
-    """Have a motor do what a state says. hz: what it shall turn at if it runs, signed."""
+    """Make a motor act as a state demands.
+
+    hz: returns the frequency at which it runs, signed.
+    """
     if does == "run":
         motor.run(hz(), now)
     else:
@@ -32,9 +35,9 @@ def have_do(motor: Motor, does: MotorDoes, hz: Callable[[], float], now: float) 
 class ProfileMachine:
     """A drive that is commanded by a profile with states.
 
-    wanted_hz: what the motor shall turn at by a control word, signed. reset_lock_s: how long after a trip no reset is
-    obeyed. word: the last one that commanded. The state that the profile names first is the one after mains is switched
-    on; whichever means fault is the one of a trip.
+    wanted_hz: returns the frequency that a control word demands, signed. reset_lock_s: seconds after a trip in which no
+    reset is obeyed. word: the last control word that commanded. The first state of the profile is the state after
+    power-up; the last one that means fault is the state of a trip.
     """
 
     def __init__(
@@ -49,18 +52,18 @@ class ProfileMachine:
         self.state = profile.states[0]
 
     def power_up(self, now: float) -> None:
-        """Begin as after mains was switched off and on: no command, no fault."""
+        """Begin as after a power-up: no command, no fault."""
         self.motor.stop(Command.OFF, now)
         self.motor.reset(now)
         self.word, self.state = 0, self.profile.states[0]
 
     def enter(self, state: str, now: float) -> None:
-        """Come to a state by something else than a control word."""
+        """Enter a state for another reason than a control word."""
         self.state = self.profile.state(state)
         self.act(now)
 
     def control(self, word: int, now: float) -> None:
-        """Take a control word; of one without the valid bits only those count that stop by being 0."""
+        """Obey a control word; without the valid bits, only the bits count that stop by being 0."""
         if not self.profile.commands(word):
             if not self.profile.off:
                 return
@@ -75,14 +78,14 @@ class ProfileMachine:
         self.act(now)
 
     def contacts(self, word: int, starting: int, now: float) -> None:
-        """Take a word whose bits are contacts: any of the starting ones starts the motor, none stops it."""
+        """Obey a word whose bits are contacts: any of the starting bits starts the motor; without them it stops."""
         running = next(state for state in self.profile.states if state.motor == "run")
         stopped = self.profile.next_state(running, self.profile.stops[Stop.RAMP][-1].word, 0)
         self.word = word
         self.enter((running if word & starting else stopped).name, now)
 
     def act(self, now: float) -> None:
-        """Have the motor do what the state says, with the reference as it is now."""
+        """Make the motor act as the state demands, with the present reference."""
         have_do(self.motor, self.state.motor, lambda: self._wanted_hz(self.word), now)
 
     def trip(self, code: int, now: float) -> None:
@@ -91,7 +94,7 @@ class ProfileMachine:
         self.state, self._tripped_at = self._fault, now
 
     def follow(self, now: float) -> None:
-        """Let time pass: the state follows a motor that has tripped or come to a standstill."""
+        """Advance the time: the state follows a motor that has tripped or come to a standstill."""
         self.motor.advance(now)
         if self.motor.fault:
             if self.state is not self._fault:
@@ -100,5 +103,5 @@ class ProfileMachine:
             self.state = self.profile.state(self.state.stands)
 
     def status_word(self) -> int:
-        """Return the bits of the status word that say the state; the others are the drive's own."""
+        """Return the bits of the status word that show the state; the drive sets the others."""
         return self.state.shows

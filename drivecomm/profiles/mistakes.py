@@ -1,4 +1,4 @@
-"""What is wrong with a control profile: what no drive could obey, and what would not be safe."""
+"""Mistakes in a control profile: words that no drive could obey, and words that would not be safe."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def mistakes_in(profile: ControlProfile) -> Iterator[str]:
-    """Yield what is wrong with a profile, a sentence each; nothing for one that is sound."""
+    """Yield the mistakes in a profile, one sentence each."""
     yield from _starts_and_stops(profile)
     yield from _states(profile)
     if profile.transitions:
@@ -60,7 +60,7 @@ def _transitions(profile: ControlProfile) -> Iterator[str]:
     reached, waiting = set(), [profile.states[0].name]
     ways = [(each.origins, each.goal) for each in profile.transitions]
     ways += [(frozenset([state.name]), state.stands) for state in profile.states if state.stands]
-    # Whatever a drive does, it may trip.
+    # A drive can trip in any state.
     tripped = [state.name for state in profile.states if state.means is DriveState.FAULT]
     waiting += tripped[-1:]
     while waiting:

@@ -1,4 +1,4 @@
-"""How the steps and the status of a drive whose commands are registers get there and back."""
+"""Transport of steps and status for drives whose commands are registers."""
 
 from __future__ import annotations
 
@@ -19,35 +19,38 @@ if TYPE_CHECKING:
 
 
 class RegisterTelegrams(Protocol):
-    """What a protocol package frames for one drive."""
+    """Telegrams for one drive, which a protocol package provides."""
 
     def word(self, place: str, /) -> Exchange[int]:
-        """Read one register, or coil."""
+        """Read one register or coil."""
 
     def words_of(self, places: Iterable[str], /) -> Exchange[dict[str, int]]:
-        """Read registers, or coils, by name; more may come with them."""
+        """Read registers or coils by name; the result may hold further ones."""
 
     def carry(self, step: Step, **how: Any) -> Exchange[Words | None]:
-        """Write one step of a command; returns the status words that came with the reply. how: see `Ask`."""
+        """Write one step of a command; return the status words that came with the reply, None if it had none.
+
+        how: see `Ask`.
+        """
 
     def fault_code(self) -> Exchange[int | None]:
-        """Read the code of a fault, None where there is none."""
+        """Read the code of a fault; None if there is no fault."""
 
 
 class OrderCarrier:
-    """Carries the steps of one drive's commands, as a `Carrier`, and repeats for its watchdog the one that holds.
+    """A `Carrier` for one drive's commands that repeats the command in force for the drive's watchdog.
 
-    A start is remembered only when the drive has confirmed it, what lets no motor run before it is sent.
+    A start is remembered only after the drive has confirmed it. Any other step is remembered before it is sent.
     """
 
     def __init__(self, table: ControlTable, telegrams: RegisterTelegrams, memory: OrderMemory) -> None:
         self._table, self._telegrams, self._memory = table, telegrams, memory
 
     def look(self) -> Exchange[Words]:
-        """Read the status registers, and the code of a fault where only that tells one."""
+        """Read the status registers, and the code of a fault if only the code shows a fault."""
         status = self._table.status
         if not status:
-            # Nothing tells, so that a reset is sent.
+            # Nothing shows a fault, so assume one: then a reset is sent.
             return {TRIPPED: 1}
         words = yield from self._telegrams.words_of(dict.fromkeys(condition.place for condition in status.values()))
         fault = status.get("fault")
@@ -62,13 +65,13 @@ class OrderCarrier:
     def send(self, step: Step, *, urgent: bool) -> Exchange[Words | None]:
         """Write one step of a command: once, unless it stops the motor.
 
-        Returns the status words that came with the reply, None where none did.
+        Returns the status words that came with the reply, None if it had none.
         """
         profile, fed_by = self._table.profile, self._table.fed_by
         runs = step in (*profile.start[-1:], *profile.start_reverse[-1:])
         if not runs:
             self._remember(step, runs=False)
-        # A command has an age only where it may be repeated.
+        # Only a command that may be repeated has an age.
         command = {"command": "new"} if fed_by else {}
         seen = yield from self._telegrams.carry(
             step, attempts=None if urgent else 1, unseen=urgent, urgent=urgent, **command
@@ -78,10 +81,10 @@ class OrderCarrier:
         return seen
 
     def feed(self, seen: Words) -> Exchange[None]:
-        """Repeat the command that holds where the watchdog is on and only commands restart its time.
+        """Repeat the command in force if the watchdog is on and only commands restart its time.
 
-        seen: the status words, just read. A start is repeated only to a motor that runs, and nothing where the drive
-        shows that somebody else has commanded it since.
+        seen: the status words that were just read. A start is repeated only to a running motor. Nothing is repeated if
+        the drive shows that another program has commanded it since.
         """
         memory, profile, shows = self._memory, self._table.profile, self._table.command_shown
         running = bool(profile.says("running", seen))
@@ -92,14 +95,14 @@ class OrderCarrier:
         shown = (yield from unless_refused(self._telegrams.word(shows))) if shows else None
         if shown is not None and shown & fed_by.mask in fed_by.values and shown != step.word:
             memory.forget()
-        # A stop that was called meanwhile has forgotten it, too.
+        # A stop that was called meanwhile has also cleared the held step.
         if memory.held is step:
-            # Too old: what was asked for is the status all the same.
+            # Ignore a command that is too old: the caller wants the status, which is valid without it.
             with suppress(CommandTooOldError):
                 yield from self._telegrams.carry(step, attempts=1, command="repeated")
 
     def _remember(self, step: Step, *, runs: bool) -> None:
-        """Hold a step that feeds the watchdog; the edge of a reset is not for repeating."""
+        """Hold a step that feeds the watchdog; the edge of a reset must not be repeated."""
         fed_by = self._table.fed_by
         if fed_by is not None and step.place == fed_by.place and step not in self._table.profile.reset[:-1]:
             self._memory.hold(step, runs=runs)

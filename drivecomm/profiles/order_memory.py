@@ -1,4 +1,4 @@
-"""What a master remembers of a drive whose commands are registers, and how such a drive is stopped for sure."""
+"""State that a master keeps about a drive whose commands are registers, and the sure stop of such a drive."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 
 
 class OrderMemory:
-    """What is remembered of one drive, shared by all who speak to it on one bus.
+    """State of one drive, shared by all its users on one bus.
 
-    held: the step that commands the drive, None when there is none, or none that holds. runs: whether it lets the motor
-    run. obeyed: whether a status has shown since that the drive does what it says. watched: whether the drive's
-    watchdog is known to be on. unanswered: its last request had no answer, so that the next question may have to wait
-    for a late one.
+    held: the step in force that commands the drive, None if there is none. runs: whether that step lets the motor run.
+    obeyed: whether a status has shown since then that the drive obeys. watched: whether the drive's watchdog is known
+    to be on. unanswered: whether the last request got no reply, so that the next request may have to wait for a late
+    one.
     """
 
     def __init__(self) -> None:
@@ -31,19 +31,22 @@ class OrderMemory:
         self.runs = self.obeyed = self.watched = self.unanswered = False
 
     def hold(self, step: Step, *, runs: bool) -> None:
-        """Take note of a step that commands the drive from now on."""
+        """Set the step that commands the drive from now on."""
         self.held, self.runs, self.obeyed = step, runs, False
 
     def forget(self) -> None:
-        """Forget what was commanded; it is not sent again."""
+        """Forget the last command, so that it is not sent again."""
         self.held, self.runs, self.obeyed = None, False, False
 
     def watch(self, silence_s: float | None) -> None:
-        """Take note whether the watchdog is on."""
+        """Record whether the watchdog is on."""
         self.watched = silence_s is not None
 
     def notice(self, *, running: bool, fault: bool) -> None:
-        """Take note of a status: what it contradicts after it was obeyed, or after a trip, holds no longer."""
+        """Process a status, which may end the command in force.
+
+        A trip ends a start. A command also ends if a status contradicts it after an earlier status has confirmed it.
+        """
         if fault and self.runs:
             self.forget()
         elif running is self.runs:
@@ -55,10 +58,11 @@ class OrderMemory:
 def stop_for_sure(
     how: Stop, commander: Commander, table: ControlTable, memory: OrderMemory, read: Callable[[str], Exchange[Reading]]
 ) -> Exchange[None]:
-    """Stop one drive in a way that is asked for, or by `sure_stop` where those words might mean something else.
+    """Stop one drive in the requested way, or by `sure_stop` if the drive might take those words for something else.
 
-    What the drive obeys is read first, and once. If it obeys something else, refuses or does not answer, or if the
-    request would have to wait for a late reply, the stop that starts nothing in any case goes out instead.
+    The parameters that decide how the drive understands the words are read first, and once. If they hold other values,
+    if the drive refuses or does not answer, or if the request would have to wait for a late reply, the stop that starts
+    nothing in any case is sent instead.
     """
     if table.sure_stop and how in table.profile.stops and how.value != table.sure_stop:
         try:

@@ -1,8 +1,8 @@
-"""Profiles without states from tables of steps: a place of its own for each thing that a drive can be told.
+"""Profiles without states, made from tables of steps: each command of the drive has a place of its own.
 
-A command is a list of steps, each `[address, value]` or `[address, value, mask]`: the master writes the value; a
-virtual drive looks at the bits of the mask only. A condition of `status` is `[address, mask, value]`, or a list of
-values: it holds when the word, masked, is one of them.
+A command is a list of steps, each `[address, value]` or `[address, value, mask]`. The master writes the value; a
+virtual drive looks only at the bits of the mask. A condition of `status` is `[address, mask, value]`, where the value
+may be a list: it holds when the masked word is one of the values.
 """
 
 from __future__ import annotations
@@ -19,19 +19,21 @@ if TYPE_CHECKING:
 
 _STOPS = {"stop": Stop.RAMP, "coast": Stop.COAST, "quick": Stop.QUICK, "dc_brake": Stop.DC_BRAKE}
 ORDERS = ("start", "start_reverse", *_STOPS, "reset")
-"""Commands that a table may have; a stop without a further word is down the ramp."""
+"""Commands that a table may have; `stop` is a stop down the ramp."""
 
 ONLY_SHOWN = ("reverse_ordered", "always")
-"""What only a virtual drive shows: the direction that was ordered, which the motor may not have yet, and bits that are
-set at all times."""
+"""Status entries for virtual drives only.
+
+reverse_ordered: the ordered direction, which the motor may not have yet. always: bits that are set at all times.
+"""
 
 SAID = (
     "running", "started", "fault", "ready", "stopping", "warning", "at_reference", "reverse", "remote", *ONLY_SHOWN,
 )  # fmt: skip
-"""What a status may say. started: that a start is obeyed, where that is more than that the motor turns."""
+"""Entries of a status. started: the drive obeys a start, if a turning motor alone does not prove that."""
 
 TRIPPED = "tripped"
-"""The place where whoever looks at a drive notes whether it has a fault, by its status or by the code of the fault."""
+"""Place that shows whether a drive has a fault, as found from its status or from the code of the fault."""
 
 _IS_TRIPPED = Condition(place=TRIPPED, mask=1, values=(1,))
 _IS_HEALTHY = Condition(place=TRIPPED, mask=1, values=(0,))
@@ -39,7 +41,10 @@ _ANYHOW = Condition(place=TRIPPED, mask=0, values=(0,))
 
 
 def steps_of(name: str, given: Any, place_of: Callable[[str], tuple[str, int]]) -> tuple[Step, ...]:
-    """Return the steps of one entry. place_of: of an address, and how far up in its word it begins."""
+    """Return the steps of one entry. Raises UsageError for an invalid one.
+
+    place_of: returns the place of an address, and its lowest bit in the word.
+    """
     steps = []
     for each in given:
         if (
@@ -53,14 +58,17 @@ def steps_of(name: str, given: Any, place_of: Callable[[str], tuple[str, int]]) 
 
 
 def status_of(given: Mapping[str, Any], place_of: Callable[[str], tuple[str, int]]) -> dict[str, Condition]:
-    """Return the conditions of a table `status`. Raises UsageError."""
+    """Return the conditions of a table `status`. Raises UsageError for an unknown or invalid entry."""
     if strange := sorted(set(given) - set(SAID)):
         raise UsageError(f"[control] status: unknown key {strange[0]!r}; it has {', '.join(SAID)}")
     return {name: condition_of(f"status, {name}", each, place_of) for name, each in given.items()}
 
 
 def condition_of(name: str, given: Any, place_of: Callable[[str], tuple[str, int]]) -> Condition:
-    """Return the condition of one entry. place_of: as of `steps_of`. Raises UsageError."""
+    """Return the condition of one entry. Raises UsageError for an invalid one.
+
+    place_of: as in `steps_of`.
+    """
     if not isinstance(given, tuple | list) or len(given) != 3 or type(given[1]) is not int:
         raise UsageError(f"[control] {name}: a condition is [address, mask, value], not {given!r}")
     values = given[2] if isinstance(given[2], tuple | list) else (given[2],)
@@ -77,8 +85,8 @@ def profile_of_orders(
 ) -> ControlProfile:
     """Return the profile of these commands and this status.
 
-    pause_s: between the steps of a start. way: what the status shows before the first step of a start and after each;
-    each is awaited, and a drive that shows it already is not sent what leads there.
+    pause_s: between the steps of a start. way: the values of the status before the first step of a start and after
+    each. Each value is awaited; the steps to a value that the drive already shows are left out.
     """
     states = {
         "fault": (_IS_TRIPPED, DriveState.FAULT),
@@ -110,7 +118,7 @@ def profile_of_orders(
 
 
 def _reset_of(steps: tuple[Step, ...], until: tuple[Condition, ...]) -> tuple[Step, ...]:
-    """Return how a fault is acknowledged: by an edge also where its bit was left set, and until the fault is gone."""
+    """Return the steps that acknowledge a fault: an edge even if its bit is still set, until the fault is gone."""
     if not steps:
         return ()
     *before, last = steps

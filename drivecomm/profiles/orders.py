@@ -1,7 +1,7 @@
-"""The drive's side of a profile without states: commands that are complete with what was just written.
+"""The drive's side of a profile without states: a command is obeyed as soon as its last step is written.
 
-Such a drive has a register, or a coil, for each thing that it can be told. The steps of a command that go to one place
-must come in their order (0006, 0007, 000F); those to other places must hold at that time (direction, then run).
+Such a drive has a register or a coil for each command. Steps of a command that go to the same place must come in order
+(0006, 0007, 000F). Steps that go to other places must hold at that time (direction, then run).
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ _STOPS = {
     Stop.DC_BRAKE: Command.DC_BRAKE,
     Stop.RAMP: Command.RAMP_STOP,
 }
-"""In the order in which they are looked for."""
+"""Motor commands of the stops, in the order in which stops are checked."""
 
 _STARTS = ("reverse", "start")
 
 
 class OrderMachine:
-    """A drive that is commanded by places of its own.
+    """A virtual drive that has a place of its own for each command.
 
-    wanted_hz: the reference as it is now, unsigned by the command. way: what the status shows before the first step of
-    a start and after each. reverse: which way the last start was.
+    wanted_hz: returns the present reference, without the direction of the command. way: the values of the status before
+    the first step of a start and after each. reverse: whether the last start was backwards.
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class OrderMachine:
         self._way = way
         self.reverse = False
         self._wanted_hz = wanted_hz
-        # Stops before starts: what could be both is a stop first.
+        # Stops come before starts: a word that may mean both counts as a stop first.
         stops = {how.value: profile.stops.get(how, ()) for how in _STOPS}
         self._orders = {**stops, "reverse": profile.start_reverse, "start": profile.start}
         self._done: dict[tuple[str, str], int] = {}
@@ -51,7 +51,7 @@ class OrderMachine:
         self._before: Words = {}
 
     def power_up(self, words: Words, now: float) -> None:
-        """Begin with mains switched on; what a place then holds counts only where it is the one step of a command."""
+        """Begin with mains switched on; the content of a place counts only as the single step of a command."""
         self.motor.stop(Command.OFF, now)
         self.motor.reset(now)
         for name, place, steps in self._by_place():
@@ -59,7 +59,7 @@ class OrderMachine:
         self._before = dict(words)
 
     def written(self, places: Collection[str], words: Words, now: float) -> None:
-        """Obey what is complete now that these places have been written."""
+        """Obey the commands that are complete after a write to these places."""
         if self._acknowledges(places, words):
             self.motor.reset(now)
         self._before = dict(words)
@@ -71,7 +71,7 @@ class OrderMachine:
                 self.motor.stop(_STOPS[Stop(name)], now)
 
     def stop(self, how: Stop, now: float) -> None:
-        """Stop the motor by itself, without a command."""
+        """Stop the motor without a command from the bus."""
         self.motor.stop(_STOPS[how], now)
 
     def trip(self, code: int, now: float) -> None:
@@ -79,17 +79,17 @@ class OrderMachine:
         self.motor.trip(code, now)
 
     def follow(self, now: float) -> None:
-        """Let time pass."""
+        """Advance the motor to the time `now`."""
         self.motor.advance(now)
 
     def act(self, now: float) -> None:
-        """Run with the reference as it is now."""
+        """Run with the present reference."""
         self.motor.run(-self._wanted_hz() if self.reverse else self._wanted_hz(), now)
 
     def status_words(self, said: Mapping[str, Condition]) -> dict[str, int]:
-        """Return the status words in which the conditions of these names are as they are now.
+        """Return the status words that show which of these conditions hold now.
 
-        "always" is so at all times; a name that is not known never is.
+        said: the conditions by name. "always" holds at all times; an unknown name never holds.
         """
         if self._way is not None:
             said = {**said, "way": replace(self._way, values=(self._way.values[self._stage()],))}
@@ -97,12 +97,12 @@ class OrderMachine:
         return shown(words, said, {**own_truth(self.motor), **motor_truth(self.motor)})
 
     def _stage(self) -> int:
-        """Return how many steps of a start are done; a motor that still turns has not left the last."""
+        """Return the number of completed steps of a start; all of them while the motor still turns."""
         steps = self._orders["start"]
         return len(steps) if self.motor.running else self._done["start", steps[-1].place]
 
     def _acknowledges(self, places: Collection[str], words: Words) -> bool:
-        """Whether what was written is the reset: an edge, where a further step takes its bits back."""
+        """Return whether a write is the reset: an edge, if a further step of the reset clears its bits."""
         place = self._reset[-1].place if self._reset else ""
         if place not in places:
             return False
@@ -123,7 +123,7 @@ class OrderMachine:
         for name, own in by_name.items():
             touched = [(place, steps) for place, steps in own if place in places]
             for place, steps in touched:
-                # A motor that runs needs only the last step to run the other way.
+                # A running motor needs only the last step to change its direction.
                 runs = name in _STARTS and self.motor.command is Command.RUN and _means(steps[-1], words[place])
                 self._done[name, place] = (
                     len(steps) if runs else _progress(steps, self._done[name, place], words[place])
@@ -132,19 +132,19 @@ class OrderMachine:
                 yield name
 
     def _by_place(self) -> Iterator[tuple[str, str, Sequence[Step]]]:
-        """Yield the steps of each command that go to one place."""
+        """Yield the name of each command, each place of its steps, and the steps that go there."""
         for name, steps in self._orders.items():
             for place in dict.fromkeys(step.place for step in steps):
                 yield name, place, [step for step in steps if step.place == place]
 
 
 def _means(step: Step, word: int) -> bool:
-    """Whether a written word is this step."""
+    """Return whether a written word is this step."""
     return word & step.mask == step.word & step.mask
 
 
 def _progress(steps: Sequence[Step], done: int, word: int) -> int:
-    """Return how many steps to one place are done after this word."""
+    """Return the number of completed steps to one place after this word."""
     reached = done
     while reached < len(steps) and _means(steps[reached], word):
         reached += 1

@@ -1,4 +1,4 @@
-"""The plug-in object of a protocol whose drives hold registers, out of its dialect and its telegrams."""
+"""Plug-in objects of protocols whose drives hold registers, made from a dialect and the telegrams."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _virtual = later("drivecomm.profiles.virtual_registers:VirtualRegisterDrive")
 def register_protocol(
     *, dialect: type[Dialect], codec: Callable[[Any], Codec], facts: LineFacts, options: type[Any], **further: Any
 ) -> Protocol:
-    """Return the plug-in object: what follows from the dialect is filled in, the rest are fields of `Protocol`.
+    """Return a plug-in object whose fields are derived from the dialect where possible.
 
-    codec: the telegrams of drives with these options; of a `Telegrams`, forms, messages and blind spots are taken, too.
-    A field that is given is taken in place of what would follow.
+    codec: returns the telegrams of drives with these options; a `Telegrams` provides forms, messages and blind spots,
+    too. further: other fields of `Protocol`; they override derived ones.
     """
 
     @cache
@@ -32,7 +32,7 @@ def register_protocol(
         return dialect(0, options(), None)
 
     def operations(address: int, own: Any, model: Model | None, memory: OrderMemory | None = None) -> Operations:
-        # A master that only looks on needs no verbs.
+        # Imported late, since a master that only listens needs no verbs.
         from drivecomm.profiles.register_operations import RegisterOperations
 
         made: Operations = RegisterOperations(dialect(address, own, model), memory)
@@ -47,7 +47,7 @@ def register_protocol(
 
     usual: dict[str, Any] = {
         "mismatch": mismatch,
-        # A new one each time: a drive keeps what a request has prepared.
+        # A new dialect for each request, since it keeps what a request has prepared.
         "intent": lambda request: dialect(0, options(), None).intent(request),
         "operations": operations,
         "virtual": virtual,

@@ -1,9 +1,9 @@
-"""Commanding drives whose every telegram carries a control word and a reference, and every reply their status.
+"""Commands to drives whose every telegram carries a control word and a reference, and every reply their status.
 
 A reply shows the drive as it was before the command of its request took effect (VLT 5000 Design Guide p. 95, NORD BU
-0050 p. 37), so nothing is concluded from it about that command. What builds on a command that was given before, such as
-another reference, first asks whether the motor runs by it, and is refused where it does not: a start that is sent again
-would start a motor that somebody has stopped.
+0050 p. 37), so that it says nothing about that command. An operation that builds on an earlier command, such as another
+reference, first checks whether the motor runs by that command, and is refused if it does not. A start that is sent
+again would start a motor that another program or a person has stopped.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 
 
 class CommandMemory:
-    """The last command to one drive, shared by all who speak to it on one bus.
+    """The last command to one drive, shared by all its users on one bus.
 
-    word: the control word that was commanded, 0 when there is none, or none that holds. idle: the same of a word that
-    lets no motor run, which stays when it is forgotten: it may be sent again at any age. obeyed: whether a status has
-    shown since that the drive does what the word says. reference: what goes with it, None until it was set here or read
-    from the drive. functions: further bits that every command carries. watched: whether the drive's watchdog is known
-    to be on, so that the command has to be repeated. owed: whether the word takes back a start that a tripped drive
-    still keeps, and has not been sent yet.
+    word: the control word in force, 0 if there is none. idle: the same for a word that lets no motor run; it stays when
+    the command is forgotten, since it may be sent again at any age. obeyed: whether a status has shown since then that
+    the drive obeys the word. reference: the reference that goes with it, None until it was set here or read from the
+    drive. functions: further bits that every command carries. watched: whether the drive's watchdog is known to be on,
+    so that the command has to be repeated. owed: whether the word takes back a start that a tripped drive still keeps,
+    and has not been sent yet.
     """
 
     def __init__(self) -> None:
@@ -40,39 +40,41 @@ class CommandMemory:
         self.reference: int | None = None
 
     def forget(self) -> None:
-        """Forget the control word; reference and functions stay as they were chosen, for the next start."""
+        """Forget the control word; reference and functions stay for the next start."""
         self.word, self.obeyed, self.owed = 0, False, False
 
     def watch(self, silence_s: float | None) -> None:
-        """Take note whether the watchdog is on."""
+        """Record whether the watchdog is on."""
         self.watched = silence_s is not None
 
 
 class WordTelegrams(Protocol):
-    """What a protocol package frames for one drive.
+    """Telegrams for one drive, which a protocol package provides.
 
-    keeps_start: whether a start that a tripped drive has got starts the motor when the trip is reset, so that it is
-    taken back. needs_words: whether a running one trips without its control word, so that questions carry it; of drives
-    that obey every word: whether the look before a start is a stop word, so that its reply tells the status.
+    keeps_start: whether a tripped drive keeps a start that it receives, and starts the motor when the trip is reset;
+    the start is then taken back. needs_words: whether a running drive trips without its control word, so that read
+    requests carry it. Of drives that obey every word: whether the look before a start is a stop word, whose reply shows
+    the status.
     """
 
     keeps_start: bool
     needs_words: bool
 
     def block(self, word: int, reference: int, /, **task: Any) -> Message:
-        """Return the telegram that carries these words and this task, or no task."""
+        """Return the telegram that carries these words, and this task if there is one."""
 
-    def shown(self, word: Literal["control_word", "reference"]) -> Exchange[int | None]:  # noqa: ARG002 - a default
-        """Read what the drive got last from the bus; None where it does not show it."""
+    def shown(self, word: Literal["control_word", "reference"]) -> Exchange[int | None]:  # noqa: ARG002 - default
+        """Read the word that the drive last received from the bus; None if the drive does not show it."""
         yield from ()
         return None
 
 
 class ProcessWords:
-    """Speaks with one drive in words. profile: returns those that command it, read by who commands only.
+    """Conversation with one drive in control and status words.
 
-    answer: carries out a question where that takes more than to ask it. A start is remembered only when the drive has
-    answered it, a stop before it is sent. seen: the last status word.
+    profile: returns the control profile of the drive; called only for commands. answer: carries out a request if that
+    takes more than sending it. A start is remembered only after the drive has answered it, a stop before it is sent.
+    seen: the last status word.
     """
 
     def __init__(
@@ -95,11 +97,11 @@ class ProcessWords:
 
     @property
     def profile(self) -> ControlProfile:
-        """The control profile."""
+        """Control profile of the drive."""
         return self._profile()
 
     def ask(self, *, acts: bool = False, attempts: int | None = None, **task: Any) -> Exchange[Any]:
-        """Send a task, or ask for the status, by words that command nothing or, where the drive needs them, hold."""
+        """Send a task, or request the status, with no command or, if the drive needs it, the word in force."""
         held = (self.memory.word or self.memory.idle) if self._frames.needs_words else 0
         if held:
             try:
@@ -113,9 +115,10 @@ class ProcessWords:
         self, word: int, *, repeated: bool = False, attempts: int | None = None, acts: bool = True,
         urgent: bool = False, **task: Any,
     ) -> Exchange[Any]:  # fmt: skip
-        """Send a control word with the reference that is set; its reply says nothing of what it answers.
+        """Send a control word with the present reference.
 
-        repeated: it builds on the one that was commanded. Raises CommandTooOldError if that is old, and lets run.
+        Without a task, the reply does not show which request it answers. repeated: whether the telegram builds on the
+        last command. Raises CommandTooOldError if that command is too old and lets the motor run.
         """
         age: Literal["", "new", "repeated"] = ""
         if word and self.profile.commands(word):
@@ -125,13 +128,16 @@ class ProcessWords:
         return self.noticed((yield ask) if self._answer is None else (yield from self._answer(ask)))
 
     def remember(self, word: int) -> None:
-        """Take note of a control word that is commanded."""
+        """Set the control word that commands the drive from now on."""
         memory = self.memory
         memory.word, memory.obeyed, memory.owed = word, False, False
         memory.idle = 0 if self.profile.lets_run(word) else word
 
     def noticed(self, reply: Any) -> Any:
-        """Take note of a status: what it contradicts after it was obeyed, or after a trip, holds no longer."""
+        """Process the status in a reply, which may end the command in force; return the reply.
+
+        A trip ends a start. A command also ends if a status contradicts it after an earlier status has confirmed it.
+        """
         memory, self.seen = self.memory, reply.status_word or 0
         word = memory.word or memory.idle
         if not word:
@@ -147,18 +153,18 @@ class ProcessWords:
         return reply
 
     def says(self, bit: str) -> bool:
-        """Whether the status that was seen last says so."""
+        """Return whether a statement, such as "running", is true in the last status."""
         return bool(self.profile.says(bit, {ONLY: self.seen}))
 
     @property
     def runs(self) -> bool:
-        """Whether the word that was commanded lets the motor run."""
+        """Whether the control word in force lets the motor run."""
         return self.profile.lets_run(self.memory.word)
 
     def look(self) -> Exchange[Words]:
         """Return the status word.
 
-        Raises StateError where a drive that obeys every word has been given no reference, and shows none.
+        Raises StateError for a drive that obeys every word, if no reference was set here and it shows none.
         """
         obeys_all = self._frames.needs_words and not self.profile.valid
         if obeys_all and not (self.memory.word or self.memory.idle):
@@ -169,10 +175,13 @@ class ProcessWords:
         return {ONLY: self.seen}
 
     def send(self, step: Step, *, urgent: bool) -> Exchange[Words]:
-        """Send a word of the profile. Of a reset only the first one is remembered: what then contradicts it holds."""
+        """Send a word of the profile.
+
+        Of a reset, only the first word is remembered, so that a status that contradicts it later still ends it.
+        """
         seen, word, runs = {ONLY: self.seen}, step.word | self.memory.functions, self.profile.lets_run(step.word)
         if step in self.profile.start[:-1] and self.runs and self.profile.status(seen).state is DriveState.RUNNING:
-            # A motor that runs by a command from here is not stopped for the next one.
+            # A motor that already runs by a command from here is not stopped for the next start.
             return seen
         if not runs and step not in self.profile.reset[1:]:
             self.remember(word)
@@ -182,28 +191,31 @@ class ProcessWords:
         return {ONLY: self.seen}
 
     def commander(self, profile: ControlProfile | None = None, **how: Any) -> Commander:
-        """Return who commands the drive, by this profile instead of its own. how: as of `Commander`."""
+        """Return a commander of the drive, by this profile instead of its own.
+
+        how: as in `Commander`.
+        """
         return Commander(profile or self.profile, self, again=self.again, **how)
 
     def again(self, step: Step) -> Exchange[Words]:
-        """Send a step once more where it may be, which keeps what it says in force; look otherwise."""
+        """Return the status words after a step: repeat it if it may be repeated, which keeps it in force, or look."""
         return self.send(step, urgent=False) if step.repeats else self.look()
 
     def status(self) -> Exchange[Any]:
-        """Return the reply to a question for the status; what was commanded is then repeated for a watchdog."""
+        """Return the reply to a status request; the command in force is repeated if a watchdog needs it."""
         reply, memory = (yield from self.ask()), self.memory
         if (memory.watched or memory.owed) and (yield from self.holds()):
-            # Too old: what was asked for is the status all the same.
+            # Ignore a command that is too old: the caller wants the status, which is valid without it.
             with suppress(CommandTooOldError):
                 reply = yield from self.command(memory.word, repeated=True, acts=False)
                 memory.owed = False
         return reply
 
     def holds(self) -> Exchange[bool]:
-        """Whether the word that was commanded may be sent again: none that would start the motor.
+        """Return whether the control word in force may be sent again, which is not so if it would start the motor.
 
-        A motor that another master has stopped shows as running until it stands, so a drive that can is asked which
-        word it got last. One that shows none, or an invalid one, says nothing by that.
+        A motor that another master has stopped shows as running until it stands, so the last word from the bus is read
+        from a drive that shows it. If the drive shows none, or an invalid one, this proves nothing.
         """
         if not self.runs:
             return bool(self.memory.word)
@@ -215,18 +227,18 @@ class ProcessWords:
         return self.runs
 
     def must_hold(self, verb: str) -> Exchange[None]:
-        """Raise StateError where to send the last command again, with something added, would start the motor."""
+        """Raise StateError if repeating the last command, with an addition, would start the motor."""
         if not (yield from self.holds()):
             raise StateError(
-                f"{verb} would send the start again to a motor that does not run, or that somebody else commands by "
+                f"{verb} would send the start again to a motor that does not run, or that another program commands by "
                 "now; start it anew, or stop it first"
             )
 
     def set_reference(self, steps: int) -> Exchange[None]:
-        """Send the reference with the control word that holds, and remember it; a drive that stands gets a stop word.
+        """Send the reference with the control word in force, and remember it; a drive at standstill gets a stop word.
 
-        Raises StateError for a motor that runs by a command of somebody else: no word could be sent with the reference
-        that changes nothing else.
+        Raises StateError for a motor that runs by a command of another program: any word that could be sent with the
+        reference would change something else.
         """
         memory = self.memory
         yield from self.ask()
@@ -249,11 +261,11 @@ class ProcessWords:
             raise
 
     def take_over_reference(self) -> Exchange[None]:
-        """Take the reference that the drive shows for one that was not set here. Raises StateError without one."""
+        """Adopt the reference that the drive shows if none was set here. Raises StateError if the drive shows none."""
         if self.memory.reference is None:
             self.memory.reference = taken_over((yield from self._frames.shown("reference")))
 
     def release(self) -> Exchange[None]:
-        """Repeat nothing any more: the drive keeps its last command until its watchdog acts. Sends nothing."""
+        """End the repetition of the command: the drive keeps it until its watchdog acts. Sends nothing."""
         self.remember(0)
         yield from ()

@@ -1,7 +1,7 @@
-"""What a control profile is made of: control words and their order, and what status words say.
+"""Parts of a control profile: control words and their order, and the meaning of status words.
 
-A drive has one control word and one status word, or several registers and coils for both; a place says which is meant,
-in the words of the protocol. Where there is only one, it has no name.
+A drive has one control word and one status word, or several registers and coils for both. A place names one of them, in
+the words of the protocol; if there is only one, it has no name.
 """
 
 from __future__ import annotations
@@ -15,35 +15,35 @@ from drivecomm.errors import ValueRefusedError
 from drivecomm.protocol import DriveState, DriveStatus, Stop
 
 Words: TypeAlias = Mapping[str, int]
-"""What was read from a drive, by place."""
+"""Words that were read from a drive, by place."""
 
 ONLY = ""
-"""The place of the control word, or the status word, of a drive that has one of it."""
+"""The place of the control word, or of the status word, if a drive has only one."""
 
 MotorDoes: TypeAlias = Literal["off", "run", "ramp", "quick", "dc_brake", "hold"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Condition:
-    """Whether bits of a word are so: under the mask it is one of the values."""
+    """Condition on bits of a word: the masked word is one of the values."""
 
     mask: int
     values: tuple[int, ...]
     place: str = ONLY
 
     def holds(self, words: Words) -> bool:
-        """Whether it is so; what was not read is not."""
+        """Return whether the condition holds; False if its word was not read."""
         word = words.get(self.place)
         return word is not None and word & self.mask in self.values
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """One control word on a way.
+    """One control word in a sequence.
 
-    unless: it is left out where one of these holds before. until: what is awaited after it, one of these. repeats:
-    whether it may be sent again when no reply came; a word that starts a motor, or that has an edge, may not. mask: the
-    bits that a drive looks at. pause_s: passes before it.
+    unless: the step is left out if one of these conditions holds at the start of the sequence. until: conditions of
+    which one is awaited after the step. repeats: whether the word may be sent again if no reply came; not so for a word
+    that starts a motor or has an edge. mask: the bits that a drive examines. pause_s: pause before the step.
     """
 
     word: int
@@ -57,7 +57,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refusal:
-    """When a motor is not to be started, and why, in a sentence."""
+    """Conditions under which a motor must not be started, and the reason as a sentence."""
 
     when: tuple[Condition, ...]
     say: str
@@ -65,10 +65,10 @@ class Refusal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class State:
-    """A state: by what bits of the status word it is known, and what the drive does with its motor in it.
+    """One state of a drive: the bits of the status word that identify it, and the action on the motor in it.
 
-    shows: the bits of the status word that a drive shows in it. stands: the state that it comes to when the motor
-    stands.
+    shows: the bits of the status word that a drive shows in it. stands: the next state after the motor has come to a
+    standstill.
     """
 
     name: str
@@ -81,7 +81,7 @@ class State:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Transition:
-    """What brings a drive from one of some states into another: bits of the control word, or one that rises."""
+    """Change from some states into another, caused by bits of the control word or by a rising one."""
 
     origins: frozenset[str]
     mask: int
@@ -90,7 +90,10 @@ class Transition:
     goal: str
 
     def leads_on(self, state: str, word: int, before: int) -> bool:
-        """Whether a control word brings a drive on from a state. before: the control word that came before."""
+        """Return whether a control word causes the transition from a state.
+
+        before: the control word that came before.
+        """
         return (
             state in self.origins
             and word & self.mask == self.value
@@ -100,15 +103,15 @@ class Transition:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ControlProfile:
-    """How drives are commanded.
+    """How drives are commanded, by control words and status words.
 
-    valid: bits without which a control word commands nothing, 0 where every one commands. idle: a word that commands
-    nothing, None where there is none. off: bits that stop by being 0 even in a word without the valid bits. reverse:
-    bits that turn the motor backwards, 0 where the sign of the reference does, or `start_reverse`. full: what 100 % is
-    in reference and actual value. runs: what is so of each control word that lets a motor run. follows: what is so of
-    each control word with which a running motor follows its reference, None where all do; with others it runs at 0.
-    named_states: whether the manuals name the states, so that a status shows them by name. bits: when it is that a
-    `DriveStatus` says so. flags: names of bits of the status word.
+    valid: bits without which a control word commands nothing, 0 if every one commands. idle: a word that commands
+    nothing, None if there is none. off: bits that stop by being 0, even in a word without the valid bits. reverse: bits
+    that turn the motor backwards, 0 if the sign of the reference or `start_reverse` does. full: the number for 100 % in
+    reference and actual value. runs: condition of each control word that lets a motor run. follows: condition of each
+    control word with which a running motor follows its reference, None if all do; with others it runs at 0.
+    named_states: whether the manuals name the states, so that a status shows them by name. bits: the conditions for
+    each statement of a `DriveStatus`. flags: names of bits of the status word.
     """
 
     name: str
@@ -134,22 +137,22 @@ class ControlProfile:
 
     @property
     def take_back(self) -> tuple[Step, ...]:
-        """What a start is taken back by that was not obeyed: the gentlest stop."""
+        """Steps that take back a start which the drive did not obey: the gentlest stop."""
         return next((self.stops[how] for how in Stop if how in self.stops), ())
 
     def start_towards(self, *, reverse: bool) -> tuple[Step, ...]:
-        """Return how the motor is started in a direction: only what lets it run tells which."""
+        """Return the steps of a start in a direction; only the words that let the motor run carry the direction."""
         if not reverse:
             return self.start
         turned = (replace(step, word=step.word | self.reverse * self.lets_run(step.word)) for step in self.start)
         return self.start_reverse or tuple(turned)
 
     def state(self, name: str) -> State:
-        """Return the state with a name."""
+        """Return the state with this name."""
         return next(state for state in self.states if state.name == name)
 
     def next_state(self, state: State, word: int, before: int) -> State:
-        """Return the state that a control word leads to, over as many others as it leads through.
+        """Return the state to which a control word leads, through any number of others.
 
         before: the control word that came before.
         """
@@ -157,21 +160,21 @@ class ControlProfile:
             found = next((each for each in self.transitions if each.leads_on(state.name, word, before)), None)
             if found is None:
                 break
-            # An edge leads on once.
+            # An edge causes one transition only.
             state, before = self.state(found.goal), word
         return state
 
     def asks(self, word: int) -> MotorDoes:
-        """Return what a control word asks of a motor that runs; what only an edge does, it does not ask."""
+        """Return the action that a control word demands of a running motor, without the effect of edges."""
         running = next(state for state in self.states if state.motor == "run")
         return self.next_state(running, word, word).motor
 
     def state_of(self, words: Words) -> State | None:
-        """Return the state that status words mean, None for one that no manual lists."""
+        """Return the state that status words mean; None if no manual lists it."""
         return next((state for state in self.states if state.known_by.holds(words)), None)
 
     def says(self, bit: str, words: Words) -> bool | None:
-        """Return whether status words say so; None where they say nothing about it."""
+        """Return whether a statement, such as "running", is true in status words; None if they do not show it."""
         given = self.bits.get(bit)
         return None if given is None else any(each.holds(words) for each in given)
 
@@ -183,15 +186,15 @@ class ControlProfile:
         return tuple(bit for bit in self.bits if self.says(bit, words))
 
     def word_of(self, says: Mapping[str, bool]) -> int:
-        """Return the status word whose bits with these names are so; the others are 0."""
+        """Return the status word with the bits set whose names are true; all others are 0."""
         return sum(1 << bit for bit, name in self.flags.items() if says.get(name))
 
     def steps_of(self, percent: Decimal) -> int:
-        """Return the reference of 16 bits that is nearest to a percentage; halves go to the even step.
+        """Return the 16-bit reference that is nearest to a percentage; halves go to the even step.
 
-        Raises ValueRefusedError for one that 16 bits do not hold.
+        Raises ValueRefusedError for one that 16 bits cannot hold.
         """
-        # What is far beyond has too many digits to be rounded.
+        # Numbers far beyond the range have too many digits to be rounded.
         if abs(percent) < 1000:
             steps = (percent * self.full / 100).quantize(Decimal(1), ROUND_HALF_EVEN)
             if -(2**15) <= steps < 2**15:
@@ -202,30 +205,33 @@ class ControlProfile:
         )
 
     def percent_of(self, steps: int) -> Decimal:
-        """Return what share of 100 % a reference or an actual value is."""
+        """Return a reference or an actual value in per cent."""
         return Decimal(100) * steps / self.full
 
     def commands(self, word: int) -> bool:
-        """Whether a drive obeys a control word at all."""
+        """Return whether a drive obeys a control word at all."""
         return word & self.valid == self.valid
 
     def directed(self, word: int, reference: float) -> float:
-        """Return what a drive makes of a signed reference by a control word: its direction, or 0."""
+        """Return a signed reference with the direction of a control word; 0 if the motor does not follow it."""
         if self.follows is not None and not self.follows.holds({ONLY: word}):
             return 0.0
         return -reference if word & self.reverse else reference
 
     def may_start(self, word: int) -> bool:
-        """Whether a control word may start a motor: it commands, and it is none that stops or resets."""
+        """Return whether a control word may start a motor: it commands, and belongs to no stop or reset."""
         harmless = {step.word for steps in (*self.stops.values(), self.reset) for step in steps}
         return self.commands(word) and word not in harmless
 
     def lets_run(self, word: int) -> bool:
-        """Whether a control word lets a motor run."""
+        """Return whether a control word lets a motor run."""
         return self.runs is not None and self.runs.holds({ONLY: word})
 
     def status(self, words: Words, **further: Any) -> DriveStatus:
-        """Return what status words say. further: what else a `DriveStatus` tells, from elsewhere."""
+        """Return the status that status words mean.
+
+        further: fields of the `DriveStatus` that come from elsewhere.
+        """
         state = self.state_of(words)
         means = state.means if state else DriveState.NOT_READY
         running = self.says("running", words)

@@ -1,4 +1,4 @@
-"""References of a drive that takes them in one form, in per cent or in hertz: the other form is made into that one."""
+"""References of a drive that takes them only in per cent or only in hertz; the other form is converted."""
 
 from __future__ import annotations
 
@@ -17,10 +17,9 @@ if TYPE_CHECKING:
 
 
 class References:
-    """What a reference of one drive is in the form that the drive takes.
+    """References of one drive, converted to the form that the drive takes.
 
-    capabilities: what its model says that it can do, with both forms where one can be made into the other. read: reads
-    a parameter by its address.
+    capabilities: those of its model, with both forms if one can be converted. read: reads a parameter by its address.
     """
 
     def __init__(self, dialect: Dialect, read: Callable[[str], Exchange[Reading]]) -> None:
@@ -39,7 +38,7 @@ class References:
         )
 
     def must_have(self, form: str) -> None:
-        """Raise NotSupported unless a reference in "per cent" or "hertz" can be made into the other form."""
+        """Raise NotSupported unless the drive takes a reference in "per cent" or "hertz", directly or converted."""
         able, other = self.capabilities, "hertz" if form == "per cent" else "per cent"
         if not (able.reference_percent if form == "per cent" else able.reference_hz):
             hint = f"give the frequency that is 100 % at the drive, such as {self._option}, to set it in {form}"
@@ -50,15 +49,18 @@ class References:
             )
 
     def hz_for(self, percent: Value | float) -> Exchange[Decimal]:
-        """Return a share in hertz. Raises StateError where the drive says no range, ValueRefusedError above its own."""
+        """Return a reference in per cent as a frequency.
+
+        Raises StateError if the maximum frequency of the drive is not above 0, ValueRefusedError for a result above it.
+        """
         share, maximum = exact(percent, "reference"), None
         if self._maximum:
             found = self._read(self._maximum)
-            # A drive that does not tell its maximum takes the option's word.
+            # If the drive does not report its maximum, the option counts.
             reading = (yield from unless_refused(found)) if self._highest is not None else (yield from found)
             maximum = None if reading is None else exact(reading.value, "maximum frequency")
         if maximum is not None and maximum <= 0:
-            raise StateError(f"the maximum frequency is {maximum} Hz, so a share of it is no reference; use hertz")
+            raise StateError(f"the maximum frequency is {maximum} Hz, so a share of it is not a reference; use hertz")
         highest = maximum if self._highest is None else self._highest
         hz = share * (highest or 0) / 100
         if maximum is not None and abs(hz) > maximum:
@@ -69,7 +71,7 @@ class References:
         return hz
 
     def percent_for(self, hz: Value | float) -> Exchange[Decimal]:
-        """Return a frequency in per cent. Raises StateError for an empty range, ValueRefusedError for one beyond it."""
+        """Return a frequency in per cent. Raises StateError for an empty range, ValueRefusedError outside the range."""
         wanted = exact(hz, "reference")
         lowest, highest = self._lowest, self._highest
         scale, where = self._control.full_scale, "by the options"

@@ -1,4 +1,4 @@
-"""What one drive whose parameters are registers is asked and told, telegram by telegram."""
+"""The conversation with one drive whose parameters are registers, telegram by telegram."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Ask, Exchange
 
 _BUSY_S, _POLL_S = 1.0, 0.05
-"""How long a busy drive is asked again, and how often; the other drives of its line wait meanwhile."""
+"""Seconds for which a request to a busy drive is repeated, and between attempts; its line is blocked meanwhile."""
 _TRIES = 3
-"""How often what was prepared in vain, or came damaged, is sent."""
+"""Attempts for a request that was prepared in vain or arrived damaged."""
 
 
 class RegisterConversation:
-    """Reads and writes registers of one drive, or writes those of all drives where nobody answers.
+    """Reads and writes of one drive's registers, or writes to those of all drives at the broadcast address.
 
-    is_there: whether the drive has answered with something that the echo of an adapter cannot be.
+    is_there: whether the drive has sent a reply that cannot be the echo of an adapter.
     """
 
     def __init__(self, dialect: Dialect, memory: OrderMemory) -> None:
@@ -39,12 +39,15 @@ class RegisterConversation:
         self._fault_code = dialect.target(address) if address else None
 
     def must_be_one(self) -> None:
-        """Raise NotSupported for what is not for all drives at once."""
+        """Raise NotSupported at the broadcast address."""
         if not self.answers:
             raise NotSupported("that is for one drive; all drives of a series can only be stopped")
 
     def words(self, place: Place, count: int, called: str) -> Exchange[tuple[int, ...]]:
-        """Read some registers from a place on. called: what a refusal is of."""
+        """Read registers from a place on.
+
+        called: the name of the request in the error for a refusal.
+        """
         self.must_be_one()
         reply = yield from self.asked(self._dialect.reading(place, count), called, place)
         return self._dialect.words(reply, place)
@@ -55,7 +58,10 @@ class RegisterConversation:
         return (yield from self.words(found, 1, self._dialect.address_at(found)))[0]
 
     def words_of(self, places: Iterable[str]) -> Exchange[dict[str, int]]:
-        """Read registers by the names of their places; those that one telegram tells whole come from one moment."""
+        """Read registers by the names of their places.
+
+        If one telegram always reads all registers of a kind, their values are from the same moment.
+        """
         told: dict[str, int] = {}
         for name in places:
             place = Place.named(name)
@@ -69,33 +75,40 @@ class RegisterConversation:
         return told
 
     def raw(self, wanted: Target) -> Exchange[int | str]:
-        """Read what the registers of a parameter hold."""
+        """Read the raw value of a parameter from its registers."""
         count = 1 if wanted.wide else wanted.format.size
         return wanted.raw_of((yield from self.words(wanted.place, count, wanted.address)))
 
     def put(self, wanted: Target, raw: int | str, goal: Place, **how: Any) -> Exchange[None]:
-        """Write a parameter. goal: the place that the words go to. how: see `Ask`."""
+        """Write a parameter.
+
+        goal: the place to which the words go. how: see `Ask`.
+        """
         return self.write(goal, wanted.words_for(raw, 0), wanted.address, **how)
 
     def write(self, place: Place, words: Sequence[int], called: str, **how: Any) -> Exchange[None]:
-        """Write registers from a place on; told only where nobody answers. how: see `Ask`. Raises RefusedError."""
+        """Write registers from a place on; at the broadcast address, without a reply. Raises RefusedError.
+
+        how: see `Ask`.
+        """
         yield from self._send(place, words, called, **how)
 
     def carry(self, step: Step, **how: Any) -> Exchange[Words | None]:
-        """Write one step of a command. Returns the status words that came with the reply, None where none did."""
+        """Write one step of a command. Returns the status words that came with the reply, None if it had none."""
         place = Place.named(step.place)
         yield from self.write(place, (step.word,), self._dialect.address_at(place), **how)
         return None
 
     def fault_code(self) -> Exchange[int | None]:
-        """Read the code of a fault, None where there is none."""
+        """Read the code of a fault; None if there is no fault."""
         raw = (yield from self.raw(self._fault_code)) if self._fault_code else 0
         return raw if isinstance(raw, int) and raw else None
 
     def asked(self, ask: Ask, called: str, place: Place | None = None) -> Exchange[Any]:
-        """Ask, and again while the drive is busy, or the request came damaged; a stop has a patience of its own.
+        """Send a request; repeat it while the drive is busy, or if it arrived damaged. Raises RefusedError.
 
-        called: what a refusal is of. place: what the request is prepared for. Raises RefusedError.
+        A stop is not repeated here while the drive is busy, but by its caller. called: the name of the request in the
+        error. place: the place for which the request must be prepared.
         """
         dialect, waited, left = self._dialect, 0.0, ask.attempts or _TRIES
         while True:
@@ -115,7 +128,7 @@ class RegisterConversation:
             waited += _POLL_S
 
     def _reason(self, code: int) -> Exchange[int]:
-        """Return why the drive refused, by its register for that; the code of the refusal if that cannot be read."""
+        """Return the reason of a refusal from the drive's register for it, or `code` if that cannot be read."""
         place = self._dialect.reason
         if place is None:
             return code
@@ -138,7 +151,11 @@ class RegisterConversation:
             return (yield from self._done(replace(ask, acts=True, **how), called, place))
 
     def _done(self, ask: Ask, called: str, place: Place) -> Exchange[Any]:
-        """Ask what acts. Where an echo could be the reply, a read proves the drive; a stop goes before and after it."""
+        """Send a request on which the drive acts, and make sure that the reply is not an echo.
+
+        If an echo could be the reply, a read proves that the drive is there. A stop is sent before the read and again
+        after it; any other request is sent after it.
+        """
         doubted = self._dialect.doubts_echoes and ask.mirrored and not self.is_there
         first = self._dialect.probe
         look = partial(self.asked, self._dialect.reading(first, 1), self._dialect.address_at(first), first)
@@ -151,7 +168,10 @@ class RegisterConversation:
         return reply
 
     def _prepared(self, ask: Ask, called: str, place: Place | None) -> Exchange[Any]:
-        """Ask for a place; what was not answered is prepared anew, since the drive may have started anew meanwhile."""
+        """Send a request for a place, after the request that prepares it.
+
+        Without a reply both are sent again, since the drive may have restarted meanwhile.
+        """
         if place is None or self._dialect.preparing(place) is None:
             return (yield ask)
         left = ask.attempts or _TRIES

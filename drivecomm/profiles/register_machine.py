@@ -1,6 +1,6 @@
-"""A drive whose parameters, commands and status are registers and coils: what it holds, and what a write does.
+"""Registers and coils of a virtual drive, with its parameters, commands and status, and the effects of writes.
 
-Registers have names, and hold what they hold until mains is switched off; then only those in EEPROM are left.
+Registers have names. They keep their contents until mains is switched off; then only those in EEPROM remain.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Model, Motor
 
 _DIRECTED = frozenset({"output_frequency", "motor_speed"})
-"""Common names that a `Motor` gives without the direction in which it turns."""
+"""Common names whose value in a `Motor` has no sign for the direction."""
 
 Why: TypeAlias = Literal["unknown", "read only", "running", "limits", "count", "not set up"]
 
 
 class RegisterRefusal(Exception):  # noqa: N818 - becomes a telegram
-    """A read or a write is refused."""
+    """Refusal of a read or a write."""
 
     def __init__(self, why: Why) -> None:
         self.why: Why = why
@@ -35,9 +35,10 @@ class RegisterRefusal(Exception):  # noqa: N818 - becomes a telegram
 
 
 class RegisterMachine:
-    """What a virtual drive holds in registers, and does when they are written.
+    """Registers of a virtual drive, and the effects of writes to them.
 
-    targets: all parameters, by address. control: how such drives are commanded and store. views: what shows others.
+    targets: all parameters, by address. control: how the drive is commanded and how it stores. views: registers that
+    show others.
     """
 
     def __init__(
@@ -66,7 +67,7 @@ class RegisterMachine:
         self._orders.power_up(self.words, 0.0)
 
     def _obeying(self, control: ControlTable, motor: Motor) -> OrderMachine | StateMachineOrders:
-        """Return what obeys: the state machine of a standard, or the words of the commands where there is none."""
+        """Return the machine that obeys commands: that of a standard, or else one for the words of the commands."""
         machine = control.state_machine
         if machine is None:
             return OrderMachine(control.profile, motor, self._wanted_hz, control.way)
@@ -82,16 +83,16 @@ class RegisterMachine:
         )
 
     def is_set_up(self) -> bool:
-        """Whether all that such a drive needs to obey the bus holds."""
+        """Return whether the parameters hold all values that the drive needs to obey the bus."""
         needs = self._control.needs.items()
         return all(self.fetch(self._targets[address]) in allowed for address, allowed in needs)
 
     def ignores(self, places: Iterable[str]) -> bool:
-        """Whether one of these places commands the drive while it is not set up to obey."""
+        """Return whether one of these places commands the drive while it is not set up to obey."""
         return not self._ordering.isdisjoint(places) and not self.is_set_up()
 
     def _begin_with(self, wanted: Target) -> None:
-        """Put what the model says that a parameter starts with into its registers."""
+        """Write the model's start value of a parameter into its registers."""
         info = wanted.info
         if info is None or info.start is None:
             return
@@ -101,7 +102,7 @@ class RegisterMachine:
             self.put(wanted, int(info.start / info.factor) & 0xFFFFFFFF)
 
     def live(self, now: float) -> None:
-        """Let time pass, and show what the motor does in the registers that tell it."""
+        """Advance the time, and show the values of the motor in the registers for them."""
         motor = self._motor
         self._watch(now)
         self._orders.follow(now)
@@ -117,7 +118,7 @@ class RegisterMachine:
             actual = self._targets[self._control.actual_percent]
             self._show(actual, self._share(motor.output_hz))
         self.words |= self._orders.status_words(self._said)
-        # After the status, which may stand in the other byte of the same register.
+        # After the status, which may be in the other byte of the same register.
         code = self._control.fault_code
         shown = motor.fault if self._is_numbered or "fault" not in self._said else 0
         if motor.fault and not self._remembered:
@@ -127,14 +128,14 @@ class RegisterMachine:
             self.put(self._targets[code], shown)
 
     def _remember(self, fault: int) -> None:
-        """Shift the memory of faults by one, which stays without mains."""
+        """Add a fault to the fault memory and shift the others by one; the memory survives without mains."""
         log = [self._targets[each] for each in self._model.fault_log if each in self._targets]
         for wanted, held in zip(log, [fault, *map(self.fetch, log)], strict=False):
             self.put(wanted, held)
             self._stored.update((spot, self.words[spot]) for spot in wanted.spots)
 
     def heard(self, now: float) -> None:
-        """Take note that the master has spoken to it, which feeds the watchdog unless only commands do."""
+        """Record that the master has sent something, which feeds the watchdog unless only commands do."""
         if self._control.fed_by is None:
             self._heard_at = now
 
@@ -144,28 +145,28 @@ class RegisterMachine:
         self._orders.trip(code, now)
 
     def power_cycle(self, now: float) -> None:
-        """Switch mains off and on: commands, a trip and what was not stored are gone."""
+        """Switch mains off and on: commands, a trip and values that were not stored are lost."""
         self._motor.warning = False
         self.words = dict(self._stored)
         self._orders.power_up(self.words, now)
 
     def fetch(self, wanted: Target) -> int | str:
-        """Return what a parameter holds."""
+        """Return the raw value of a parameter."""
         return wanted.raw_of([self._seen(spot) for spot in wanted.spots])
 
     def put(self, wanted: Target, raw: int | str) -> None:
-        """Set what a parameter holds, as if at the keypad."""
+        """Set the raw value of a parameter, as if at the keypad."""
         words = wanted.words_for(raw, self._seen(wanted.spots[0]))
         self.words |= self._passed_on(dict(zip(wanted.spots, words, strict=True)))
 
     def read(self, places: Iterable[str]) -> tuple[int, ...]:
-        """Return what registers hold. Raises RegisterRefusal where there is none."""
+        """Return the contents of registers. Raises RegisterRefusal if one does not exist."""
         asked = tuple(places)
         known = self._known(asked)
         return tuple(self._seen(place) if place in known else 0 for place in asked)
 
     def write(self, places: Sequence[str], values: Sequence[int], now: float, *, only_ram: bool = False) -> None:
-        """Write registers and do what that commands, all of them or, with RegisterRefusal, none."""
+        """Write registers and carry out the commands in them. If RegisterRefusal is raised, nothing has changed."""
         known = self._known(places)
         given = {place: word for place, word in zip(places, values, strict=True) if place in known}
         whole = self._passed_on(given)
@@ -187,28 +188,28 @@ class RegisterMachine:
         if not only_ram and not volatile and self._goes_to_eeprom():
             self._stored.update((place, self.words[place]) for place in whole if place not in self._ordering)
         for reference in {each.address for each in touched}.intersection(self._references):
-            # The one that was written last counts.
+            # The reference that was written last counts.
             self._references.insert(0, self._references.pop(self._references.index(reference)))
             if self._motor.command is Command.RUN:
                 self._orders.act(now)
         self._orders.written(whole, self.words, now)
 
     def _known(self, places: Sequence[str]) -> Collection[str]:
-        """Return those of these places that there are. Raises RegisterRefusal where the drive minds the others."""
+        """Return those of these places that exist. Raises RegisterRefusal if the drive does not tolerate the others."""
         known = {place for place in places if place in self.words}
         if len(known) < len(places) and (self._control.unused != "zero" or places[0] not in self.words):
             raise RegisterRefusal("unknown")
         return known
 
     def _seen(self, place: str) -> int:
-        """Return what a register or a coil shows, of others as well."""
+        """Return the value of a register or a coil, with the parts of others that it shows."""
         word = self.words[place]
         for own, source in self._views.get(place, ()):
             word = own.put(word, source.cut(self._seen(source.name)))
         return word
 
     def _passed_on(self, given: Mapping[str, int]) -> dict[str, int]:
-        """Return what is written, with what that makes of the places that are shown there."""
+        """Return the written registers, plus the registers to which they pass on the writes."""
         whole = dict(given)
         for place, word in given.items():
             for own, source in self._views.get(place, ()):
@@ -216,12 +217,12 @@ class RegisterMachine:
         return whole
 
     def _show(self, wanted: Target, value: float) -> None:
-        """Set what a parameter shows, as near as its factor allows."""
+        """Set the value that a parameter shows, as exactly as its factor allows."""
         factor = 1 if wanted.info is None else wanted.info.factor
         self.put(wanted, round(value / float(factor)) & 0xFFFFFFFF)
 
     def _check(self, wanted: Target) -> None:
-        """Raise RegisterRefusal where what has just been written may not be."""
+        """Raise RegisterRefusal if the value just written to a parameter is not permitted."""
         info = wanted.info
         if info is None:
             return
@@ -240,13 +241,16 @@ class RegisterMachine:
         return all(self.words[step.place] & step.mask == step.word & step.mask for step in steps)
 
     def _store_all(self) -> None:
-        """Take all over into EEPROM, but for commands and what is volatile by itself."""
+        """Copy all values to EEPROM, except those of volatile parameters."""
         held = self._targets.values()
         volatile = {spot for each in held if each.info and each.info.storage == "volatile" for spot in each.spots}
         self._stored.update((place, word) for place, word in self.words.items() if place not in volatile)
 
     def _watch(self, now: float) -> None:
-        """Do what the watchdog says once the master has been silent for longer than its time, from that moment on."""
+        """Carry out the action of the watchdog if the master has been silent for longer than the watchdog's time.
+
+        The action takes effect at the moment at which that time ended.
+        """
         watchdog, motor = self._model.watchdog, self._motor
         timer = self._targets.get(watchdog.time) if watchdog is not None else None
         if watchdog is None or timer is None or timer.info is None or not motor.running:
@@ -261,19 +265,19 @@ class RegisterMachine:
         policy = next((each for each, code in watchdog.actions.items() if action in (None, code)), "hold")
         if policy == "trip":
             self.trip(watchdog.fault or 1, silent_at)
-            # Where no source gives the number, the status alone tells the trip, if it tells one.
+            # If no source states the code of this fault, only the status shows the trip, if it can.
             self._is_numbered = bool(watchdog.fault)
         elif policy != "hold":
             self._orders.stop(Stop.COAST if policy == "coast" else Stop.RAMP, silent_at)
 
     def _turned(self, measured: float, quantity: str, wanted: Target) -> float:
-        """Return a measured value with the sign of the direction, where this parameter shows one."""
+        """Return a measured value with the sign of the direction, if this parameter shows the direction."""
         shows_sign = wanted.format.type in SIGNED or wanted.address in self._control.signed
         directed = quantity in _DIRECTED and shows_sign
         return -measured if directed and self._motor.output_hz < 0 else measured
 
     def _measured(self, quantity: str) -> float | None:
-        """Return what a drive shows of this common name, None for one that is about neither its motor nor a command."""
+        """Return the value that a drive shows for a common name; None if it concerns neither motor nor command."""
         if quantity == "reference_frequency":
             return self._wanted_hz()
         if quantity == "reference_percent":
@@ -281,7 +285,7 @@ class RegisterMachine:
         return self._motor.measured(quantity)
 
     def _wanted_hz(self) -> float:
-        """Return the reference that was written last."""
+        """Return the reference that was written last, in Hz."""
         if not self._references:
             return 0.0
         wanted = self._targets[self._references[0]]
@@ -293,13 +297,13 @@ class RegisterMachine:
         return math.copysign(lowest + abs(value) * (highest - lowest) / 100, value)
 
     def _share(self, hz: float) -> float:
-        """Return a frequency in per cent of the range of references."""
+        """Return a frequency in per cent of the reference range."""
         lowest, highest = self._full_scale()
         share = (abs(hz) - lowest) * 100 / (highest - lowest) if highest > lowest else 0.0
         return math.copysign(max(share, 0.0), hz)
 
     def _full_scale(self) -> tuple[float, float]:
-        """Return the frequencies of a reference of 0 % and of 100 %."""
+        """Return the frequencies in Hz of a reference of 0 % and of 100 %."""
         scale = self._control.full_scale
         if scale is None:
             return 0.0, self._motor.maximum_hz

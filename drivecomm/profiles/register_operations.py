@@ -1,4 +1,4 @@
-"""The verbs of a master for a drive whose parameters are registers, by the table [control] of its model."""
+"""A master's verbs for a drive whose parameters are registers, by the table [control] of its model."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class RegisterOperations:
-    """The verbs of one drive, or, at the broadcast address, the stop of all drives of a series on the line."""
+    """Verbs of one drive, or, at the broadcast address, the stop of all drives of a series on the line."""
 
     def __init__(
         self, dialect: Dialect, memory: OrderMemory | None = None, drive: RegisterConversation | None = None
@@ -47,17 +47,20 @@ class RegisterOperations:
         self.capabilities, self.extra = self._references.capabilities, dialect.verbs(self._drive)
 
     def read(self, parameter: str, *, type: str = "") -> Exchange[Reading]:
-        """Read a parameter; an invalid one is refused at once. type: instead of the model's, of WORD_TYPES."""
+        """Read a parameter; an invalid one is refused before anything is sent.
+
+        type: overrides the type of the model; one of WORD_TYPES.
+        """
         return self._reading(self._known(parameter, type))
 
     def blocks(self, parameters: Sequence[str]) -> list[list[int]]:
-        """Return which of these parameters one telegram reads: neighbours, as many as the drive allows."""
+        """Return groups of parameters that one telegram reads: neighbours, as many as the drive allows."""
         wanted = [self._known(each) for each in parameters]
         its = self._dialect
         return blocks_of(wanted, most=its.most, bridged=its.bridged, whole=its.whole)
 
     def read_many(self, parameters: Sequence[str]) -> Exchange[list[Reading]]:
-        """Read parameters that are near each other by one telegram; their refusal is of all of them."""
+        """Read neighbouring parameters by one telegram; a refusal applies to all of them."""
         wanted = [self._known(each) for each in parameters]
         first, count = span_of(wanted)
         words = yield from self._drive.words(first, count, f"{wanted[0].address} to {wanted[-1].address}")
@@ -69,15 +72,15 @@ class RegisterOperations:
         return self._write(wanted, wanted.raw_for(value), store=store)
 
     def address_of(self, parameter: str, **options: Any) -> str:
-        """Return the address as the model writes it; without one, as the protocol does."""
+        """Return the address as the model writes it, or as the protocol does without a model."""
         return self._dialect.target(parameter, options.get("type", "")).address
 
     def status(self) -> Exchange[DriveStatus]:
-        """Read the status registers; only for a watchdog that is on, and needs it, is a command repeated."""
+        """Read the status registers; repeat the last command only for a watchdog that is on and needs it."""
         if not self._control.status:
             if self._model is None:
                 raise NotSupported(f"{self._dialect.title} has no status word of its own; name the drive's model")
-            raise NotSupported(f"model {self._model.name} knows no status, so nothing tells whether the motor runs")
+            raise NotSupported(f"model {self._model.name} has no status, so nothing shows whether the motor runs")
         profile, seen = self._control.profile, (yield from self._carrier.look())
         running = any(profile.says(each, seen) for each in ("running", "stopping")) and not profile.says("fault", seen)
         further: dict[str, Any] = {"running": running}
@@ -88,7 +91,7 @@ class RegisterOperations:
         return told
 
     def start(self, *, reverse: bool = False) -> Exchange[None]:
-        """Start, unless the drive has a fault or is not set up to obey."""
+        """Start the motor, unless the drive has a fault or is not set up to obey."""
         control, profile = self._control, self._control.profile
         self._drive.must_be_one()
         self._must_have("start reverse" if reverse else "start", profile.start_reverse if reverse else profile.start)
@@ -96,20 +99,20 @@ class RegisterOperations:
         return self._commander.start(reverse=reverse, prepare=check_needs(needs, self.read))
 
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
-        """Stop in a way that the series has, or by its sure stop where another could start something."""
+        """Stop the motor in a way of the series, or by its sure stop if another way could start something."""
         self._must_have("stop", self._control.profile.stops)
         if not self._drive.answers:
             return self._commander.stop(Stop(self._control.sure_stop or how))
         return stop_for_sure(how, self._commander, self._control, self._memory, self.read)
 
     def reset(self) -> Exchange[None]:
-        """Acknowledge a fault; where there is none, nothing is sent that could stop a running motor."""
+        """Acknowledge a fault; without a fault, send nothing that could stop a running motor."""
         self._drive.must_be_one()
         self._must_have("reset", self._control.profile.reset)
         return self._commander.reset()
 
     def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
-        """Set the reference in per cent, rounded; a share of the highest frequency where a drive takes hertz only."""
+        """Set the reference in per cent, rounded; converted to hertz if the drive takes only hertz."""
         control = self._control
         self._must_have("reference", control.reference_percent or control.reference_hz)
         if control.reference_percent:
@@ -118,7 +121,7 @@ class RegisterOperations:
         return self._set_converted(control.reference_hz, self._references.hz_for(percent))
 
     def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
-        """Set the reference in hertz; rounded, as a share of the full scale, where a drive takes per cent only."""
+        """Set the reference in hertz; converted to per cent and rounded if the drive takes only per cent."""
         control = self._control
         self._must_have("reference", control.reference_percent or control.reference_hz)
         if control.reference_hz:
@@ -127,19 +130,22 @@ class RegisterOperations:
         return self._set_converted(control.reference_percent, self._references.percent_for(hz))
 
     def may_start(self, verb: str, arguments: Mapping[str, Any]) -> bool:
-        """Return whether a write may start the motor; not known without a model. Other verbs may."""
+        """Return whether a call may start the motor.
+
+        A write may do so if the model lists it as a start; without a model, none does. Verbs of the protocol's own may.
+        """
         if verb != "write":
             return verb in self.extra
         wanted = self._known(arguments["parameter"], arguments.get("type", ""))
         return self._control.may_start(wanted, wanted.words_for(wanted.raw_for(arguments["value"]), 0))
 
     def probe(self) -> Exchange[None]:
-        """Read one register once; a refusal comes from a drive, too."""
+        """Read one register once; a refusal is a reply of a drive, too."""
         self._drive.must_be_one()
         yield replace(self._dialect.reading(self._dialect.probe, 1), attempts=1)
 
     def identify(self, only: Collection[str] = ()) -> Exchange[Mapping[str, str]]:
-        """Read what identifies the drive."""
+        """Read the entries that identify the drive; refused ones are left out."""
         self._drive.must_be_one()
         found = {}
         for name, address in self._dialect.identity.items():
@@ -160,7 +166,7 @@ class RegisterOperations:
         return wanted.reading(raw)
 
     def _turns_backwards(self) -> Exchange[bool | None]:
-        """Read in which direction the motor turns, None where it does not turn or the drive does not tell."""
+        """Read whether the motor turns backwards; None if it does not turn or the drive does not show it."""
         found = yield from unless_refused(self.read(self._control.direction))
         turns = 0 if found is None or isinstance(found.value, str) else found.value
         return turns < 0 if turns else None
@@ -177,13 +183,13 @@ class RegisterOperations:
         for step in way.before:
             yield from drive.carry(step)
         goal = Place(place.kind, place.start + way.offset)
-        # What is to be done at once may not be done twice.
+        # A write that acts immediately must not be sent twice.
         acts = wanted.info is not None and wanted.info.kind == "command"
         once = not way.offset and (acts or self._control.may_start(wanted, wanted.words_for(raw, 0)))
         try:
             yield from drive.put(wanted, raw, goal, attempts=1 if once else None, unseen=True)
         except DoubtfulReplyError:
-            # What it holds tells whether the confirmation was this one's.
+            # The value in the drive shows whether the doubtful confirmation belongs to this write.
             if not (once and (yield from self._holds(wanted, raw))):
                 raise
         for step in way.after:

@@ -1,4 +1,4 @@
-"""Registers and coils: where a parameter stands in them, and which of them stand together."""
+"""Registers and coils: the places of parameters, and the parameters that one telegram can read together."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where something stands.
+    """Place of a value: a register, a coil, or a part of a register.
 
-    kind: a word of letters, empty for a holding register; i input register, c coil, d discrete input, of which i and d
-    are only read; other words are a protocol's own. start: its number in a telegram. part: low, high or a bit of the
-    register, empty for all of it.
+    kind: letters, empty for a holding register; i is an input register, c a coil, d a discrete input. i and d are only
+    read; other letters belong to a protocol. start: its number in a telegram. part: low, high or the number of a bit of
+    the register, empty for all of it.
     """
 
     kind: str
@@ -29,43 +29,43 @@ class Place:
 
     @classmethod
     def named(cls, name: str) -> Place:
-        """Return the whole register, or the coil, that has this name."""
+        """Return the whole register or coil that has this name."""
         kind = name.rstrip("0123456789")
         return cls(kind, int(name.removeprefix(kind)))
 
     @property
     def name(self) -> str:
-        """The register, or the coil, in one word; the same for all of its parts."""
+        """Name of the register or coil, in one word; the same for all parts of a register."""
         return f"{self.kind}{self.start}"
 
     @property
     def is_bit(self) -> bool:
-        """Whether it is a coil or a discrete input."""
+        """Whether this is a coil or a discrete input."""
         return self.kind in ("c", "d")
 
     @property
     def bits(self) -> tuple[int, int]:
-        """The mask of this part of a register, and how far up it is."""
+        """The mask of this part of a register before shifting, and the number of its lowest bit."""
         if not self.part.isdigit():
             return {"low": (0xFF, 0), "high": (0xFF, 8), "": (0xFFFF, 0)}[self.part]
         return 1, int(self.part)
 
     def cut(self, word: int) -> int:
-        """Return this part of a register, of which the whole may have more than 16 bits."""
+        """Return this part of a register; a whole register may have more than 16 bits."""
         if not self.part:
             return word
         mask, shift = self.bits
         return word >> shift & mask
 
     def put(self, word: int, value: int) -> int:
-        """Return a register with this part set."""
+        """Return a register with this part set to a value."""
         if not self.part:
             return value
         mask, shift = self.bits
         return word & ~(mask << shift) | (value & mask) << shift
 
 
-# A virtual drive asks for those of all its parameters at each telegram.
+# Cached, since a virtual drive needs the names for all its parameters at each telegram.
 @lru_cache(maxsize=4096)
 def _names(kind: str, start: int, end: int) -> tuple[str, ...]:
     return tuple(f"{kind}{each}" for each in range(start, end))
@@ -73,9 +73,9 @@ def _names(kind: str, start: int, end: int) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Target:
-    """A parameter that stands in registers, or in a coil.
+    """A parameter in registers or in a coil.
 
-    wide: 32 bits, or all of a text, under one address. name: the one that was asked for.
+    wide: whether 32 bits, or a whole text, are under one address. name: the name that was requested.
     """
 
     address: str
@@ -87,64 +87,70 @@ class Target:
 
     @property
     def alone(self) -> bool:
-        """Whether no telegram reads it together with others: another parameter tells its decimals, or it is wide."""
+        """Whether no telegram reads it together with others: another parameter holds its decimals, or it is wide."""
         return self.wide or (self.info is not None and "decimals" in self.info.extra)
 
     @property
     def end(self) -> int:
-        """The first register, or coil, after it."""
+        """Number of the first register or coil after it."""
         return self.place.start + (1 if self.wide else self.format.size)
 
     @property
     def spots(self) -> tuple[str, ...]:
-        """The registers, or the coil, by name."""
+        """Names of its registers, or of its coil."""
         return _names(self.place.kind, self.place.start, self.end)
 
     @property
     def room(self) -> range:
-        """The numbers that have room where it stands, unsigned."""
+        """The unsigned numbers that fit into its place."""
         if self.place.part:
             return range(self.place.bits[0] + 1)
         return self.format.allowed or range(1 << (32 if self.wide or self.format.size == 2 else 16))
 
     def raw_of(self, words: Sequence[int]) -> int | str:
-        """Return the unsigned number, or the text, that these registers hold."""
+        """Return the unsigned number or the text in these registers."""
         if self.wide:
             return words[0]
         return self.place.cut(words[0]) if self.place.part else self.format.raw_of(words)
 
     def raw_in(self, words: Sequence[int], first: Place) -> int | str:
-        """Return what this parameter holds in registers that were read from a place on."""
+        """Return the raw value of this parameter from registers that were read from a place on."""
         return self.raw_of(words[self.place.start - first.start : self.end - first.start])
 
     def words_for(self, raw: int | str, before: int) -> tuple[int, ...]:
-        """Return the registers that hold this. before: what the first one held, of which this may be a part."""
+        """Return the registers that hold a raw value.
+
+        before: the previous content of the first register, of which this parameter may be a part.
+        """
         if self.place.part:
             return (self.place.put(before, int(raw)),)
         return (cast("int", raw),) if self.wide else self.format.words_of(raw)
 
     def reading(self, raw: int | str) -> Reading:
-        """Return what a raw value means."""
+        """Return the reading for a raw value."""
         return self.format.reading(raw, self.address, self.info, self.name)
 
     def raw_for(self, value: Value | float, *, rounded: bool = False) -> int | str:
-        """Return what is to be written. rounded: to the nearest step. Raises ValueRefusedError for a misfit."""
+        """Return the raw value to write for a physical value. Raises ValueRefusedError if there is none.
+
+        rounded: whether a value between two steps is rounded to the nearest step.
+        """
         if self.place.part or self.place.kind in ("i", "d"):
             raise NotSupported(f"{self.address} can only be read; whole registers and coils are written")
         return self.format.raw_for(value, self.address, self.info, rounded=rounded)
 
 
 def span_of(wanted: Sequence[Target]) -> tuple[Place, int]:
-    """Return from where on so many registers hold all of these."""
+    """Return the first place and the number of the registers that hold all these parameters."""
     first = min((each.place for each in wanted), key=lambda place: place.start)
     return Place(first.kind, first.start), max(each.end for each in wanted) - first.start
 
 
 def blocks_of(wanted: Sequence[Target], *, most: int, bridged: int, whole: Collection[str] = ()) -> list[list[int]]:
-    """Return which of these one telegram reads, by their places in the list.
+    """Return groups of parameters that one telegram reads, as positions in the list.
 
-    most: registers in one telegram. bridged: those between two that nobody asked for. whole: kinds of place of which
-    one telegram reads all.
+    most: the maximum number of registers in one telegram. bridged: the maximum number of unneeded registers between two
+    parameters. whole: kinds of place that one telegram always reads completely.
     """
     blocks: list[list[int]] = []
     start = end = 0

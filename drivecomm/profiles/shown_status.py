@@ -1,4 +1,4 @@
-"""The status words of a virtual drive: which bits it sets, by the conditions that its model gives."""
+"""Status words of a virtual drive: the bits to set, by the conditions of its model."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _ORDER = (
 
 
 def own_truth(motor: Motor) -> dict[str, bool]:
-    """Return what no state says: by name, whether it is so now."""
+    """Return the statements that do not follow from a state, and whether each holds now, by name."""
     return {
         "remote": True,
         "reverse": motor.output_hz < 0,
@@ -32,7 +32,7 @@ def own_truth(motor: Motor) -> dict[str, bool]:
 
 
 def motor_truth(motor: Motor) -> dict[str, bool]:
-    """Return what the states of a profile say, for a drive without states."""
+    """Return the statements that follow from a state, and whether each holds now, for a drive without states."""
     return {
         "always": True,
         "ready": not motor.fault,
@@ -45,12 +45,12 @@ def motor_truth(motor: Motor) -> dict[str, bool]:
 
 
 def shown(words: Mapping[str, int], said: Mapping[str, Condition], truth: Mapping[str, bool]) -> dict[str, int]:
-    """Return status words with the bits set or cleared by which conditions hold, as their names are true.
+    """Return status words with bits set or cleared so that each condition holds exactly if its name is true.
 
     A condition whose name is not in `truth` is left alone.
     """
     whole = dict(words)
-    # First those that do not hold; the later ones win where two look at the same bits, the ordered direction over all.
+    # False conditions come first: later ones win if two use the same bits, and the ordered direction wins over all.
     names = sorted(said.keys() & truth.keys(), key=lambda name: (name == _OVER_ALL, truth[name], _ORDER.index(name)))
     for condition, holds in ((said[name], truth[name]) for name in names):
         word = whole[condition.place]

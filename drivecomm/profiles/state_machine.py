@@ -1,6 +1,6 @@
 """A virtual drive whose control and status words are registers and follow the state machine of a standard.
 
-It does what the standard says of any control word, whoever sends it, and not only what its own model would send.
+It reacts as the standard says to any control word from any master, and not only to the words of its own model.
 """
 
 from __future__ import annotations
@@ -22,8 +22,9 @@ if TYPE_CHECKING:
 class StateMachine:
     """The control profile by which a virtual drive acts, and the places of its control and status word.
 
-    reset_lock_s: how long after a trip it obeys no reset. contacts: bits of the control word that start the motor as
-    contacts do, while the model's `needs` do not hold and the word commands nothing; 0 where it commands all the same.
+    reset_lock_s: seconds after a trip in which it obeys no reset. contacts: bits of the control word that start the
+    motor as contacts do, while the model's `needs` do not hold and the word commands nothing; 0 if the word commands
+    nevertheless.
     """
 
     profile: ControlProfile
@@ -36,8 +37,9 @@ class StateMachine:
 class StateMachineOrders:
     """The drive's side of a control profile with states, in place of an `OrderMachine`.
 
-    wanted_hz: the reference as it is now, signed, before the control word gives it a direction. control_word: returns
-    that word as it is now. parts: further places that hold bits of it. is_set_up: whether the drive obeys the bus.
+    wanted_hz: returns the present reference, signed, before the control word gives it a direction. control_word:
+    returns the present control word. parts: further places that hold bits of it. is_set_up: returns whether the drive
+    obeys the bus.
     """
 
     def __init__(
@@ -57,12 +59,12 @@ class StateMachineOrders:
             machine.profile, motor, lambda word: machine.profile.directed(word, wanted_hz()), machine.reset_lock_s
         )
 
-    def power_up(self, words: Words, now: float) -> None:  # noqa: ARG002 - an `OrderMachine` needs all words
-        """Begin with mains switched on, and with the control word that stands there then."""
+    def power_up(self, words: Words, now: float) -> None:  # noqa: ARG002 - `OrderMachine` uses it
+        """Begin with mains switched on, and with the control word that is in its register then."""
         self._machine.power_up(now)
         self._machine.control(self._control_word(), now)
 
-    def written(self, places: Collection[str], words: Words, now: float) -> None:  # noqa: ARG002 - as above
+    def written(self, places: Collection[str], words: Words, now: float) -> None:  # noqa: ARG002 - `OrderMachine` uses it
         """Obey the control word if it, or a part of it, has been written."""
         if self._control_places.isdisjoint(places):
             return
@@ -72,7 +74,7 @@ class StateMachineOrders:
             self._machine.control(self._control_word(), now)
 
     def stop(self, how: Stop, now: float) -> None:
-        """Stop the motor by itself, as if the word of that stop had come."""
+        """Stop the motor without a command from the bus, as if the word of this stop had arrived."""
         self._machine.control(self._profile.stops[how][-1].word, now)
 
     def trip(self, code: int, now: float) -> None:
@@ -80,15 +82,15 @@ class StateMachineOrders:
         self._machine.trip(code, now)
 
     def follow(self, now: float) -> None:
-        """Let time pass: the state follows a motor that has tripped or come to a standstill."""
+        """Advance the time: the state follows a motor that has tripped or come to a standstill."""
         self._machine.follow(now)
 
     def act(self, now: float) -> None:
-        """Run with the reference as it is now."""
+        """Run with the present reference."""
         self._machine.act(now)
 
     def status_words(self, said: Mapping[str, Condition]) -> dict[str, int]:
-        """Return the status words: the state as the profile shows it, and what no state says by these conditions."""
+        """Return the status words: the state as the profile shows it, and further statements by these conditions."""
         words = dict.fromkeys((condition.place for condition in said.values()), 0)
         words[self._status_place] = self._machine.status_word()
         remote = not self._contacts or self._is_set_up()

@@ -1,4 +1,4 @@
-"""How a drive whose parameters are registers answers: its dialect and the table [control] of its model, acted out."""
+"""Virtual drives whose parameters are registers, made from their dialect and the table [control] of their model."""
 
 from __future__ import annotations
 
@@ -18,14 +18,15 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Codec, LineSettings, Message
 
 _OBEYED = {"maximum_frequency": "maximum_hz", "acceleration_time": "ramp_up_s", "deceleration_time": "ramp_down_s"}
-"""What of a `Motor` parameters with a common name set."""
+"""Fields of a `Motor` that parameters set, by the common names of the parameters."""
 
 
 class VirtualRegisterDrive(DriveRepr):
-    """A drive at one address. A command is obeyed when its last step is written and the others came before it.
+    """A drive at one address. It obeys a command when the last step is written after all others.
 
-    overhear: takes note of a telegram to another drive, and mishear of characters that are none; there only where the
-    first feeds the watchdog, or either ends what requests go on from.
+    overhear: registers a telegram to another drive. mishear: registers characters that are not a telegram. The drive
+    has these methods only if such a telegram feeds the watchdog, or if either ends a series of requests that continue
+    each other.
     """
 
     overhear: Callable[[float], None]
@@ -51,12 +52,12 @@ class VirtualRegisterDrive(DriveRepr):
             self.overhear = self.mishear = lambda _now: dialect.forget()
 
     def follow(self, now: float) -> None:
-        """Let time pass."""
+        """Advance the drive to the time `now`."""
         self._obey()
         self._machine.live(now)
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
-        """Act on a telegram: silence for what is not for this drive, and for what is broken unless it complains."""
+        """Act on a telegram; silent for one to another drive, and for damage that the protocol does not answer."""
         self.follow(now)
         if now < self._deaf_until:
             return None
@@ -75,7 +76,7 @@ class VirtualRegisterDrive(DriveRepr):
         except RegisterRefusal as refusal:
             reply = self.refuse(request, refusal.why)
         if silence_s := self._dialect.silence_s(request):
-            # A drive that starts anew is back before its master asks again.
+            # Deaf for half the silence only, so that a restarting drive is back before its master sends again.
             self._dialect.forget()
             self._deaf_until = now + silence_s / 2
         return None if for_all or silence_s else self._sent(reply)
@@ -86,12 +87,12 @@ class VirtualRegisterDrive(DriveRepr):
         self._machine.power_cycle(now)
 
     def peek(self, parameter: str, now: float) -> int | str:
-        """Return what a read would get."""
+        """Return the raw value that a read would return."""
         self.follow(now)
         return self._machine.fetch(self._held(parameter))
 
     def poke(self, parameter: str, raw: int | str) -> None:
-        """Set what a parameter holds, as if at the keypad. Raises ValueRefusedError for what has no room there."""
+        """Set a parameter, as if at the keypad. Raises ValueRefusedError for a number that does not fit."""
         wanted = self._held(parameter)
         if wanted.format.type != "string":
             raw, room = int(raw), wanted.room
@@ -107,7 +108,7 @@ class VirtualRegisterDrive(DriveRepr):
         return found
 
     def answer(self, request: Any, now: float) -> Message:
-        """Do what a request says, and return the reply. Raises RegisterRefusal."""
+        """Carry out a request and return the reply. Raises RegisterRefusal."""
         dialect, access = self._dialect, self._dialect.meant(request)
         if access is None:
             return dialect.taken(request)
@@ -125,7 +126,7 @@ class VirtualRegisterDrive(DriveRepr):
         return self._refused(request, self._dialect.codes[why])
 
     def refusing(self, find: Framed, code: int, now: float) -> VirtualReply | None:
-        """Refuse a request with this code."""
+        """Refuse a request with this code; None if no drive refuses it."""
         self.follow(now)
         request: Any = find.message
         return self._sent(self._refused(request, code)) if self._dialect.can_refuse(request) else None
@@ -135,14 +136,14 @@ class VirtualRegisterDrive(DriveRepr):
         return self._dialect.refused(request, code)
 
     def complain(self, find: Damaged) -> Message | None:
-        """Return what it answers to a telegram that came damaged; None is silence."""
+        """Return the reply to a damaged telegram; None if the drive stays silent."""
         reply = self._dialect.damaged(find)
         if reply is not None and (code := self._dialect.codes.get(find.error.category)) is not None:
             self._keep(code)
         return reply
 
     def _keep(self, code: int) -> None:
-        """Keep why it refused, where a register tells that."""
+        """Keep the code of a refusal in the register for it, if there is one."""
         place = self._dialect.reason
         if place is not None and place.name in self._machine.words:
             self._machine.words[place.name] = code
@@ -153,7 +154,7 @@ class VirtualRegisterDrive(DriveRepr):
         return VirtualReply(data=self.codec.encode(reply), delay_s=self._dialect.reply_delay_s)
 
     def _obey(self) -> None:
-        """Give the motor the limit and the ramps that parameters hold, once for each value that they are given."""
+        """Set the limit and the ramps of the motor from parameters, once for each value that they get."""
         for name in self._dialect.follows:
             wanted = self._targets.get(self._model.quantities.get(name, ""))
             if wanted is None or wanted.info is None or wanted.info.unit not in ("Hz", "s"):

@@ -1,4 +1,4 @@
-"""What a protocol package is written against, and the words that everybody uses."""
+"""Interfaces that protocol packages implement, and types that they share with the rest of drivecomm."""
 
 import lazy_loader
 

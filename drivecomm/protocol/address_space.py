@@ -1,4 +1,4 @@
-"""Which parameter addresses a drive may hold, for whoever asks it address by address."""
+"""Parameter addresses that a drive may hold, for callers that read them one by one."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Elements:
-    """The elements that a parameter may have: data sets, array elements.
+    """Elements that a parameter may have: data sets or array elements.
 
-    runs: their addresses in order; each run ends with the first one that the drive does not have. beyond: an element
-    that no parameter has, empty where that is not needed. A drive that answers it does not look at the element at all,
-    and then it has none.
+    runs: element addresses in order; each run ends with the first element that the drive does not have. beyond: an
+    element that no parameter has, empty if it is not needed. A drive that answers a read of this element ignores the
+    element address, and its parameter then counts as having no elements.
     """
 
     runs: tuple[tuple[str, ...], ...] = ()
@@ -24,7 +24,7 @@ class Elements:
 
 
 NO_ELEMENTS = Elements()
-"""Of a parameter with one value."""
+"""Elements of a parameter with a single value."""
 
 
 def _one_value(_address: str, _code: int | None) -> Elements:
@@ -33,13 +33,13 @@ def _one_value(_address: str, _code: int | None) -> Elements:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AddressSpace:
-    """What addresses a drive can hold.
+    """Parameter addresses that a drive can hold.
 
-    addresses: all of them in order, without data set or index, written as the drive's model writes them. absent: the
-    codes of RefusedError with which a drive says that it has no such parameter or element; any other refusal is of a
-    parameter that is there. elements: those to ask for after the plain address was refused with a code, or answered
-    (None). together: the keys of a model's parameter with which one parameter stands for all such elements; None where
-    each element is a parameter of its own. source: the pages that say which addresses there can be.
+    addresses: all addresses in order, without data set or index, written as in the drive's model. absent: the codes of
+    RefusedError by which a drive reports that it has no such parameter or element; after any other code the parameter
+    exists. elements: returns the elements to read, given an address and the code with which its plain read was refused
+    (None if it was answered). together: the keys of a model's parameter by which one parameter stands for all these
+    elements; None if each element is a parameter of its own. source: the pages that list the possible addresses.
     """
 
     addresses: Callable[[], Iterator[str]]

@@ -1,4 +1,4 @@
-"""Whom a request is for, as all protocols say it: by its field `address`, or by `broadcast`."""
+"""Addressing in all protocols: the field `address` or `broadcast` of a request says for which drives it is."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def is_broadcast(protocol: Protocol, request: Message) -> bool:
 
 
 def is_for(protocol: Protocol, drive: VirtualDrive, request: Message) -> bool:
-    """Return whether a request is for a drive, be it as one of a group or of all drives."""
+    """Return whether a request is for a drive: for it alone, for a group with it, or for all drives."""
     address = getattr(request, "address", None)
     is_shared = address is not None and address in getattr(drive, "shared_addresses", ())
     return is_shared or is_broadcast(protocol, request) or address == drive.address

@@ -1,4 +1,4 @@
-"""Verbs that need an answer, and are refused where nobody gives one: at the address of all drives."""
+"""Verbs that need an answer, and are refused at the broadcast address, where no drive answers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     class Addressed(Protocol):
-        """Whoever has verbs. answers: whether a drive answers at its address."""
+        """Operations at one address.
+
+        answers: whether a drive answers at the address.
+        """
 
         answers: bool
 
@@ -22,14 +25,14 @@ Self = TypeVar("Self", bound="Addressed")
 
 
 class _AnsweredVerb(Generic[Self, P, R]):
-    """A verb of operations that is refused at the address of all drives."""
+    """A verb of operations that is refused at the broadcast address."""
 
     def __init__(self, verb: Callable[Concatenate[Self, P], R]) -> None:
         name = verb.__name__.removesuffix("_percent").removesuffix("_hz")
 
         @wraps(verb)
         def refusing(_self: Self, /, *_args: P.args, **_kwargs: P.kwargs) -> R:
-            raise NotSupported(f"{name} needs an answer, and nobody answers a broadcast")
+            raise NotSupported(f"{name} needs an answer, and no drive answers a broadcast")
 
         self._verb, self._refusing = verb, refusing
 
@@ -38,13 +41,13 @@ class _AnsweredVerb(Generic[Self, P, R]):
     @overload
     def __get__(self, its: Self, owner: type) -> Callable[P, R]: ...
     def __get__(self, its: Any, owner: type) -> Any:
-        """Return the verb itself for a drive that answers: who calls it again and again looks at that once."""
+        """Return the plain verb for a drive that answers, so that a caller that keeps the verb is checked only once."""
         verb: Any = self._verb if its is None or its.answers else self._refusing
         return verb.__get__(its, owner)
 
 
 def needs_answer(verb: Callable[Concatenate[Self, P], R]) -> _AnsweredVerb[Self, P, R]:
-    """Make a verb of operations raise NotSupported at the address of all drives, before it does anything else.
+    """Make a verb of operations raise NotSupported at the broadcast address, before it does anything else.
 
     For methods of a class with the attribute `answers`, which says whether a drive answers at its address:
 

@@ -1,6 +1,6 @@
-"""Whether what a caller gives is of the type that a signature or a dataclass asks for.
+"""Checks that a caller's arguments have the types that a signature or a dataclass declares.
 
-Annotations are the one place that says it. What they name and is not known here is not judged.
+Only the annotations declare types. A type that cannot be resolved here is not checked.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ _TOO_LARGE = 2**64
 _LONGEST_S = 1e9
 
 _FURTHER = "**"
-"""Stands for all names that a function takes without naming them."""
+"""Key for the type of all keyword arguments that a function collects with `**`."""
 
 
 def misfit(owner: Callable[..., Any], given: Mapping[str, Any]) -> tuple[str, str] | None:
-    """Return the first argument whose value is not of the type that its owner asks for, and what to give instead.
+    """Return the name of the first argument of the wrong type and a text for the right type; None if all types fit.
 
     owner: a function or a dataclass.
     """
@@ -46,14 +46,14 @@ def misfit(owner: Callable[..., Any], given: Mapping[str, Any]) -> tuple[str, st
 
 
 def as_asked(owner: Callable[..., Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what is given; a whole number becomes a text where only a text is asked for, such as an address."""
+    """Return the arguments, with a whole number as text if only text is declared, as for an address."""
     hints = _hints(owner)
     texts = {name: str(value) for name, value in given.items() if hints.get(name) is str and type(value) is int}
     return {**given, **texts}
 
 
 def choices_of(owner: Callable[..., Any]) -> Mapping[str, tuple[Any, ...]]:
-    """Return the arguments that are a choice of a few values, with these.
+    """Return the allowed values of each argument that is a choice of a few values.
 
     owner: a function or a dataclass.
     """
@@ -61,7 +61,7 @@ def choices_of(owner: Callable[..., Any]) -> Mapping[str, tuple[Any, ...]]:
 
 
 def _few(hint: Any) -> tuple[Any, ...]:
-    """Return the values of a type that has only a few; nothing for any other."""
+    """Return the values of a type that has only a few, such as bool or Literal; empty for any other type."""
     if get_origin(hint) in (Union, UnionType):
         each = [_few(part) for part in get_args(hint)]
         return sum(each, ()) if all(each) else ()
@@ -69,7 +69,7 @@ def _few(hint: Any) -> tuple[Any, ...]:
 
 
 def words_for(hint: Any) -> str:
-    """Return what a type takes, in words."""
+    """Return a description of a type for error messages."""
     if get_origin(hint) is Literal:
         return " or ".join(str(each) or '""' for each in get_args(hint))
     if get_origin(hint) in (Union, UnionType):
@@ -99,19 +99,19 @@ def _fits(value: object, hint: Any) -> bool:
 
 
 def is_whole(value: object) -> TypeGuard[int]:
-    """Whether a value is a whole number, and of a size that something real can have."""
+    """Return whether a value is a whole number of a plausible size, below 2**64; bool does not count."""
     return isinstance(value, int) and not isinstance(value, bool) and abs(value) < _TOO_LARGE
 
 
 def is_number(value: object) -> TypeGuard[int | float | Decimal]:
-    """Whether a value is a number that a float can hold, and no text for one."""
+    """Return whether a value is a finite number of a plausible size; text and bool do not count."""
     if isinstance(value, float):
         return isfinite(value)
     return is_whole(value) or (isinstance(value, Decimal) and value.is_finite() and abs(value) < _TOO_LARGE)
 
 
 def is_duration(value: object) -> TypeGuard[int | float]:
-    """Whether a value is a time in seconds, 0 or more and of a length that something real can have."""
+    """Return whether a value is a plausible time in seconds, from 0 to 1e9."""
     return isinstance(value, int | float) and is_number(value) and 0 <= value <= _LONGEST_S
 
 
@@ -125,7 +125,7 @@ def _hints(owner: Callable[..., Any]) -> Mapping[str, Any]:
         try:
             found.update(get_type_hints(alone, vars(module) if module else {}, known))
         except (NameError, TypeError, AttributeError):
-            # Named for type checkers only; what cannot be told is not judged.
+            # The name exists for type checkers only; a type that cannot be resolved is not checked.
             continue
     code = getattr(owner, "__code__", None)
     if code is not None and code.co_flags & inspect.CO_VARKEYWORDS:

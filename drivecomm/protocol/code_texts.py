@@ -1,4 +1,7 @@
-"""Tables of a protocol in a TOML file beside its package's modules: what its codes mean, `11 = "unknown parameter"`."""
+"""Tables of a protocol in a TOML file next to its modules.
+
+They hold the meanings of codes, for example: `11 = "unknown parameter"`.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +16,9 @@ if TYPE_CHECKING:
 
 @cache
 def tables_beside(module: str, file: str) -> Mapping[str, Any]:
-    """Return the tables of a file, decimals exactly; it is read when somebody first needs one.
+    """Return the tables of a TOML file, with exact decimals; the file is read on the first call.
 
-    module: `__file__` of one beside it.
+    module: `__file__` of a module in the same folder.
     """
     import tomllib
 
@@ -24,5 +27,5 @@ def tables_beside(module: str, file: str) -> Mapping[str, Any]:
 
 @cache
 def code_texts(module: str, file: str) -> Mapping[int, str]:
-    """Return texts by code; a key is 16 or 0x10."""
+    """Return the texts of a protocol's codes, by code; a key in the file is decimal (16) or hexadecimal (0x10)."""
     return {int(code, 16 if code.startswith("0x") else 10): text for code, text in tables_beside(module, file).items()}

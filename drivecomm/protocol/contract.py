@@ -1,7 +1,8 @@
-"""The plug-in contract: what a protocol package gives to drivecomm.
+"""The plug-in contract: the objects that a protocol package provides to drivecomm.
 
-A package has one `Protocol` object, named by the entry-point group `drivecomm.protocols`. Everything else is found from
-there. The object and all it refers to do no I/O, read no clock and import nothing that does.
+A package has one `Protocol` object, named by the entry-point group `drivecomm.protocols`. All other objects are reached
+from there. The `Protocol` object and all objects that it refers to do no I/O, read no clock and import nothing that
+does.
 """
 
 from __future__ import annotations
@@ -29,11 +30,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Intent:
-    """What a request is for.
+    """Purpose of a request.
 
-    access: whether it reads or writes a parameter. commands: whether it commands the drive besides, as with a control
-    word that the drive obeys. One telegram may do both; what is commanded by writing a parameter is a write. prepares:
-    whether it does nothing but decide what the next requests to this drive mean, such as the choice of a page.
+    access: whether the request reads or writes a parameter; empty for neither. A command that is given by writing a
+    parameter is a write. commands: whether the request also commands the drive, for example with a control word that
+    the drive obeys; one telegram may do both. prepares: whether the request only decides the meaning of the next
+    requests to this drive, such as the choice of a page.
     """
 
     access: Literal["", "read", "write"] = ""
@@ -42,32 +44,32 @@ class Intent:
 
     @property
     def only_asks(self) -> bool:
-        """Whether it changes nothing, whatever state its drive is in, so that anybody may send it again."""
+        """True if the request changes nothing in any state of the drive, so that any program may repeat it."""
         return self.moves_nothing and not self.prepares
 
     @property
     def moves_nothing(self) -> bool:
-        """Whether it neither commands nor writes, so that who may only look may send it."""
+        """True if the request neither commands nor writes, so that a program with read access may send it."""
         return self.access != "write" and not self.commands
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Capabilities:
-    """What a drive can be asked to do over this protocol.
+    """Operations that a drive supports over this protocol.
 
-    stops: the ways to stop. reverse: whether it can start backwards. reference_percent, reference_hz: how a reference
-    can be given. reference_limit: the largest share of the reference range that a reference may ask for, in per cent.
-    reference_limit_hz: the frequency of that share, None if no option says it. reference_maximum: the parameter with
-    the highest frequency of the drive, to be read before a reference in hertz is sent; empty if the operations bound it
-    themselves, or none is known. stored_writes: `store=True` writes to EEPROM. volatile_writes: `store=False` keeps a
-    write out of EEPROM. broadcast: commands to all drives at once. faults: whether it tells that it has tripped, and
-    can be reset; of one that does not, `DriveStatus.fault` is always False, and a trip looks like a stop.
-    monitoring_only: the model of its series has no orders, so that it is read and never commanded: start, stop, reset,
-    references and writes to command registers raise NotSupported.
+    stops: the ways to stop. reverse: whether it can start backwards. reference_percent, reference_hz: whether a
+    reference can be given in this unit. reference_limit: the largest reference, in per cent of the reference range.
+    reference_limit_hz: the frequency at that limit, None if no option states it. reference_maximum: the parameter with
+    the highest frequency of the drive, which is read before a reference in hertz is sent; empty if the operations limit
+    the reference themselves, or no such parameter is known. stored_writes: `store=True` writes to EEPROM.
+    volatile_writes: `store=False` keeps a write out of EEPROM. broadcast: whether one telegram can command all drives.
+    faults: whether the drive reports that it has tripped, and can be reset; if not, `DriveStatus.fault` is always
+    False, and a trip looks like a stop. monitoring_only: the model of its series has no orders, so that the drive is
+    read and never commanded: start, stop, reset, references and writes to command registers raise NotSupported.
 
-    The drive itself fills in the rest: verbs: which of the common verbs it has besides (jog, hold, select_setup,
-    select_preset, set_relay), from `Operations.extra`; link_loss: what it does when the master falls silent and which
-    parameter decides it, as a sentence, from its model.
+    The `Drive` object fills in the rest. verbs: the common verbs that it has in addition (jog, hold, select_setup,
+    select_preset, set_relay), from `Operations.extra`. link_loss: a sentence from its model that says what the drive
+    does when the master falls silent, and which parameter decides it.
     """
 
     stops: frozenset[Stop]
@@ -87,40 +89,40 @@ class Capabilities:
 
 
 class Memory(Interface):
-    """What a master must remember of one drive: the control word it last sent, say. One for each drive and bus.
+    """State that a master keeps about one drive, such as the last control word; one object for each drive and bus.
 
-    All objects for the drive share it, so that none of them brings back a command that another has replaced
+    All `Drive` objects of the drive share it, so that none of them sends again a command that another one has replaced
     (`drivecomm.link.command_order`).
     """
 
     def forget(self) -> None:
-        """Forget what was commanded: a stop was called, or the drive was away. It must not be sent again."""
+        """Forget the last command, which must not be sent again: a stop was called, or the drive was unreachable."""
 
     def watch(self, silence_s: float | None) -> None:
-        """Take note that the drive's watchdog waits so long for the master; None when it is off, or not known.
+        """Set the number of seconds for which the drive's watchdog waits; None if the watchdog is off or unknown.
 
-        Only where it is on `status` has to repeat what was commanded.
+        `status` has to repeat the last command only while the watchdog is on.
         """
 
 
 LINE_ERROR = "line error"
-"""In what a reply differs by which a drive says that it did not understand the request (`Protocol.line_errors`)."""
+"""Name of the mismatch when a reply reports that the drive did not understand the request (`Protocol.line_errors`)."""
 
 DESCRIBE = "describe"
-"""The verb of `Operations.extra` by which drives tell what a parameter is; it only reads."""
+"""Name of the verb in `Operations.extra` that reads the description of a parameter from the drive."""
 
 
 class Operations(Interface):
-    """The operations of one drive, or of all drives at the broadcast address, as exchanges.
+    """Operations of one drive, or of all drives at the broadcast address, as exchanges.
 
-    What must be remembered of the drive is in the `Memory` that they were made with. What cannot be done raises
-    NotSupported before anything is sent; a value that does not fit raises ValueRefusedError. The keywords of `read` and
-    `write` beyond those here are the protocol's own and are part of its documentation.
+    The state of the drive is kept in the `Memory` with which the operations were made. An unsupported operation raises
+    NotSupported before anything is sent; a value that does not fit raises ValueRefusedError. Further keywords of `read`
+    and `write` belong to the protocol and to its documentation.
     """
 
     @property
     def capabilities(self) -> Capabilities:
-        """What this drive can be asked to do."""
+        """Operations that this drive supports."""
 
     @property
     def read(self) -> Callable[..., Exchange[Reading]]:
@@ -130,25 +132,29 @@ class Operations(Interface):
     def write(self) -> Callable[..., Exchange[Reading | None]]:
         """`write(parameter, value, *, store=False, **own options)`: write one parameter.
 
-        The result is what the drive then reports, None where it only confirms.
+        The result is the value that the drive then reports, or None if the drive only confirms the write.
         """
 
     def address_of(self, parameter: str, **options: Any) -> str:
-        """Return the address of the value that `write` would change, one text for every way to name it.
+        """Return the address of the value that `write` would change, as the same text for every name of that value.
 
-        options: those of `write`; they may name an index or a data set. Raises ParameterAddressError as `write` does.
+        options: the options of `write`, which may name an index or a data set. Raises ParameterAddressError as `write`
+        does.
         """
 
     @property
     def extra(self) -> Mapping[str, Callable[..., Exchange[Any]]]:
-        """Further verbs, by name; `Drive.call` reaches them.
+        """Further verbs by name, for `Drive.call`.
 
-        Some have names and arguments that are the same everywhere, and are methods of `Drive`: jog(number),
-        hold(), select_setup(number), select_preset(number), set_relay(number, on).
+        Some have the same names and arguments in every protocol, and are methods of `Drive`: jog(number), hold(),
+        select_setup(number), select_preset(number), set_relay(number, on).
         """
 
     def status(self) -> Exchange[DriveStatus]:
-        """Read the status word. It may repeat what was commanded, for the drive's watchdog, if the status allows it."""
+        """Read the status word.
+
+        If the status allows it, the request may repeat the last command for the drive's watchdog.
+        """
 
     def start(self, *, reverse: bool = False) -> Exchange[None]:
         """Start the motor."""
@@ -166,57 +172,59 @@ class Operations(Interface):
         """Set the reference as an output frequency; it is never stored."""
 
     def probe(self) -> Exchange[None]:
-        """Ask once, with something that cannot move a motor; returns when a drive of this protocol is there."""
+        """Send one request that cannot move a motor; return if a drive of this protocol answers it."""
 
     def identify(self, only: Collection[str] = ()) -> Exchange[Mapping[str, str]]:
-        """Read what the drive tells of itself: name plate, software, address. Moves nothing; may be empty.
+        """Read the identity of the drive: name plate, software, address. Moves nothing; the result may be empty.
 
-        only: the entries that are wanted, all if empty; others may come with them.
+        only: the entries to read, all if empty; the result may hold further entries.
         """
 
 
 @runtime_checkable
 class ReadsMany(Interface):
-    """What operations have besides where one telegram can read several parameters of a drive.
+    """Further operations if one telegram can read several parameters of a drive.
 
-    Each telegram is an exchange of its own, so that others may use the line between two of them, and each reading has
-    the time of its own telegram.
+    Each telegram is an exchange of its own, so that other callers may use the line between two telegrams. Each reading
+    has the time of its own telegram.
     """
 
     def blocks(self, parameters: Sequence[str]) -> Sequence[Sequence[int]]:
-        """Return which of these parameters one telegram each reads, by their places in the list, each place once.
+        """Return groups of parameters that one telegram each can read, as positions in the list, each position once.
 
-        Sends nothing. Raises what `read` raises for a parameter that can never be read.
+        Sends nothing. Raises the errors of `read` for a parameter that can never be read.
         """
 
     def read_many(self, parameters: Sequence[str]) -> Exchange[Sequence[Reading]]:
-        """Read parameters that `blocks` has put together, by one telegram; the readings are in the order asked for.
+        """Read one group that `blocks` returned, by one telegram; the readings are in the order of the parameters.
 
-        A refusal is of all of them, since the drive does not say which one it means: whoever asks tries fewer.
+        A refusal applies to the whole group, since the drive does not say which parameter it refuses. The caller should
+        try smaller groups.
         """
 
 
 @runtime_checkable
 class KnowsStarts(Interface):
-    """What operations have besides if they know which of their calls may start a motor.
+    """Further operation that knows which calls may start a motor.
 
-    Of operations without it every verb of `Operations.extra` counts as a start, and no write does.
+    Without this operation, every verb of `Operations.extra` counts as a start, and no write does.
     """
 
     def may_start(self, verb: str, arguments: Mapping[str, Any]) -> bool:
-        """Return whether a call may start a motor that stands; True if that depends on how the drive is set.
+        """Return whether a call may start a motor at standstill; True if that depends on the settings of the drive.
 
-        verb: "write", with parameter and value in the arguments, or one of `Operations.extra`. A reference starts
-        nothing, nor does what stops, resets or only asks. Sends nothing, and may raise what the call would raise.
+        verb: "write", with parameter and value in the arguments, or a verb of `Operations.extra`. References, stops,
+        resets and read requests start nothing. Sends nothing; may raise the errors of the call itself.
         """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeriesFound:
-    """What a drive showed of its series.
+    """Evidence from a drive about its series.
 
-    against: what speaks against its model, as a sentence without its end; empty if nothing does. open: the other models
-    that fit as well, by name. candidates: where something speaks against its model, the models that fit.
+    against: the reason why the drive does not fit its model, as a sentence without a full stop; empty if there is none.
+    open: the names of other models that fit as well. candidates: the models that fit, if there is a reason against its
+    own model.
     """
 
     against: str = ""
@@ -226,15 +234,15 @@ class SeriesFound:
 
 @runtime_checkable
 class KnowsSeries(Interface):
-    """What operations have besides whose commands are the model's own, so that those of another series do other things.
+    """Further operation of drives whose commands depend on the model, so that another series acts differently on them.
 
-    Of operations without it every drive of the protocol understands the same commands.
+    Without this operation, all drives of the protocol understand the same commands.
     """
 
     def check_series(self, others: Sequence[Model]) -> Exchange[SeriesFound]:
-        """Ask the drive for what tells its model's series from others; reads only.
+        """Read the values that distinguish the series of the drive's model from others. Only reads.
 
-        others: the models of the protocol that it could be of.
+        others: the models of the protocol to which the drive could belong.
         """
 
 
@@ -258,57 +266,66 @@ def _nowhere(_data: bytes, _direction: Direction) -> frozenset[int]:
 class Protocol:
     """One drive protocol.
 
-    name: as in `PROTOCOL:ADDRESS`. title: maker and protocol for people. package: the Python package that holds
-    vectors.toml, models/ and README.md. facts: default line settings and timing, with their source in `facts_source`.
-    line_sources: the manual and page of each number among them that a maker demands of a master, by the name of the
-    fact or `silence_characters`; a master is at fault that breaks such a number. The others are defaults.
-    unanswered: the kinds of request that no drive answers.
-    addresses: those a single drive can have, in order, as a range or a tuple. scan_addresses: those a scan asks unless
-    told otherwise. addresses_of: those that a drive with these options can have, where that depends on them.
-    default_model: the model of the package whose parameters a virtual drive holds unless told otherwise.
-    broadcast_address: None where there is none; otherwise what `operations` takes to mean all drives.
-    options: frozen keyword-only dataclass of what differs between drives and decoders of this protocol; its docstring
-    explains each. codec: telegrams for these options. message: builds a message from fields as vectors name them.
-    mismatch: names the first field in which a sound reply does not belong to the request, empty when it belongs; it
-    goes by nothing but the two. operations: the verbs for a drive at an address, with its options and its model.
-    memory: makes what a master remembers of one drive, a further argument of `operations`; None where nothing is
-    remembered. virtual: a drive to talk to.
-    blind_spots: positions in a telegram where the protocol cannot notice a single wrong bit; unless a package says
-    otherwise, its check characters cover all.
-    forms: the forms of all its telegrams by title, for documentation, drawings and checks.
-    parameter_examples: parameter addresses that show the forms of this protocol.
-    control_profiles: those of `drivecomm.profiles` that drives are commanded by, for the conformance kit to look over;
-    none where each model has its own.
-    intent: what a request is for; None where a package does not tell, and then every request counts as a command, and
-    a fault script cannot tell the replies to reads and writes apart.
-    parameter_keys: keys of a model's parameters that only this protocol knows, such as `datasets`; None where a package
-    does not tell, and then a misspelt key of a parameter goes unnoticed.
-    control_keys: keys of a model's table [control], for a protocol that leaves it to the model how its drives are
-    commanded; the package finds them in `Model.control`. same_commands: whether drives of all models are commanded
-    alike all the same, so that the stop of one is right for all.
-    element_addresses: under which addresses the values of a parameter are read one by one (data sets, array elements),
-    for these options; unless a package says otherwise, every parameter has one value.
-    factory_reading: the options of `read` with which a drive tells a parameter's factory value instead of its value;
-    empty where drives do not tell.
-    plain_writing: the options of `write` with which a value is the number that `Reading.raw` shows, for parameters
-    whose scale depends on more than the model and may not be known; empty where there is no such thing.
-    ambiguous_with: the protocols that have telegrams which are also sound requests of this one, to the same address,
-    so that a drive of this one may obey what is meant for a drive of the other; by name, with what that does, as a
-    sentence without an end that `cohabit` shows.
-    silence_characters: after a silence of so many characters a drive takes what comes for the beginning of a telegram,
-    whatever it heard before, unless a gap is chosen for it; 0 where it waits as long as a master does (`Timing.gap_s`).
-    references: the addresses of the parameters that the verbs write as a reference, for these options and this model:
-    what they hold is what a bus commanded last, and no setting to back up.
-    line_errors: codes by which a drive says that it did not understand a request (a wrong check character, an overrun),
-    by the field of a reply that has them; such a reply is taken for a damaged one, and the request is sent again as
-    often as one that nobody answers, unless the `Ask` names `LINE_ERROR` among its `besides`.
-    wrong_settings: what questions at wrong line settings do to a drive, as a sentence that a scan says before it tries
-    several; empty where drives do not mind.
-    address_space: which addresses a drive with these options and this model (None where it is not known) may hold, for
-    those who ask it address by address; None where a package does not tell.
-    schemes: the schemes of ports that carry this protocol only, and the options that its drives have behind them.
-    refusals: with which codes drives with these options and this model (None where it is not known) refuse a request,
-    as `RefusedError.code` has them, and what each means; empty where a package does not tell.
+    - name: as in `PROTOCOL:ADDRESS`.
+    - title: maker and protocol, for people.
+    - package: the Python package that holds vectors.toml, models/ and README.md.
+    - facts: default line settings and timing, with their source in `facts_source`.
+    - line_sources: the manual and page of each of these numbers that a maker demands of a master, by the name of the
+      fact or `silence_characters`. A master that breaks such a number is at fault. The other numbers are defaults.
+    - unanswered: the kinds of request that no drive answers.
+    - addresses: the addresses of single drives, in order, as a range or a tuple.
+    - scan_addresses: the addresses that a scan probes by default.
+    - addresses_of: returns the addresses of drives with these options, if they depend on the options.
+    - default_model: the model of the package whose parameters a virtual drive holds by default.
+    - broadcast_address: the address that means all drives to `operations`; None if the protocol has no broadcast.
+    - options: a frozen keyword-only dataclass of the differences between drives and decoders of this protocol; its
+      docstring explains each option.
+    - codec: returns the codec of the telegrams for these options.
+    - message: builds a message from fields as vectors name them.
+    - mismatch: names the first field in which a sound reply does not belong to the request, empty if the reply belongs
+      to it; depends on nothing but these two messages.
+    - operations: returns the verbs for a drive at an address, with its options and its model.
+    - memory: makes the state that a master keeps about one drive, which is a further argument of `operations`; None if
+      no state is kept.
+    - virtual: makes a virtual drive.
+    - blind_spots: the positions in a telegram where the protocol cannot detect a single wrong bit. By default there are
+      none, because the check characters cover all positions.
+    - forms: the forms of all its telegrams by title, for documentation, drawings and checks.
+    - parameter_examples: parameter addresses that show the address forms of this protocol.
+    - control_profiles: the profiles of `drivecomm.profiles` by which drives are commanded, for checks by the
+      conformance kit; empty if each model has its own.
+    - intent: returns the purpose of a request. If it is None, every request counts as a command, and a fault script
+      cannot distinguish the replies to reads and writes.
+    - parameter_keys: keys of a model's parameters that only this protocol uses, such as `datasets`. If it is None, a
+      misspelt key of a parameter goes unnoticed.
+    - control_keys: keys of a model's table [control], if the model decides how its drives are commanded; the package
+      finds them in `Model.control`.
+    - same_commands: whether drives of all models are nevertheless commanded alike, so that the stop of one model is
+      right for all.
+    - element_addresses: returns the addresses under which the values of a parameter are read one by one (data sets,
+      array elements), for these options; by default every parameter has one value.
+    - factory_reading: the options of `read` with which a drive returns the factory value of a parameter; empty if
+      drives do not report it.
+    - plain_writing: the options of `write` with which a value is the number of `Reading.raw`, for parameters whose
+      scale depends on more than the model and may be unknown; empty if there are no such options.
+    - ambiguous_with: the protocols with telegrams that are also sound requests of this protocol to the same address, so
+      that a drive of this protocol may obey a telegram for a drive of the other. By name, with the effect as a sentence
+      without a full stop, which `cohabit` shows.
+    - silence_characters: after a silence of this many characters, a drive takes the next byte as the beginning of a
+      telegram, whatever it received before, unless a gap is chosen for the drive; 0 if the drive waits as long as a
+      master (`Timing.gap_s`).
+    - references: returns the addresses of the parameters that the verbs write as a reference, for these options and
+      this model. They hold the last command of a bus, so they are not settings to back up.
+    - line_errors: codes by which a drive reports that it did not understand a request (a wrong check character, an
+      overrun), by the field of the reply that holds them. Such a reply counts as damaged, and the request is repeated
+      as often as an unanswered one, unless the `Ask` names `LINE_ERROR` in `besides`.
+    - wrong_settings: the effect on a drive of requests at wrong line settings, as a sentence that a scan shows before
+      it tries several settings; empty if such requests have no effect.
+    - address_space: returns the addresses that a drive with these options and this model (None if it is unknown) may
+      hold, for callers that read them one by one; None if the package does not state them.
+    - schemes: the schemes of ports that carry only this protocol, with the options of the drives behind them.
+    - refusals: returns the codes with which drives with these options and this model (None if it is unknown) refuse a
+      request, as in `RefusedError.code`, with their meanings; empty if the package does not state them.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""What is said of a drive before its line is open: in a plant file, on the command line, in a program."""
+"""Configuration of a drive before its line is open: from a plant file, the command line or a program."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ LONGEST_DELAY_S = 60.0
 """The longest reply delay of a drive, in seconds."""
 
 _LONGEST_ADDRESS = 9
-"""Digits; Python makes no number of some thousands of them."""
+"""Maximum digits of an address; Python refuses to convert a text of some thousands of digits."""
 
 _MAY_BE_ZERO = frozenset(["ramp_up_s", "ramp_down_s", "quick_ramp_s", "load", "ambient_c"])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PollGroup:
-    """Parameters of a drive that are polled alike.
+    """Parameters of a drive that are polled with the same period, priority and options.
 
-    parameters: by address or name. period_s: how often. priority: how important against others that are due. options:
-    the protocol's own for reading, such as type="long".
+    parameters: by address or name. period_s: seconds from one poll to the next. priority: rank among the parameters
+    that are due. options: the protocol's own options for reading, such as type="long".
     """
 
     parameters: tuple[str, ...]
@@ -50,7 +50,7 @@ class PollGroup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkLossPolicy:
-    """What a drive's motor shall do when its master falls silent, and after how many seconds the drive notices."""
+    """Reaction of a motor to a silent master, and the number of seconds after which its drive notices the silence."""
 
     policy: LinkLoss
     watchdog_s: float = 5.0
@@ -65,15 +65,15 @@ class LinkLossPolicy:
 NETWORK_VERBS = (
     "start", "stop", "reset", "reverse", "reference", "jog", "hold", "select_setup", "select_preset", "set_relay",
 )  # fmt: skip
-"""What a plant file can allow the doors to a network, by the words that it uses; a stop they may give always."""
+"""Verbs that a plant file can allow to network doors, in the words of the file; stops are always allowed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NetworkAccess:
-    """What may be done with a drive over a network; nothing but asking and stopping unless it is listed here.
+    """Operations that are allowed on a drive over a network, in addition to reading and stopping.
 
-    verbs: of `NETWORK_VERBS`, by the kind of door, such as "http". write: parameters that may be written, as they are
-    named in the command, and verbs of the protocol's own that may be called.
+    verbs: words of `NETWORK_VERBS`, by the kind of door, such as "http". write: parameters that may be written, by the
+    names that the command uses, and verbs of the protocol's own that may be called.
     """
 
     verbs: Mapping[str, tuple[str, ...]] = field(default_factory=dict, hash=False)
@@ -94,15 +94,16 @@ class NetworkAccess:
 
 
 LONGEST_TAG = 200
-"""Characters of the name or the group of a tag."""
+"""Longest name or group of a tag, in characters."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tag:
-    """What supervisory systems call a polled value.
+    """Identification of a polled value for supervisory systems.
 
-    name: unique in the plant; empty without one. group: where it belongs, such as "mixing/P101". deadband: by how much
-    it must differ from the value that was published last, in its unit; None for what the door says.
+    name: unique in the plant; empty if the value has none. group: the place of the value, such as "mixing/P101".
+    deadband: the smallest change since the last published value that is published, in the value's unit; None for the
+    default of the door.
     """
 
     name: str = ""
@@ -126,24 +127,25 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveConfig:
-    """A drive, and how it is used.
+    """Configuration of one drive.
 
-    protocol, address, options: as `Bus.drive` takes them; options are its model, line facts and the protocol's own.
-    name: what people call it, PROTOCOL:ADDRESS if empty. line: the plant's name of its line, or its port; empty as long
-    as nobody has said. title: what it is, for people. groups: names that stand for it and others; in other groups it
-    is the same drive.
+    protocol, address, options: as `Bus.drive` takes them; options are its model, line facts and the protocol's own
+    options. name: for people, PROTOCOL:ADDRESS if empty. line: the plant's name of its line, or its port; empty while
+    unknown. title: a description for people. groups: names that stand for this drive and others; a comparison of drives
+    ignores them.
 
-    For masters: armed: it may be written and commanded; otherwise it is read-only for all that takes it from a plant,
-    except for stopping it. read_only_reason: why this master may not command it, empty where it may. confirmed: its
-    parameters, by address or name, whose type, scale and unit a person has checked on this very drive. poll: what is
-    polled of it. link_loss: what its motor does when its master falls silent. network: what may be done with it over a
-    network where a server has such doors, if it is armed, too. tags: what supervisory systems call its values, by the
-    names by which they are polled; with other tags it is the same drive. machine: what a hertz of it is at its machine.
+    For masters: armed: the drive may be written and commanded; otherwise every program that takes it from a plant
+    treats it as read-only, except for stops. read_only_reason: why this master may not command it, empty if it may.
+    confirmed: its parameters, by address or name, whose type, scale and unit a person has checked on this very drive.
+    poll: its groups of polled parameters. link_loss: the reaction of its motor to a silent master. network: the
+    operations that are allowed on it through the network doors of a server, if it is armed as well. tags: the tags of
+    its values, by the names under which the values are polled; a comparison of drives ignores them. machine: its
+    machine unit, with the scale per hertz.
 
-    For virtual drives: reply_delay_s: from the end of a request to the begin of the reply; None for the usual delay.
-    needs_pause_s: from the end of its reply to the next request; it does not hear one that begins sooner.
-    values: what its parameters hold at the start, raw, by parameter address or name. motor: what differs from the
-    drive's usual motor, by the names in `MOTOR_DATA`.
+    For virtual drives: reply_delay_s: from the end of a request to the beginning of the reply; None for the usual
+    delay. needs_pause_s: from the end of its reply to the next request; it does not receive a request that begins
+    sooner. values: raw start values, by parameter address or name. motor: differences from the drive's usual motor, by
+    the names in `MOTOR_DATA`.
     """
 
     protocol: str
@@ -184,16 +186,16 @@ class DriveConfig:
 
     @property
     def full_name(self) -> str:
-        """The name, with PROTOCOL:ADDRESS where it says something else: pump (vabus:1)."""
+        """The name, followed by PROTOCOL:ADDRESS if that is not the name: pump (vabus:1)."""
         return self.name if self.name == str(self) else f"{self.name} ({self})"
 
     @property
     def labels(self) -> dict[str, str]:
-        """How a JSON object names the drive that it is about."""
+        """Keys that identify the drive in a JSON object."""
         return {"name": self.name, "drive": str(self), "line": self.line}
 
     def build(self, factory: Callable[..., T]) -> T:
-        """Return what a factory, such as `bus.drive` or `virtual_drive`, makes of protocol, address and options."""
+        """Build the drive with a factory, such as `bus.drive` or `virtual_drive`."""
         options = {**self.options, CONFIRMED_FACTS: self.confirmed} if self.confirmed else self.options
         if self.machine is not None:
             options = {**options, "machine": self.machine}
@@ -204,21 +206,24 @@ class DriveConfig:
         return cast("T", made)
 
     def with_options(self, **options: Any) -> DriveConfig:
-        """Return the same with further options, which go before those that it has."""
+        """Return a copy with further options, which override options of the same name."""
         return replace(self, options={**self.options, **options})
 
     def why_read_only(self, file: str) -> str:
-        """Return why masters may not write or command this drive, which this file says; empty where they may."""
+        """Return the reason why masters may not write or command this drive; empty if they may.
+
+        file: the plant file, for the text of the reason.
+        """
         return "" if self.armed else f"{self.name} is read-only in {file}; write armed = true there"
 
     def fit(self, motor: Motor) -> None:
-        """Give a motor what is said of this drive's."""
+        """Set the configured data of this drive's motor on a motor."""
         for key, value in self.motor.items():
             setattr(motor, key, float(value))
 
 
 def parse_drive(text: str) -> DriveConfig:
-    """Read `vabus:1` or `danfoss-fc:3,model=fc101,baudrate=19200`. Raises UsageError."""
+    """Parse a text such as `vabus:1` or `danfoss-fc:3,model=fc101,baudrate=19200`. Raises UsageError."""
     drive, *options = text.split(",")
     protocol, colon, address = drive.partition(":")
     if not colon or not protocol:
@@ -229,7 +234,7 @@ def parse_drive(text: str) -> DriveConfig:
 
 
 def parse_options(settings: Iterable[str]) -> dict[str, Any]:
-    """Read `name=value` pairs: whole numbers (also 0x0F), decimals, true and false, or text. Raises UsageError."""
+    """Parse `name=value` pairs into whole numbers (also 0x0F), decimals, booleans or text. Raises UsageError."""
     chosen = {}
     for setting in settings:
         name, equals, value = setting.partition("=")

@@ -1,4 +1,4 @@
-"""How a virtual drive is shown at the prompt and in failed assertions."""
+"""Text representation of virtual drives, for the prompt and for failed assertions."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 class DriveRepr:
-    """Base of virtual drives: their address and what the motor did when the drive was last asked."""
+    """Base class of virtual drives that shows the address and the state of the motor at the drive's last action."""
 
     address: int
     motor: Motor

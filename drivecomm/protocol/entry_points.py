@@ -1,6 +1,6 @@
 """Entry points of the installed distributions, read without importlib.metadata, which takes long to load.
 
-It is asked after all where something else than folders is searched for modules, such as a zip file.
+importlib.metadata is used only if modules are searched for in other places than folders, such as a zip file.
 """
 
 from __future__ import annotations
@@ -18,21 +18,27 @@ if TYPE_CHECKING:
 
 
 class EntryPoint(NamedTuple):
-    """What a distribution brings under a name: `module:attribute`."""
+    """Entry point of a distribution.
+
+    value: `module:attribute`.
+    """
 
     name: str
     value: str
     distribution: str
 
     def load(self) -> Any:
-        """Import the module and return the attribute. Raises whatever the module raises, and AttributeError."""
+        """Import the module and return the attribute. Raises AttributeError and any error of the module."""
         module, _, attribute = self.value.partition("[")[0].strip().partition(":")
         names = attribute.split(".") if attribute else []
         return reduce(getattr, names, import_module(module))
 
 
 def later(value: str) -> Callable[..., Any]:
-    """Return what calls `module:attribute`, imported then: a master needs no virtual drive, and is to be quick."""
+    """Return a function that imports `module:attribute` when it is called, and passes its arguments on.
+
+    A master starts faster this way, since it needs no virtual drive.
+    """
 
     def call(*arguments: Any) -> Any:
         return EntryPoint("", value, "").load()(*arguments)
@@ -41,7 +47,7 @@ def later(value: str) -> Callable[..., Any]:
 
 
 def entry_points(group: str) -> list[EntryPoint]:
-    """Return all entry points of a group; of two distributions of one name the first that is found counts."""
+    """Return all entry points of a group; of two distributions with the same name, the first one found counts."""
     found: list[EntryPoint] = []
     known: set[str] = set()
     if any(hasattr(finder, "find_distributions") for finder in sys.meta_path if finder is not PathFinder):
@@ -69,7 +75,7 @@ def _in_distribution(folder: Path, group: str) -> Iterator[EntryPoint]:
     try:
         text = Path(folder, "entry_points.txt").read_text(encoding="utf-8")
     except OSError:
-        # Most have none.
+        # Most distributions have no entry points.
         return
     section = ""
     for line in map(str.strip, text.splitlines()):

@@ -1,15 +1,15 @@
 """Exchanges: the conversation behind one operation, as a generator that does no I/O.
 
-An exchange yields commands and is sent the reply to each `Ask`, or None for the others. What goes wrong on the line is
-thrown in at the yield as a ReplyError, so an exchange that wants to react catches it there. It never sees bytes, a
-clock or a port; it returns the result of the operation.
+An exchange yields commands. It is sent the reply to each `Ask`, and None for any other command. An error on the line is
+thrown in at the yield as a ReplyError, and an exchange that handles it catches it there. An exchange never sees bytes,
+a clock or a port; it returns the result of the operation.
 
     def read_state(address: int) -> Exchange[int]:
         reply = yield Ask(Enquiry(address=address, parameter=411))
         ...
         return state
 
-A generator cannot talk while it is being closed, so nothing is yielded in a `finally`.
+A generator cannot communicate while it is being closed, so a `finally` block yields nothing.
 """
 
 from __future__ import annotations
@@ -29,24 +29,31 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ask:
-    """Send a request and wait for its reply.
+    """Command to send a request and wait for its reply.
 
-    attempts: how often it may be sent; None for the drive's own number. 1 for what must not happen twice: an edge, a
-    start, a relative command. prepared: where no reply comes it is not sent again, since the question before it, such
-    as the choice of a page, would have to be repeated first. acts: the drive does something on it, so that a missing
-    reply leaves open whether it did. unseen: nothing but its reply shows that, so one that may be a late one to another
-    request is not believed: DoubtfulReplyError is thrown in where it must not be sent again.
-    nameless: the reply does not say what it answers, so a late one could be taken for the next request's. urgent: not
-    to be held back by a late reply that may still come, because it stops a motor; it then goes out at once, and once
-    more when its own reply can be believed.
-    distinct: no reply that names nothing is taken for this one's, however late it comes: nothing is waited for.
-    anonymous: the reply names no drive either, so a late one of any drive of its protocol could be taken for it.
-    command: whether the request carries a command from which the drive's watchdog counts: a "new" one, or one that is
-    "repeated", which is not sent when it is older than that watchdog waits; CommandTooOldError is thrown in instead.
-    reply_timeout_s: None for the drive's own. mirrored: the reply is the request itself, byte for byte, which an echo
-    is, too; so it is believed only behind an echo, or where nothing that was sent through this port has come back: a
-    `Tell` before it that nobody answers shows that. besides: for what mismatches a sound telegram of the drive that is
-    not the reply is returned all the same, because the exchange has to do something about it.
+    - attempts: how often the request may be sent; None for the drive's own number. 1 for a request that must not be
+      repeated: an edge, a start, a relative command.
+    - prepared: without a reply, the request is not repeated, since the request before it, such as the choice of a page,
+      would have to be repeated first.
+    - acts: the drive acts on the request, so that without a reply it is unknown whether it did.
+    - unseen: only the reply shows whether the drive acted, so a reply that may be a late one to another request is not
+      trusted. DoubtfulReplyError is thrown in if the request must not be repeated.
+    - nameless: the reply does not say which request it answers, so a late one could be mistaken for the reply to the
+      next request.
+    - distinct: a late nameless reply is never mistaken for the reply to this request, so there is no wait for late
+      replies.
+    - anonymous: the reply does not name a drive either, so a late reply of any drive of its protocol could be mistaken
+      for it.
+    - mirrored: the reply is the request itself, byte for byte, so an echo of the adapter could be mistaken for it. It
+      is trusted only after an echo, or if nothing that was sent through this port has come back, which an unanswered
+      `Tell` before the request shows.
+    - urgent: the request stops a motor and does not wait for a late reply that may still come. It is sent immediately,
+      and once more when its own reply can be trusted.
+    - command: whether the request carries a command from which the drive's watchdog counts: "new" or "repeated". A
+      repeated command that is older than the watchdog time is not sent; CommandTooOldError is thrown in instead.
+    - reply_timeout_s: None for the drive's own.
+    - besides: mismatches with which a sound telegram of the drive is returned although it is not the reply, because the
+      exchange has to handle it.
     """
 
     message: Message
@@ -66,7 +73,10 @@ class Ask:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tell:
-    """Send a telegram that nobody answers. pause_s: quiet time after it; None for the drive's broadcast pause."""
+    """Command to send a telegram that no drive answers.
+
+    pause_s: quiet time after the telegram; None for the drive's broadcast pause.
+    """
 
     message: Message
     pause_s: float | None = None
@@ -74,18 +84,18 @@ class Tell:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pause:
-    """Let time pass."""
+    """Command to wait before the next command."""
 
     seconds: float
 
 
 Command: TypeAlias = Ask | Tell | Pause
 Exchange: TypeAlias = Generator[Command, Any, T]
-"""An operation: it yields requests and pauses, is sent the replies, and returns its result."""
+"""Generator of one operation: it yields requests and pauses, is sent the replies, and returns the result."""
 
 
 def unless_refused(exchange: Exchange[T], *others: type[DriveCommError]) -> Exchange[T | None]:
-    """Return what an exchange returns, None where the drive refuses, or where one of these other errors is raised."""
+    """Return the result of an exchange; None if the drive refuses or one of the other errors is raised."""
     refused: tuple[type[DriveCommError], ...] = (RefusedError, *others)
     try:
         return (yield from exchange)
@@ -94,10 +104,10 @@ def unless_refused(exchange: Exchange[T], *others: type[DriveCommError]) -> Exch
 
 
 def answered(exchange: Exchange[T], answer: Callable[[Ask | Tell], Message | None]) -> T:
-    """Carry out an exchange with a function in place of the line, and return its result; pauses take no time.
+    """Run an exchange with a function in place of the line, and return its result; pauses take no time.
 
     answer: returns the reply to an `Ask`, and None for a `Tell`. A ReplyError that it raises is thrown into the
-    exchange; anything else that it raises ends it.
+    exchange; any other exception ends the exchange.
     """
     try:
         command = next(exchange)
@@ -116,9 +126,9 @@ def answered(exchange: Exchange[T], answer: Callable[[Ask | Tell], Message | Non
 
 
 def asked_once(exchange: Exchange[T]) -> Exchange[T]:
-    """Carry out an exchange without repeating any of its requests: for what is asked before a stop.
+    """Run an exchange without repeating any of its requests, as is needed before a stop.
 
-    Raises UnexpectedReplyError where the exchange would pause, as for a drive that is busy.
+    Raises UnexpectedReplyError if the exchange pauses, for example because the drive is busy.
     """
     return with_each_command(exchange, _once)
 
@@ -132,9 +142,9 @@ def _once(command: Command) -> Command:
 def with_each_command(
     exchange: Exchange[T], change: Callable[[Command], Command], heard: Callable[[Message], None] | None = None
 ) -> Exchange[T]:
-    """Carry out an exchange with what a function makes of each of its commands; what it raises ends the exchange.
+    """Run an exchange with each of its commands changed by a function; an exception of that function ends the exchange.
 
-    heard: told each reply.
+    heard: called with each reply.
     """
     try:
         command = next(exchange)
@@ -145,7 +155,7 @@ def with_each_command(
 
 
 def resumed(command: Command, exchange: Exchange[T]) -> Exchange[T]:
-    """Return an exchange that has yielded its first command already as one that yields it anew."""
+    """Return an exchange that has already yielded its first command as one that yields this command again."""
     return _from(command, exchange, _unchanged, None)
 
 
@@ -159,7 +169,7 @@ def _from(
     change: Callable[[Command], Command],
     heard: Callable[[Message], None] | None,
 ) -> Exchange[T]:
-    """Carry out what is left of an exchange from a command on that it has yielded."""
+    """Run the rest of an exchange, beginning with a command that it has already yielded."""
     try:
         while True:
             changed = change(command)

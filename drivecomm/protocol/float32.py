@@ -6,12 +6,12 @@ from decimal import Decimal
 from math import isfinite
 from struct import pack, unpack
 
-# Six digits always come back as they were, and nine tell all floats apart (IEEE 754).
+# Six digits always survive the conversion, and nine distinguish all floats (IEEE 754).
 _DIGITS = range(6, 10)
 
 
 def float_of(bits: int) -> Decimal | None:
-    """Return the shortest decimal number that these bits stand for; None where they are no number."""
+    """Return the shortest decimal number for the bits of a float; None if the bits are not a finite number."""
     number: float = unpack(">f", bits.to_bytes(4, "big"))[0]
     if not isfinite(number):
         return None
@@ -22,7 +22,7 @@ def float_of(bits: int) -> Decimal | None:
 
 
 def float_bits(number: float) -> int | None:
-    """Return the bits of the float that is nearest to a number, None where there is none."""
+    """Return the bits of the float that is nearest to a number; None if the number is too large."""
     try:
         return int.from_bytes(pack(">f", number), "big")
     except OverflowError:

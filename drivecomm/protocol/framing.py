@@ -1,4 +1,4 @@
-"""Framers: bytes in as they come, telegrams and discarded bytes out."""
+"""Framers: bytes go in as they arrive, telegrams and discarded bytes come out."""
 
 from __future__ import annotations
 
@@ -12,24 +12,26 @@ if TYPE_CHECKING:
 
 
 class Codec(Protocol):
-    """What a framer and a link need of a protocol's telegrams.
+    """The functions for a protocol's telegrams that a framer and a link need.
 
-    The same bytes mean the same each time, and a message does not change: what was decoded once is not decoded again.
-    It may have an attribute `alike`, any hashable value: codecs with equal ones make the same of the same bytes.
+    The same bytes always have the same meaning, and a message does not change, so no bytes are decoded twice. A codec
+    may have an attribute `alike` with any hashable value: codecs with equal values decode the same bytes to the same
+    result.
     """
 
     def measure(self, head: bytes, direction: Direction) -> int:
         """Return the length of the telegram that begins with these bytes.
 
-        0: no telegram begins like this. More than len(head): that many bytes are needed, or needed to know more. For no
-        bytes at all: the length of the shortest telegram of this direction, so that a reader can wait for it.
+        0: no telegram begins with these bytes. More than len(head): the bytes that the telegram needs, or that are
+        needed to measure it. For an empty head: the length of the shortest telegram of this direction, so that a reader
+        can wait for it.
         """
 
     def decode(self, data: bytes, direction: Direction) -> Message:
         """Return the content of exactly one telegram. Raises TelegramError."""
 
     def encode(self, message: Message) -> bytes:
-        """Return the telegram's bytes. Raises TelegramError for a field that does not fit."""
+        """Return the bytes of a telegram. Raises TelegramError for a field that does not fit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +44,7 @@ class Framed:
 
 @dataclass(frozen=True, slots=True)
 class Damaged:
-    """Bytes with the shape of a telegram that are none; all but the first are looked at again."""
+    """Bytes that have the shape of a telegram but are not valid; all but the first byte are searched again."""
 
     data: bytes
     error: TelegramError
@@ -50,23 +52,24 @@ class Damaged:
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Bytes that begin no telegram."""
+    """Bytes with which no telegram begins."""
 
     data: bytes
 
 
 Find: TypeAlias = Framed | Damaged | Noise
-"""What a framer makes of bytes."""
+"""Result of a framer for a part of its bytes."""
 
-# More than any telegram has: enough to be measured by, and all that is copied for each byte that is looked at.
+# Longer than any telegram, so that it can be measured; limits the copy that is made for each byte examined.
 _HEAD = 512
 
 
 class Framer:
-    """Finds telegrams of one direction in a stream of bytes.
+    """Search for the telegrams of one direction in a stream of bytes.
 
-    Feed it in any pieces: it finds the same telegrams. A byte that cannot start a telegram is noise; when the bytes
-    that could have been a telegram are none, only the first of them is dropped and the search goes on behind it.
+    The result does not depend on the pieces in which the bytes are fed. A byte that cannot start a telegram is noise.
+    If bytes that could have been a telegram are not valid, only the first of them is dropped, and the search continues
+    with the next.
     """
 
     def __init__(self, codec: Codec, direction: Direction) -> None:
@@ -75,32 +78,32 @@ class Framer:
         self._pending = b""
         self._shortest = codec.measure(b"", direction) or 1
         self.missing = self._shortest
-        """How many more bytes a telegram needs at least; those of the shortest when none has begun."""
+        """Number of bytes that a telegram still needs at least; the shortest length if none has begun."""
 
     @property
     def begun(self) -> bool:
-        """Whether there are bytes that may be the beginning of a telegram."""
+        """Whether there are pending bytes that may be the beginning of a telegram."""
         return bool(self._pending)
 
     @property
     def held(self) -> int:
-        """How many bytes are kept that may be the beginning of a telegram."""
+        """Number of pending bytes that may be the beginning of a telegram."""
         return len(self._pending)
 
     def feed(self, data: bytes) -> list[Find]:
-        """Take bytes from the line and return what is now certain, in order."""
+        """Add bytes from the line and return the finds that are now certain, in order."""
         measured = 0
         if not self._pending and data:
             measured = self._codec.measure(data, self._direction)
             if measured == len(data) and isinstance(found := self._decoded(data), Framed):
-                # One whole telegram and nothing else, as nearly always.
+                # The usual case: one whole telegram and nothing else.
                 self.missing = self._shortest
                 return [found]
         self._pending += data
         return self._search(final=False, measured=measured)
 
     def flush(self) -> list[Find]:
-        """Return what the pending bytes amount to, now that a gap says that nothing follows them."""
+        """Return the finds in the pending bytes, once a gap shows that nothing follows them."""
         return self._search(final=True)
 
     def _search(self, *, final: bool, measured: int = 0) -> list[Find]:
@@ -120,7 +123,7 @@ class Framer:
                 if not final:
                     self.missing = needed - left
                     break
-                # Whole all the same if it only could have been the beginning of a longer one; cut off otherwise.
+                # Whole if these bytes only could have begun a longer telegram; cut off otherwise.
                 found = self._decoded(pending[start:])
                 if isinstance(found, Damaged) and left == 1:
                     found = None
@@ -149,13 +152,13 @@ class Framer:
 
 
 def begins_again(data: bytes) -> bool:
-    """Tell whether a telegram begins once more in its middle: all that came before, or as much as there is room for.
+    """Return whether everything before some byte of a telegram is repeated from that byte on, as far as it fits.
 
-    A telegram that breaks off and is repeated at once gives one of the right length, and often of the right BCC: what
-    stands in it twice cancels out of an exclusive-or, whatever it is. Its words would be read out of the second head. A
-    drive that means such a telegram has to match at least 24 bits by chance.
+    If a telegram breaks off and is sent again immediately, the two parts together can have the right length, and often
+    the right BCC: anything that occurs twice cancels out of an exclusive-or. The words would be read from the second
+    head. A valid telegram looks like this only if at least 24 bits match by chance.
     """
-    # Any repetition that is looked for begins with the first three bytes.
+    # A repetition begins with the first three bytes.
     first = data.find(data[:3], 3)
     if first < 0:
         return False

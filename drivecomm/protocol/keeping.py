@@ -1,4 +1,4 @@
-"""What polling asks for again and again is made once: what an address means, and the request for it."""
+"""Cache for results that polling needs repeatedly: the meaning of an address, and the request for it."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 _MOST = 512
-"""More than a poll plan has."""
+"""Number of cached results; more than a poll plan needs."""
 
 
 def kept(make: Callable[P, R]) -> Callable[P, R]:
-    """Return what makes the same thing for the same arguments only once, of a model and options that do not change."""
+    """Cache the results of a function; its arguments, such as a model and options, must not change."""
     return lru_cache(_MOST, typed=True)(make)  # type: ignore[return-value]

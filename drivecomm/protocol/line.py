@@ -1,4 +1,4 @@
-"""A serial line: how its characters look, how long they last, how its partners take turns."""
+"""Settings and timing of a serial line."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from drivecomm.errors import UsageError, shortened
 from drivecomm.protocol.argument_types import is_duration, is_number
 
 Parity: TypeAlias = Literal["N", "E", "O", "M", "S"]
-"""None, even, odd, mark, space."""
+"""N: none. E: even. O: odd. M: mark. S: space."""
 
 USUAL_BAUD_RATES = (9600, 19200, 38400, 4800, 57600, 115200, 2400, 1200)
-"""What drives are set to, the most usual first."""
+"""Baud rates to which drives are set, the most usual first."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,7 +43,7 @@ class LineSettings:
         return (1 + self.bytesize + (self.parity != "N") + self.stopbits) / self.baudrate
 
     def wire_s(self, characters: float) -> float:
-        """Seconds that this many characters take when they follow each other without a gap."""
+        """Return the seconds that a number of characters take when they follow each other without a gap."""
         return characters * self.character_s
 
     def __str__(self) -> str:
@@ -56,20 +56,21 @@ SETTING_NAMES = tuple(field.name for field in fields(LineSettings))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Timing:
-    """When a master may speak and how long it waits, in seconds unless the name says otherwise.
+    """Timing rules of a master, in seconds unless the name says otherwise.
 
-    reply_timeout_s: from the last character of a request to the first of the reply.
-    gap_s: the longest pause inside a telegram; a longer one ends it.
-    turnaround_s: from the end of a reply to the next request.
-    broadcast_pause_s: from the end of a broadcast to the next request.
-    gap_characters, turnaround_characters: the same in character times; the longer of both holds, and the one for the
-    turnaround holds after a broadcast too.
-    late_s: how long after an unanswered request its reply may still arrive.
-    attempts: how often a request is sent at most, when repeating it is safe.
-    request_interval_s: from the start of a request to this drive to the start of the next one to it.
-    deadline_s: how long one call may take in all, waiting for its turn and all attempts included.
-    tuned_turnaround_s: a shorter turnaround that was measured with this drive, used until errors rise; 0 for none.
-    least_turnaround_s, least_reply_timeout_s: what the maker demands; tuning never goes below it.
+    - reply_timeout_s: from the last character of a request to the first of the reply.
+    - gap_s: the longest pause inside a telegram; a longer one ends the telegram.
+    - turnaround_s: from the end of a reply to the next request.
+    - broadcast_pause_s: from the end of a broadcast to the next request.
+    - gap_characters, turnaround_characters: the same in character times; the longer of both applies.
+      turnaround_characters also applies after a broadcast.
+    - late_s: time after an unanswered request during which its reply may still arrive.
+    - attempts: maximum number of times that a request is sent, if repeating it is safe.
+    - request_interval_s: from the start of a request to this drive to the start of the next request to it.
+    - deadline_s: maximum duration of one call, including waiting in the queue and all attempts.
+    - tuned_turnaround_s: a shorter turnaround that was measured with this drive and is used until errors rise; 0 for
+      none.
+    - least_turnaround_s, least_reply_timeout_s: minimum that the maker demands; tuning never goes below it.
     """
 
     reply_timeout_s: float
@@ -103,36 +104,36 @@ class Timing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LineFacts:
-    """What holds on the line for one drive: its settings and its timing."""
+    """Settings and timing of the line for one drive."""
 
     settings: LineSettings
     timing: Timing
 
     @property
     def gap_s(self) -> float:
-        """The longest pause inside a telegram at this line's speed."""
+        """The longest pause inside a telegram at this line's speed, in seconds."""
         return max(self.timing.gap_s, self.settings.wire_s(self.timing.gap_characters))
 
     @property
     def turnaround_s(self) -> float:
-        """The pause from the end of a reply to the next request at this line's speed, the tuned one if there is one."""
+        """Seconds from the end of a reply to the next request at this line's speed, as tuned if that was done."""
         seconds = self.timing.tuned_turnaround_s or self.timing.turnaround_s
         return max(seconds, self.settings.wire_s(self.timing.turnaround_characters))
 
     @property
     def untuned(self) -> LineFacts:
-        """These facts without a tuned turnaround."""
+        """The same facts without a tuned turnaround."""
         return self.override({"tuned_turnaround_s": 0.0}) if self.timing.tuned_turnaround_s else self
 
     @property
     def broadcast_pause_s(self) -> float:
-        """The pause after a broadcast at this line's speed."""
+        """The pause after a broadcast at this line's speed, in seconds."""
         return max(self.timing.broadcast_pause_s, self.settings.wire_s(self.timing.turnaround_characters))
 
     def override(self, facts: dict[str, object]) -> LineFacts:
-        """Return these facts with the named ones replaced; names are those of LineSettings and Timing.
+        """Return a copy with the named facts replaced; the names are those of LineSettings and Timing.
 
-        Raises UsageError for a value that cannot be.
+        A fact given as None keeps its value. Raises UsageError for an invalid value.
         """
         known = {name: value for name, value in facts.items() if value is not None}
         settings = {name: known[name] for name in SETTING_NAMES if name in known}

@@ -1,4 +1,4 @@
-"""The unit in which a machine counts the speed of a drive: metres, strokes or bottles a minute, turns of a shaft."""
+"""Machine units: the units in which machines count their speed, such as metres, strokes or bottles a minute."""
 
 from __future__ import annotations
 
@@ -31,7 +31,10 @@ _A_MINUTE = re.compile(r"/ ?min(ute)?$|[a-z]pm$")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MachineValue:
-    """A speed of the machine as it is shown. value: rounded to what the frequency behind it resolves."""
+    """A speed of the machine for display.
+
+    value: rounded to the resolution of the frequency behind it.
+    """
 
     value: Decimal
     unit: str
@@ -42,13 +45,13 @@ class MachineValue:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MachineUnit:
-    """What one hertz of a drive's output frequency is at its machine.
+    """Machine unit of a drive, and the speed of its machine at an output frequency of one hertz.
 
-    unit: such as "m/min". per_hz: units at 1 Hz. Instead of it, poles: of the motor (not pole pairs), with gear: turns
-    of the motor's shaft for one of the machine's, 1 unless given, and per_turn: units for one turn of the machine's
-    shaft; a unit that counts turns, such as "rpm", needs none. By the poles a speed is the synchronous one, without
-    slip, and its unit counts minutes. Numbers may be text or float; they become exact decimals. Raises UsageError for
-    what cannot be.
+    unit: such as "m/min". per_hz: units at 1 Hz. Instead of per_hz: poles: the number of poles of the motor (not pole
+    pairs); gear: turns of the motor's shaft for one turn of the machine's shaft, 1 unless given; per_turn: units for
+    one turn of the machine's shaft, left out if the unit itself counts turns, such as "rpm". A speed computed from the
+    poles is the synchronous speed, without slip, and its unit counts minutes. Numbers may be text or float; they become
+    exact decimals. Raises UsageError for invalid values.
     """
 
     unit: str
@@ -81,7 +84,7 @@ class MachineUnit:
         turns = self.unit in _TURNS
         if not turns and not _A_MINUTE.search(self.unit):
             raise UsageError(
-                f"poles give a speed a minute, and {self.unit} is none; write a unit such as m/min, or per_hz"
+                f"poles give a speed a minute, and {self.unit} is not one; write a unit such as m/min, or per_hz"
             )
         if turns == (self.per_turn is not None):
             raise UsageError(
@@ -92,31 +95,31 @@ class MachineUnit:
 
     @property
     def content(self) -> Mapping[str, Any]:
-        """What a plant file says of it: numbers as text, so that none is rounded."""
+        """Keys and values of the unit in a plant file, with numbers as text so that none is rounded."""
         said = {each.name: getattr(self, each.name) for each in fields(self)}
         return {key: str(value) if isinstance(value, Decimal) else value for key, value in said.items() if value}
 
     @property
     def factor(self) -> Fraction:
-        """Units at 1 Hz."""
+        """Machine units at 1 Hz."""
         if self.per_hz is not None:
             return Fraction(self.per_hz)
         turns = Fraction(120, self.poles or 2) / Fraction(self.gear or 1)
         return turns * Fraction(self.per_turn or 1)
 
     def from_hz(self, hz: Decimal | Fraction) -> Fraction:
-        """Return the machine's speed at a frequency, exactly."""
+        """Return the exact speed of the machine at a frequency."""
         return Fraction(hz) * self.factor
 
     def to_hz(self, value: Decimal | Fraction) -> Fraction:
-        """Return the frequency at which the machine has a speed, exactly."""
+        """Return the exact frequency for a speed of the machine."""
         return Fraction(value) / self.factor
 
     def reference_hz(self, value: Value | float) -> Decimal:
         """Return the frequency to set for a speed of the machine, to the nearest 0.01 Hz.
 
-        value: a number, or a text such as "12.5 m/min". Raises ValueRefusedError for another unit, for no number, and
-        for a speed so low that only 0 is near.
+        value: a number, or a text such as "12.5 m/min". Raises ValueRefusedError for another unit, for a text without a
+        number, and for a speed other than 0 that would be rounded to 0 Hz.
         """
         number = self._number_of(value)
         hz = _rounded(self.to_hz(number), _PLACES_HZ)
@@ -127,9 +130,9 @@ class MachineUnit:
         return hz
 
     def shown(self, hz: Decimal | int) -> MachineValue:
-        """Return the machine's speed at a frequency that was read, with as many digits as that has.
+        """Return the speed of the machine at a frequency that was read, with as many digits as the frequency has.
 
-        Digits below 0.01 Hz, which come of calculating it from a share, do not count.
+        Digits below 0.01 Hz do not count, since they result from computing the frequency from a percentage.
         """
         frequency = Decimal(hz)
         exponent = frequency.as_tuple().exponent
@@ -141,7 +144,7 @@ class MachineUnit:
         return MachineValue(value=_rounded(self.from_hz(frequency), places), unit=self.unit)
 
     def beside(self, reading: Reading) -> MachineValue | None:
-        """Return the machine's speed for a reading; None unless it is of a frequency at which the motor turns."""
+        """Return the speed of the machine for a reading; None unless it is a frequency at which the motor turns."""
         if reading.name not in SPEED_QUANTITIES or reading.unit != "Hz" or isinstance(reading.value, str):
             return None
         return self.shown(reading.value)
@@ -153,11 +156,11 @@ class MachineUnit:
         with suppress(ValueRefusedError):
             return exact(text, "reference")
         number = text.removesuffix(self.unit)
-        # 1001/min may be 1001 /min, or 100 1/min.
+        # 1001/min may mean 1001 /min or 100 1/min.
         runs_on = self.unit[0].isdigit() and number[-1:].isdigit()
         if number == text or runs_on:
             raise ValueRefusedError(
-                f"{shortened(value)} is no reference in {self.unit}, the unit of this machine; write 10 {self.unit}"
+                f"{shortened(value)} is not a reference in {self.unit}, the unit of this machine; write 10 {self.unit}"
             )
         return exact(number.strip(), "reference")
 
@@ -180,6 +183,6 @@ def _above_zero(key: str, value: Any) -> Decimal:
 
 
 def _rounded(value: Fraction, places: int) -> Decimal:
-    """Return the nearest number with this many decimal places, exactly as long as it may be."""
+    """Return the nearest number with this many decimal places, whatever the precision of the decimal context is."""
     whole = Decimal(round(value * 10**places))
     return Decimal((int(whole < 0), whole.as_tuple().digits, -places))

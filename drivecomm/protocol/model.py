@@ -1,6 +1,6 @@
-"""Drive models: what the parameters of one drive series mean, as data with a source.
+"""Drive models: facts about the parameters of one drive series, as data with sources.
 
-`drivecomm.models.files` reads them; docs/reference/models.md explains the files.
+`drivecomm.models.files` reads the files of models; docs/reference/models.md explains them.
 """
 
 from __future__ import annotations
@@ -18,10 +18,13 @@ Access: TypeAlias = Literal["r", "w", "rw", "rw*"]
 """r: read only. w: write only. rw: both. rw*: writing is refused while the motor runs."""
 
 Sureness: TypeAlias = Literal["printed", "derived", "field", "unconfirmed", "imported", "drive", "contradicted"]
-"""printed: it stands in a document. derived: follows from one. field: seen on a drive. unconfirmed: said somewhere.
-imported: taken over from a file of another program, so that it counts as unconfirmed, and a drive of a model without
-orders takes no write at all. drive: a proof holds the drive against it, and shows it. contradicted: a proof shows
-something else, so that it counts as unconfirmed."""
+"""How certain a fact is.
+
+printed: a document prints it. derived: it follows from a document. field: seen on a drive. unconfirmed: claimed
+somewhere. imported: taken from a file of another program, so that it counts as unconfirmed, and a drive of a model
+without orders accepts no write at all. drive: a proof has checked it on a drive and confirmed it. contradicted: a proof
+has shown something else, so that it counts as unconfirmed.
+"""
 
 _NOTES: Mapping[Sureness, str] = {
     "derived": "type and unit are derived",
@@ -35,22 +38,29 @@ CERTAIN: frozenset[Sureness] = frozenset({"printed", "drive"})
 """Marks of facts that need no remark."""
 
 DOUBTFUL: frozenset[Sureness] = frozenset({"unconfirmed", "imported", "contradicted"})
-"""Marks of facts on which no command and no common name of a packaged model rests."""
+"""Marks of facts on which no command and no common name of a packaged model may depend."""
 
 Storage: TypeAlias = Literal["", "stored", "volatile"]
-"""stored: kept in EEPROM when it is written so. volatile: gone without power. Empty: not known."""
+"""stored: kept in EEPROM if written with `store=True`. volatile: lost without power. Empty: unknown."""
 
 ParameterKind: TypeAlias = Literal["setting", "communication", "command"]
-"""setting: how the drive works. communication: how it is spoken to, so that a change can cut the line. command: to
-write it is to do something (control word, bus reference, tuning, initialising), so that it belongs in no backup."""
+"""Purpose of a parameter.
+
+setting: for the operation of the drive. communication: for its communication, so that a change can cut the line.
+command: a write makes the drive do something (control word, bus reference, tuning, initialising), so that the parameter
+does not belong in a backup.
+"""
 
 LinkLoss: TypeAlias = Literal["hold", "ramp", "coast", "trip"]
-"""What a motor does when its master falls silent: goes on, stops down a ramp, runs out, or a fault stops it."""
+"""Reaction of a motor to a silent master: it runs on, stops down a ramp, coasts, or the drive trips."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterInfo:
-    """What is known about one parameter. `start` is a plausible value for a virtual drive, physical."""
+    """Facts about one parameter.
+
+    start: a plausible physical value for a virtual drive.
+    """
 
     address: str
     name: str
@@ -67,28 +77,30 @@ class ParameterInfo:
     start: Decimal | str | None = None
     source: str = ""
     printed: str = ""
-    """The scale as the source prints it: `0.01 Hz` for a step, `x 100 A` where the raw value is so many times that."""
+    """The scale as the source prints it.
+
+    `0.01 Hz` for a step, `x 100 A` if the raw value is 100 times the value in A.
+    """
     second_source: str = ""
     sure: Sureness = "printed"
     proof: str = ""
-    """The proof that has shown or contradicted this fact; empty without one."""
+    """Name of the proof that has confirmed or contradicted this fact; empty without a proof."""
     only_with: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
-    """Other parameters, by address, and the raw values with one of which they let this one count; else it is without
-    effect."""
+    """Raw values that other parameters must have for this one to take effect, by the addresses of the others."""
     extra: Mapping[str, Any] = field(default_factory=dict)
-    """Keys of this parameter that only its protocol knows, such as `datasets` or `conversion_index`."""
+    """Keys of this parameter that only its protocol uses, such as `datasets` or `conversion_index`."""
 
     @property
     def note(self) -> str:
-        """How sure type, scale and unit are; empty for a fact that a document prints or a drive has shown."""
+        """Remark on the certainty of type, scale and unit; empty if a document prints or a drive confirms them."""
         return _NOTES.get(self.sure, "")
 
     def allows(self, physical: Decimal | float) -> bool:
-        """Whether a value is within the limits, as far as they are known."""
+        """Return whether a value is within the known limits."""
         return (self.minimum is None or physical >= self.minimum) and (self.maximum is None or physical <= self.maximum)
 
     def check(self, physical: Decimal) -> None:
-        """Raise ValueRefusedError for a value that is not within the limits."""
+        """Raise ValueRefusedError for a value outside the limits."""
         if not self.allows(physical):
             if self.minimum is not None and self.maximum is not None:
                 where = f"outside {self.minimum} to {self.maximum}"
@@ -99,13 +111,13 @@ class ParameterInfo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Watchdog:
-    """How drives of a model notice that their master has fallen silent, and what they do then.
+    """Parameters by which drives of a model notice a silent master, and the reaction of the drives.
 
-    time: address of the parameter with the time in seconds, 0 for never unless `off` says otherwise. action: address of
-    the parameter that says what happens; empty where it is always the same. actions: the raw value of it for each
-    policy; without such a parameter the one policy there is, with any number. off: raw value of `time` that switches
-    the watchdog off, None where it is switched off by the action for "hold". fault: the code of the fault that a drive
-    trips with then, None where no source gives it. note: what is to be known besides.
+    time: address of the parameter with the time in seconds; 0 means never unless `off` says otherwise. action: address
+    of the parameter that selects the reaction; empty if the reaction is always the same. actions: the raw value of this
+    parameter for each policy; without such a parameter, the only policy, with any number. off: raw value of `time` that
+    switches the watchdog off; None if the action for "hold" switches it off. fault: code of the fault with which the
+    drive then trips; None if no source states it. note: further remarks.
     """
 
     time: str
@@ -120,24 +132,32 @@ class Watchdog:
 
 
 Purpose: TypeAlias = Literal["access", "line", "commands", "reference", "link loss"]
-"""What a panel setting is for: access to the others, talking, obeying, taking a reference, noticing a silent master."""
+"""Purpose of a panel setting.
+
+access: access to the other settings. line: communication. commands: obeying commands. reference: taking a reference.
+link loss: noticing a silent master.
+"""
 
 MadeFrom: TypeAlias = Literal[
     "address", "baudrate", "bytesize", "parity", "stopbits", "format", "line", "link_loss", "watchdog_s"
 ]
-"""What of a plant the value of a panel setting is made from. format: characters, such as 8E1. line: rate and
-characters, such as 9600 8E1. link_loss, watchdog_s: the policy of the drive, and its time in seconds."""
+"""The part of a plant from which the value of a panel setting is made.
+
+format: character format, such as 8E1. line: baud rate and character format, such as 9600 8E1. link_loss, watchdog_s:
+the policy of the drive, and its time in seconds.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PanelSetting:
-    """One setting that a person makes at the drive, so that it talks and obeys.
+    """One setting that a person makes at the drive, so that it communicates and obeys.
 
-    parameter: as the panel shows it. value: what to set, as the panel shows it, and also: what does as well; empty
-    where the value is made from the plant. means: what that value stands for. codes: the panel's value for each value
-    of the plant; empty where the panel takes that value itself. hexadecimal: whether the panel shows an address so.
-    unit: of a time. factory: as delivered, empty if unknown. address: of the parameter where it can be read over the
-    line; empty where it cannot. when: which drives or ports this is about, empty for all. note: what to know besides.
+    parameter: as the panel shows it. value: the value to set, as the panel shows it; empty if it is made from the
+    plant. also: other values that work as well. means: the meaning of the value. codes: the panel's value for each
+    value of the plant; empty if the panel takes the plant's value itself. hexadecimal: whether the panel shows an
+    address as a hexadecimal number. unit: unit of a time. factory: the factory value, empty if unknown. address:
+    address of the parameter if it can be read over the line; empty otherwise. when: the drives or ports that the
+    setting concerns, empty for all. note: further remarks.
     """
 
     parameter: str
@@ -160,12 +180,15 @@ class PanelSetting:
 
 
 WATCHDOG_PROOF = "watchdog"
-"""The key among `Model.proofs` for what is known of the watchdog as a whole."""
+"""Key in `Model.proofs` for the watchdog as a whole."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Proved:
-    """What a proof has made of one fact. sure: `drive` or `contradicted`. before: the mark that its sources give it."""
+    """Result of a proof for one fact.
+
+    sure: `drive` or `contradicted`. before: the mark that the sources give the fact.
+    """
 
     sure: Sureness
     proof: str
@@ -174,17 +197,17 @@ class Proved:
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Model:
-    """The parameters and fault texts of one drive series, and the drive options that suit it.
+    """Parameters and fault texts of one drive series, and the drive options that suit it.
 
-    quantities: which parameter each common name is, by its address. watchdog: None where none is known. identified_by:
-    a regular expression for what the drive tells of itself, by the names that `Drive.identify` gives; all must match.
-    fault_log: addresses of the parameters in which such a drive remembers its latest faults, the newest first.
-    link_loss: what is known, without a watchdog that can be set, of drives whose master falls silent; as a sentence.
-    control: how such drives are commanded, where their protocol leaves that to the model; `Protocol.control_keys`.
-    sources: the documents and programs, two of each where there are two, that say so of `commands` and of `status`.
-    setup: the settings that a person makes at the panel of such a drive, in the order in which they are made.
-    proofs: what proofs have shown, by the address of a parameter, or WATCHDOG_PROOF; the facts carry these marks, too.
-    extends: the name of the model that this one was read on top of, empty for none.
+    quantities: the address of the parameter behind each common name. watchdog: None if none is known. identified_by: a
+    regular expression for each entry of `Drive.identify` that identifies the series, by the name of the entry; all must
+    match. fault_log: addresses of the parameters in which the drive keeps its latest faults, the newest first.
+    link_loss: the reaction of drives without a configurable watchdog to a silent master, as a sentence. control: the
+    commands of the drives, if their protocol leaves them to the model; see `Protocol.control_keys`. sources: the
+    documents and programs that confirm `commands` and `status`, two of each if there are two. setup: the settings that
+    a person makes at the panel of the drive, in this order. proofs: results of proofs, by the address of a parameter or
+    by WATCHDOG_PROOF; the facts carry these marks, too. extends: the name of the model on which this one is based,
+    empty for none.
     """
 
     protocol: str
@@ -207,20 +230,23 @@ class Model:
     extends: str = field(default="", compare=False)
 
     def __hash__(self) -> int:
-        # Equal models are of one series; all that they hold is too much to look at, and tables in it have no hash.
+        # Equal models have the same protocol and name; their other content is large, and its tables have no hash.
         return hash((self.protocol, self.name))
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.name} of {self.protocol}, {counted(len(self.parameters), 'parameter')}>"
 
     def find(self, name_or_address: str) -> ParameterInfo | None:
-        """Return the parameter with this address or this name, None when the model does not know it."""
+        """Return the parameter with this address or this name; None if the model does not have it."""
         if name_or_address in self.parameters:
             return self.parameters[name_or_address]
         return next((known for known in self.parameters.values() if known.name == name_or_address), None)
 
     def matches(self, identity: Mapping[str, str]) -> bool:
-        """Whether a drive that tells this of itself is of this series; never, where the model has no rule."""
+        """Return whether a drive with this identity is of this series; always False for a model without a rule.
+
+        identity: the entries of `Drive.identify`.
+        """
         import re
 
         return bool(self.identified_by) and all(

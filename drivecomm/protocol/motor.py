@@ -1,4 +1,4 @@
-"""The motor that every virtual drive turns: a control word has consequences over time."""
+"""The simulated motor of every virtual drive, which changes over time after a command."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ MOTOR_DATA = frozenset({
     "rated_hz", "rated_v", "rated_a", "rated_kw", "rated_rpm", "maximum_hz", "ramp_up_s", "ramp_down_s",
     "quick_ramp_s", "coast_s", "dc_brake_s", "load", "mains_v", "ambient_c",
 })  # fmt: skip
-"""What can be said of a motor beforehand: its name plate and what it drives, as fields of `Motor`."""
+"""Fields of `Motor` that a user can configure: name plate, ramps, load, mains and surroundings."""
 
 
 class Command(Enum):
-    """What the drive does with its motor at the moment."""
+    """Action of a drive on its motor."""
 
     OFF = "off"
     RUN = "run"
@@ -27,11 +27,12 @@ class Command(Enum):
 
 @dataclass(slots=True, kw_only=True)
 class Motor:
-    """A motor with ramps, on a drive with a DC link; time is an argument of everything that passes time.
+    """A motor with ramps, on a drive with a DC link.
 
-    rated_hz, rated_v, rated_a, rated_kw, rated_rpm: the name plate. maximum_hz: limit of the output frequency.
-    ramp_up_s, ramp_down_s, quick_ramp_s: from standstill to rated_hz and back. load: torque share, 1 is rated.
-    mains_v: line voltage. Frequencies are signed: negative is reverse.
+    Methods in which time passes take the present time in seconds as an argument. rated_hz, rated_v, rated_a, rated_kw,
+    rated_rpm: the name plate. maximum_hz: limit of the output frequency. ramp_up_s, ramp_down_s, quick_ramp_s: from
+    standstill to rated_hz and back. load: torque as a share of the rated torque. mains_v: line voltage. Frequencies are
+    signed: negative is reverse.
     """
 
     rated_hz: float = 50.0
@@ -60,7 +61,7 @@ class Motor:
     time: float = 0.0
 
     def run(self, hz: float, now: float) -> None:
-        """Run at this frequency; does nothing while tripped."""
+        """Run at this frequency; no effect while the drive is tripped."""
         self.advance(now)
         if not self.fault:
             self.command = Command.RUN
@@ -78,7 +79,7 @@ class Motor:
             self.output_hz = 0.0
 
     def trip(self, code: int, now: float) -> None:
-        """Switch the output off with this fault code; code 0 is no fault and is refused."""
+        """Switch the output off with this fault code. Raises ValueError for code 0, which means no fault."""
         if code == 0:
             raise ValueError("fault code 0 means no fault")
         self.stop(Command.OFF, now)
@@ -90,7 +91,7 @@ class Motor:
         self.fault = 0
 
     def advance(self, now: float) -> None:
-        """Let time pass up to now; a time in the past is ignored."""
+        """Advance the motor to the time `now`; a time in the past is ignored."""
         elapsed = now - self.time
         if elapsed <= 0:
             return
@@ -115,7 +116,7 @@ class Motor:
         down = self.quick_ramp_s if self.command is Command.QUICK_STOP else self.ramp_down_s
         if start * self.target_hz >= 0 and abs(self.target_hz) > abs(start):
             return _towards(start, self.target_hz, self._slope(self.ramp_up_s) * elapsed)
-        # Downwards first, to zero at most, then up again on the other side.
+        # Ramp down first, to zero at most, then up again in the other direction.
         to_zero = self.target_hz if start * self.target_hz > 0 else 0.0
         slope = self._slope(down)
         needed = abs(start - to_zero) / slope
@@ -137,7 +138,7 @@ class Motor:
 
     @property
     def at_reference(self) -> bool:
-        """Whether the motor runs at the frequency that it was told to run at."""
+        """Whether the motor runs at the frequency that was commanded."""
         return self.command is Command.RUN and self.output_hz == self.target_hz
 
     @property
@@ -154,38 +155,38 @@ class Motor:
 
     @property
     def _away_from_zero(self) -> bool:
-        """Whether the target lies on the side of zero on which the motor turns already."""
+        """Whether the target lies on the same side of zero as the output frequency."""
         return self.output_hz * self.target_hz >= 0
 
     def measured(self, quantity: str) -> float | None:
-        """Return what a drive shows of this common name, None for one that is not about its motor."""
+        """Return the value that a drive shows for a common name; None if the name does not concern the motor."""
         read = _MEASURED.get(quantity)
         value: float | None = None if read is None else read(self)
         return abs(value) if value is not None and quantity in ("output_frequency", "motor_speed") else value
 
     @property
     def speed_rpm(self) -> float:
-        """Shaft speed."""
+        """Shaft speed, in revolutions a minute."""
         return self.shaft_hz / self.rated_hz * self.rated_rpm
 
     @property
     def current_a(self) -> float:
-        """Motor current: magnetising share and load share."""
+        """Motor current, in A: magnetising share and load share."""
         return self.rated_a * math.hypot(0.4, 0.9165 * self.load) if self.running else 0.0
 
     @property
     def voltage_v(self) -> float:
-        """Motor voltage, proportional to the frequency up to the rated one."""
+        """Motor voltage, in V: proportional to the frequency up to the rated frequency."""
         return self.rated_v * min(1.0, abs(self.output_hz) / self.rated_hz) if self.running else 0.0
 
     @property
     def power_kw(self) -> float:
-        """Power taken by the motor."""
+        """Power taken by the motor, in kW."""
         return self.rated_kw * self.load * abs(self.output_hz) / self.rated_hz if self.running else 0.0
 
     @property
     def torque_percent(self) -> float:
-        """Torque as a share of the rated one, signed with the direction."""
+        """Torque in per cent of the rated torque, signed with the direction."""
         return math.copysign(self.load * 100, self.output_hz) if self.running and self.output_hz else 0.0
 
     @property
@@ -195,7 +196,7 @@ class Motor:
 
     @property
     def dc_link_v(self) -> float:
-        """DC-link voltage: the rectified mains, a little more while braking."""
+        """DC-link voltage, in V: the rectified mains, slightly higher while the motor brakes."""
         return self.mains_v * math.sqrt(2) * (1.08 if self.decelerating else 1.0)
 
 

@@ -1,4 +1,4 @@
-"""What is said of a drive by its protocol, its model, its line and its caller: what counts, and what is refused."""
+"""Options of a drive, combined from its protocol, its model, its line and its caller, and checked."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 
 CONFIRMED = "confirmed"
-"""The option of every drive with which a person says that its name plate is that of its model's series."""
+"""The option of every drive with which a person confirms that its name plate is that of its model's series."""
 CONFIRMED_FACTS = "confirmed_facts"
 """The option of every drive with the parameters whose type, scale and unit a person has checked on this very drive."""
 ABOUT_THE_DRIVE = frozenset({CONFIRMED, CONFIRMED_FACTS})
-"""Options of every drive that say nothing of how to speak to it."""
+"""Options of every drive that have no influence on the communication with it."""
 
 
 def resolve_options(
@@ -30,9 +30,9 @@ def resolve_options(
 ) -> tuple[LineFacts, Any]:
     """Return the line facts of a drive and its protocol's options.
 
-    The protocol's own come first, then what its model says, then what holds for all drives of the line, then what is
-    given for this one; what is about the drive and not about how to speak to it is left out. Raises UsageError for an
-    unknown name or an invalid value.
+    The options of the protocol are overridden by those of the model, these by `for_all` (for all drives of the line),
+    and these by `given` (for this drive). Options of ABOUT_THE_DRIVE are left out. Raises UsageError for an unknown
+    name or an invalid value.
     """
     own = option_names(plugin)
     given = {name: value for name, value in given.items() if name not in ABOUT_THE_DRIVE}
@@ -69,7 +69,7 @@ def option_names(plugin: Protocol) -> frozenset[str]:
 
 
 def line_overrides(facts: Mapping[str, Any]) -> dict[str, Any]:
-    """Return those line facts that are given. Raises UsageError for an unknown name."""
+    """Return the line facts that are not None. Raises UsageError for an unknown name."""
     if unknown := sorted(set(facts) - LINE_FACT_NAMES):
         known = meant(unknown[0], sorted(LINE_FACT_NAMES), "use one of")
         raise UsageError(f"unknown line setting {unknown[0]!r}; {known}")
@@ -77,7 +77,7 @@ def line_overrides(facts: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def checked_address(plugin: Protocol, address: object, options: Any) -> int:
-    """Return an address that drives of the protocol can have with these options. Raises AddressError."""
+    """Return the address if drives with these options can have it. Raises AddressError otherwise."""
     addresses = plugin.addresses if plugin.addresses_of is None else plugin.addresses_of(options)
     if type(address) is not int or address not in addresses:
         allowed = f"{addresses[0]} to {addresses[-1]}"
@@ -88,7 +88,10 @@ def checked_address(plugin: Protocol, address: object, options: Any) -> int:
 
 
 def _known(plugin: Protocol, given: Iterable[str], allowed: frozenset[str], also: Iterable[str] = ()) -> None:
-    """Raise UsageError for an unknown option. also: what else can be said of a drive, and is not among these."""
+    """Raise UsageError for an unknown option.
+
+    also: options that are handled elsewhere, for the suggestion in the error.
+    """
     if unknown := sorted(set(given) - allowed):
         known = meant(unknown[0], sorted({*allowed, *also}), "they have")
         raise UsageError(f"{plugin.name} drives have no option {shortened(unknown[0])}; {known}")

@@ -1,6 +1,7 @@
-"""What a virtual drive holds in its parameters, in RAM and in EEPROM, and which access to them it refuses.
+"""Parameter values of a virtual drive in RAM and in EEPROM, and the refusals of access to them.
 
-A key names a parameter, a place one of its values: a number and a number with a data set, or an index, say.
+A key names a parameter, for example by a number. A place names one of its values, for example by a number with a data
+set or an index.
 """
 
 from __future__ import annotations
@@ -23,10 +24,10 @@ V = TypeVar("V")
 class ParameterStore(Generic[K, P, V]):
     """The parameters of one virtual drive.
 
-    infos: what is known of each, by its key. starts: what each place holds at first. codes: with what code of its
-    protocol the drive refuses, by the reason: unknown, not readable, not writable, running, limits. held: what each
-    place holds now. measured: what gives the value of a place that shows one; it is asked when the place is read, so
-    that nothing set there is ever seen.
+    infos: facts about each parameter, by key. starts: the initial value of each place. codes: the codes of the protocol
+    with which the drive refuses, by reason: unknown, not readable, not writable, running, limits. held: the present
+    value of each place. measured: functions that return the values of places which show a measurement; they are called
+    for each read, so that no read returns a value set there.
     """
 
     def __init__(self, infos: Mapping[K, ParameterInfo], starts: Mapping[P, V], codes: Mapping[str, int]) -> None:
@@ -37,20 +38,20 @@ class ParameterStore(Generic[K, P, V]):
         self._codes = codes
 
     def info(self, key: K) -> ParameterInfo:
-        """Return what is known of a parameter. Raises Refusal for one that does not exist."""
+        """Return the facts about a parameter. Raises Refusal if it does not exist."""
         if key not in self._infos:
             raise Refusal(self._codes["unknown"])
         return self._infos[key]
 
     def readable(self, key: K) -> ParameterInfo:
-        """Return what is known of a parameter that can be read. Raises Refusal."""
+        """Return the facts about a parameter that can be read. Raises Refusal otherwise."""
         info = self.info(key)
         if "r" not in info.access:
             raise Refusal(self._codes["not readable"])
         return info
 
     def writable(self, key: K, *, running: bool) -> ParameterInfo:
-        """Return what is known of a parameter that can be written now. Raises Refusal."""
+        """Return the facts about a parameter that can be written now. Raises Refusal otherwise."""
         info = self.info(key)
         if "w" not in info.access:
             raise Refusal(self._codes["not writable"])
@@ -59,16 +60,19 @@ class ParameterStore(Generic[K, P, V]):
         return info
 
     def must_allow(self, info: ParameterInfo, physical: Decimal) -> None:
-        """Raise Refusal for a value that is not within the limits of a parameter."""
+        """Raise Refusal for a value outside the limits of a parameter."""
         if not info.allows(physical):
             raise Refusal(self._codes["limits"])
 
     def put(self, place: P, value: V, *, stored: bool = True) -> None:
-        """Set what a place holds. stored: in EEPROM, too."""
+        """Set the value of a place.
+
+        stored: whether the value goes to EEPROM, too.
+        """
         self.held[place] = value
         if stored:
             self._eeprom[place] = value
 
     def power_cycle(self) -> None:
-        """Forget what was written to RAM only."""
+        """Restore the values of EEPROM, so that writes to RAM alone are lost."""
         self.held = dict(self._eeprom)

@@ -1,4 +1,4 @@
-"""Whether what is said to all drives of a protocol at once is right for each of them."""
+"""Checks whether one command to all drives of a protocol is right for each of them."""
 
 from __future__ import annotations
 
@@ -11,15 +11,16 @@ if TYPE_CHECKING:
 
 
 def commanded_by_model(protocol: str) -> bool:
-    """Whether it is the model of a drive that says what starts and stops it. Raises UnknownProtocolError."""
+    """Return whether the model of a drive decides how it is started and stopped. Raises UnknownProtocolError."""
     plugin = installed[protocol]
     return bool(plugin.control_keys) and not plugin.same_commands
 
 
 def one_stop_fits_all(protocol: str, options: Iterable[Mapping[str, Any]]) -> bool:
-    """Whether what stops one of these drives of a protocol, sent to all, stops the others as well.
+    """Return whether the stop of one of these drives stops the others as well when it is sent to all of them.
 
-    options: of each of them, with its model. Where the model says what stops a drive, another series may take it for
-    something else: 2000H := 1 stops Delta drives, and starts those of INVT. Raises UnknownProtocolError.
+    options: the options of each drive, with its model. If the model decides the stop command, another series may
+    understand it as something else: 2000H := 1 stops Delta drives, and starts those of INVT. Raises
+    UnknownProtocolError.
     """
     return not commanded_by_model(protocol) or len({str(each.get("model")) for each in options}) == 1

@@ -1,4 +1,4 @@
-"""A value that was read from a drive."""
+"""Readings, which are values read from a drive, and the conversion between raw and physical values."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ if TYPE_CHECKING:
     from drivecomm.protocol.model import ParameterInfo
 
 Value: TypeAlias = int | Decimal | str
-"""What a parameter can hold: a whole number, an exact decimal, or characters."""
+"""A value that a parameter can hold: a whole number, an exact decimal, or text."""
 
 Quality: TypeAlias = Literal["good", "uncertain"]
-"""How good a reading is. good: the drive sent this value. uncertain: its doubt says what speaks against that.
+"""How good a reading is. good: the drive sent this value. uncertain: `Reading.doubt` gives a reason against it.
 
-How sure a model is of type, scale and unit is another fact, which stands in the note of a reading.
+How certain the model is of type, scale and unit is a separate fact, in `Reading.note`.
 """
 
-# What the units of models are called by pint; the others have the same name.
+# Names of model units in pint; all other units have the same name there.
 _PINT_UNITS = {"%": "percent", "deg C": "degC", "1/min": "rpm", "": "dimensionless", "Nm": "N*m"}
 
 
@@ -32,13 +32,13 @@ _PINT_UNITS = {"%": "percent", "deg C": "degC", "1/min": "rpm", "": "dimensionle
 class Reading:
     """One value of one parameter.
 
-    parameter: its address, in the protocol's form. value: the physical value where type and scale are known, otherwise
-    what is certain (the characters or the unsigned number). raw: the value as the telegram carried it. unit: of value,
-    empty when there is none or it is not known. type: in the words of the protocol's manual, empty when not known.
-    name: the common name that was asked for, or the model's name, empty without one. text: what the value stands for,
-    such as an option's or fault's name. note: how sure type, scale and unit are, where they are not printed in a
-    document; the value itself is good all the same. doubt: what speaks against the value, empty for a good one.
-    time_s: when the reply had arrived, in seconds since 1970 (on a virtual line: since its start).
+    parameter: its address, in the protocol's form. value: the physical value if type and scale are known, otherwise the
+    certain part (the characters or the unsigned number). raw: the value as the telegram carried it. unit: of value,
+    empty if it has none or it is unknown. type: in the words of the protocol's manual, empty if unknown. name: the
+    common name that was requested, or the model's name, empty without one. text: the meaning of the value, such as the
+    name of an option or a fault. note: how certain type, scale and unit are, if no document prints them; this does not
+    affect the quality of the value. doubt: the reason against the value, empty for a good one. time_s: when the reply
+    had arrived, in seconds since 1970 (on a virtual line: since its start).
     """
 
     parameter: str
@@ -54,7 +54,7 @@ class Reading:
 
     @property
     def quality(self) -> Quality:
-        """Whether nothing speaks against the value; decided here alone, for what is shown and for what is kept."""
+        """Quality of the value, decided only here, both for display and for storage."""
         return "uncertain" if self.doubt else "good"
 
     @property
@@ -64,13 +64,13 @@ class Reading:
 
     @property
     def time(self) -> datetime:
-        """When the reply had arrived, in UTC; without meaning on a virtual line, whose clock starts at 0."""
+        """Arrival time of the reply, in UTC; meaningless on a virtual line, whose clock starts at 0."""
         return datetime.fromtimestamp(self.time_s, UTC)
 
     def to_pint(self, registry: Any = None) -> Any:
-        """Return the value as a quantity of the library pint, of this registry or the application's.
+        """Return the value as a quantity of pint, in this registry or in the application's registry.
 
-        Raises UsageError where pint is not installed, or the value is a text or has a unit that no physics knows.
+        Raises UsageError if pint is not installed, if the value is a text, or if its unit is not a physical unit.
         """
         try:
             import pint
@@ -82,16 +82,16 @@ class Reading:
         try:
             unit = registry.Unit(_PINT_UNITS.get(self.unit, self.unit))
         except (pint.errors.UndefinedUnitError, pint.errors.DefinitionSyntaxError) as error:
-            raise UsageError(f"{self.parameter} is in {self.unit!r}, which is no physical unit: {error}") from error
+            raise UsageError(f"{self.parameter} is in {self.unit!r}, which is not a physical unit: {error}") from error
         return registry.Quantity(self.value, unit)
 
     def at(self, time_s: float) -> Reading:
-        """Set the time of the reply and return this reading; only the bus does so, before anybody else has it."""
+        """Set the time of the reply and return this reading. Only for the bus, before it hands the reading out."""
         _set_time_s(self, time_s)
         return self
 
     def doubted(self, why: str) -> Reading:
-        """Add why the value may not be this drive's, and return this reading; as `at`, for the bus only."""
+        """Add a reason why the value may not be this drive's, and return this reading. Only for the bus, like `at`."""
         _set_doubt(self, f"{self.doubt}; {why}" if self.doubt else why)
         return self
 
@@ -104,34 +104,35 @@ _set_time_s = vars(Reading)["time_s"].__set__
 _set_doubt = vars(Reading)["doubt"].__set__
 
 new_reading = maker(Reading)
-"""Return a Reading, as its constructor does and faster; one is made for every value that is read."""
+"""Return a Reading, like its constructor and faster; one is made for every value that is read."""
 
 _LARGEST, _SMALLEST = 38, -54
+"""Powers of ten within which 32-bit floats keep all their digits; numbers beyond only take time to compute."""
 _LARGEST_REFERENCE = 200
-"""Powers of ten, as far as floats of 32 bits reach with all their digits; others only take time to calculate with."""
+"""Highest option `reference_limit`, in per cent."""
 
 
 def exact(value: Value | float, parameter: str) -> Decimal:
-    """Return the number that a caller means: 10.1 is ten and one tenth, whatever binary floats make of it.
+    """Return the decimal number that a caller means: the float 10.1 becomes exactly ten and one tenth.
 
-    Raises ValueRefusedError for text that is no number, for infinities, and for numbers that no drive can hold.
+    Raises ValueRefusedError for text that is not a number, for infinities, and for numbers that no drive can hold.
     """
-    # Decimal makes numbers of lists, too: of sign, digits and exponent.
+    # Decimal also accepts lists, of sign, digits and exponent.
     if isinstance(value, list | tuple) or (isinstance(value, str) and not is_plain(value)):
-        raise ValueRefusedError(f"{shortened(value)} for parameter {parameter} is no number")
+        raise ValueRefusedError(f"{shortened(value)} for parameter {parameter} is not a number")
     try:
         number = Decimal(str(value)) if isinstance(value, float) else Decimal(value)
     except (InvalidOperation, TypeError, ValueError) as error:
-        raise ValueRefusedError(f"{shortened(value)} for parameter {parameter} is no number") from error
+        raise ValueRefusedError(f"{shortened(value)} for parameter {parameter} is not a number") from error
     if not number.is_finite() or isinstance(value, bool):
-        raise ValueRefusedError(f"{shortened(value)} for parameter {parameter} is no number")
+        raise ValueRefusedError(f"{shortened(value)} for parameter {parameter} is not a number")
     if number.adjusted() > _LARGEST or number.as_tuple().exponent < _SMALLEST:  # type: ignore[operator]
         raise ValueRefusedError(f"{shortened(value)} for parameter {parameter} is beyond what any drive holds")
     return number
 
 
 def reference_limit_of(option: Value | float) -> Decimal:
-    """Return the option `reference_limit` of a drive, exactly. Raises UsageError unless above 0 and up to 200 %."""
+    """Return the option `reference_limit` of a drive as a decimal. Raises UsageError unless above 0 and up to 200 %."""
     limit = exact(option, "reference_limit")
     if not 0 < limit <= _LARGEST_REFERENCE:
         raise UsageError(f"reference_limit is above 0 and up to {_LARGEST_REFERENCE} %, not {limit}")
@@ -139,12 +140,12 @@ def reference_limit_of(option: Value | float) -> Decimal:
 
 
 def is_plain(text: str) -> bool:
-    """Whether only what a keypad has is in a text: Python reads 1_0 and the digits of other scripts as numbers, too."""
+    """Return whether a text is ASCII without underscores; Python also reads 1_0 and digits of other scripts."""
     return text.isascii() and "_" not in text
 
 
 def unscaled(physical: Decimal, factor: Decimal, parameter: str, unit: str = "") -> int:
-    """Return the whole number that stands for a physical value. Raises ValueRefusedError if it is not exact."""
+    """Return the raw whole number for a physical value. Raises ValueRefusedError if no whole number is exact."""
     try:
         raw = physical / factor
         whole = raw == raw.to_integral_value() and raw * factor == physical
@@ -152,12 +153,12 @@ def unscaled(physical: Decimal, factor: Decimal, parameter: str, unit: str = "")
         whole = False
     if not whole:
         shown = f"{factor} {unit}".rstrip()
-        raise ValueRefusedError(f"{physical} for parameter {parameter} is no multiple of {shown}; it is not rounded")
+        raise ValueRefusedError(f"{physical} for parameter {parameter} is not a multiple of {shown}; it is not rounded")
     return int(raw)
 
 
 def must_know_type(type: str, types: Iterable[str], parameter: str) -> None:
-    """Raise UsageError where the type of a parameter that is to be written is not known."""
+    """Raise UsageError if the type of a parameter to be written is unknown."""
     if not type:
         raise UsageError(
             f"the type of parameter {parameter} is not known, so its value cannot be written; "
@@ -166,10 +167,10 @@ def must_know_type(type: str, types: Iterable[str], parameter: str) -> None:
 
 
 def whole_number(value: Value | float, parameter: str, info: ParameterInfo | None, type: str, allowed: range) -> int:
-    """Return the whole number that carries a value: physical where a model knows the scale, else the number itself.
+    """Return the whole number that carries a value; the value is physical if a model knows the scale.
 
-    allowed: what a number of this type can be. Raises ValueRefusedError for a value that is not within the limits of
-    the parameter, is between two steps, or does not fit the type.
+    Without a scale, the value is the number itself. allowed: the numbers that this type can hold. Raises
+    ValueRefusedError for a value outside the limits of the parameter, between two steps, or beyond the type.
     """
     number = exact(value, parameter)
     if info is not None:
@@ -181,9 +182,9 @@ def whole_number(value: Value | float, parameter: str, info: ParameterInfo | Non
 
 
 def must_fit(raw: int, allowed: range, what: str, factor: Decimal, *, unit: str, type: str) -> None:
-    """Raise ValueRefusedError for a whole number that its type does not hold, in the words of the caller.
+    """Raise ValueRefusedError for a whole number that its type cannot hold.
 
-    what: the value and its parameter. factor, unit: of the value.
+    what: the value and its parameter, for the message. factor, unit: of the value.
     """
     if raw not in allowed:
         end, where, which = (allowed[0], "below", "lowest") if raw < allowed[0] else (allowed[-1], "above", "highest")
@@ -192,5 +193,5 @@ def must_fit(raw: int, allowed: range, what: str, factor: Decimal, *, unit: str,
 
 
 def scaled(raw: int, factor: Decimal) -> int | Decimal:
-    """Return the physical value of a raw one; a whole number stays one where there is nothing to scale."""
+    """Return the physical value of a raw value; with a factor of 1 it stays a whole number."""
     return raw if factor == 1 else raw * factor

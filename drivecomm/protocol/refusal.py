@@ -1,4 +1,4 @@
-"""How a virtual drive refuses: with a code on the line, with an error to whoever asks it besides."""
+"""Refusals of a virtual drive: by a code on the line, by an error for a caller that looks into the drive."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 
-class Refusal(Exception):  # noqa: N818 - an answer of the drive, not an error of the program
-    """The drive refuses, with this code of its protocol."""
+class Refusal(Exception):  # noqa: N818 - a reply of the drive, not an error of the program
+    """Refusal of a request by the drive, with a code of its protocol."""
 
     def __init__(self, code: int) -> None:
         self.code = code
@@ -21,9 +21,9 @@ class Refusal(Exception):  # noqa: N818 - an answer of the drive, not an error o
 
 @contextmanager
 def looked_into(parameter: str) -> Iterator[None]:
-    """Raise ParameterAddressError for what is refused when somebody looks into a virtual drive, or sets what it holds.
+    """Raise ParameterAddressError for a refusal while a caller reads or sets values inside a virtual drive.
 
-    There is no access to be checked then, so what is refused does not exist.
+    No access is checked then, so a refused parameter is one that does not exist.
     """
     try:
         yield

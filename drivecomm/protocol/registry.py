@@ -31,10 +31,11 @@ GROUP = "drivecomm.protocols"
 
 
 class Protocols(Mapping[str, Protocol]):
-    """The installed protocols by name. A name is known at once; its package is imported when it is asked for.
+    """The installed protocols by name.
 
-    Asking raises UnknownProtocolError for a name that nobody brings, and ProtocolLoadError for a plug-in that is broken
-    or a name that two distributions bring.
+    A name is known immediately; its package is imported when the protocol is looked up. The lookup raises
+    UnknownProtocolError for a name that no distribution provides, and ProtocolLoadError for a broken plug-in or a name
+    that two distributions provide.
     """
 
     def __init__(self) -> None:
@@ -65,9 +66,9 @@ class Protocols(Mapping[str, Protocol]):
         return name in list(iter(self))
 
     def register(self, protocol: Protocol) -> Callable[[], None]:
-        """Add a protocol that is not installed, in a test say; returns what takes it away again.
+        """Add a protocol that is not installed, for example in a test; return a function that removes it.
 
-        Raises ProtocolLoadError when the name is taken.
+        Raises ProtocolLoadError if the name is taken.
         """
         if protocol.name in self:
             raise ProtocolLoadError(f"the protocol name {protocol.name!r} is taken")
@@ -79,7 +80,7 @@ class Protocols(Mapping[str, Protocol]):
         return take_away
 
     def working(self) -> Iterator[Protocol]:
-        """Yield the protocols that can be loaded, by name; broken ones are left out, `broken` names them."""
+        """Yield the protocols that can be loaded, ordered by name; `broken` names the others."""
         for name in self:
             try:
                 yield self[name]
@@ -87,7 +88,7 @@ class Protocols(Mapping[str, Protocol]):
                 continue
 
     def broken(self) -> dict[str, str]:
-        """Return what is wrong with each plug-in that cannot be loaded."""
+        """Return the errors of the plug-ins that cannot be loaded, by name."""
         found = {}
         for name in self:
             try:
@@ -98,7 +99,7 @@ class Protocols(Mapping[str, Protocol]):
 
 
 def unknown_protocol(name: str, known: Iterable[str]) -> UnknownProtocolError:
-    """Return the error for a name that none of these protocols has."""
+    """Return the error for a name that none of the known protocols has."""
     there = meant(name, sorted(known), "installed are")
     return UnknownProtocolError(f"no installed protocol is named {shortened(name)}; {there}")
 
@@ -120,7 +121,9 @@ def _load(name: str) -> Protocol:
             "reinstall or uninstall it"
         ) from error
     if not isinstance(protocol, Protocol):
-        raise ProtocolLoadError(f"the entry point {name!r} of {entry.distribution} is no drivecomm.protocol.Protocol")
+        raise ProtocolLoadError(
+            f"the entry point {name!r} of {entry.distribution} is not a drivecomm.protocol.Protocol"
+        )
     if protocol.name != name:
         raise ProtocolLoadError(
             f"the entry point {name!r} of {entry.distribution} brings a protocol named {protocol.name!r}"
@@ -138,10 +141,10 @@ def protocols() -> Protocols:
 
 
 def decode(protocol: str, data: bytes, *, direction: Direction, **options: Any) -> Telegram:
-    """Return the one telegram that these bytes are.
+    """Return the telegram that these bytes hold.
 
     options: the protocol's drive options, such as pnu_bits=11 (danfoss-fc) or type="int" (vabus). Raises TelegramError
-    with a category when the bytes are no telegram, UsageError for an unknown protocol or option.
+    with a category if the bytes are not exactly one telegram, UsageError for an unknown protocol or option.
     """
     codec = _codec(protocol, direction, options)
     with _refused_as_telegram(protocol):
@@ -150,9 +153,10 @@ def decode(protocol: str, data: bytes, *, direction: Direction, **options: Any) 
 
 
 def encode(protocol: str, fields: Mapping[str, Any], *, direction: Direction, **options: Any) -> bytes:
-    """Return the telegram with these fields, named as in `Telegram.fields`; checks and lengths are computed.
+    """Return the bytes of the telegram with these fields, named as in `Telegram.fields`.
 
-    Raises TelegramError when the fields make no telegram, UsageError for an unknown protocol or option.
+    Check characters and lengths are computed. Raises TelegramError if the fields do not make a telegram, UsageError for
+    an unknown protocol or option.
     """
     codec = _codec(protocol, direction, options)
     with _refused_as_telegram(protocol):
@@ -161,7 +165,7 @@ def encode(protocol: str, fields: Mapping[str, Any], *, direction: Direction, **
 
 @contextmanager
 def _refused_as_telegram(protocol: str) -> Iterator[None]:
-    """Turn what a codec raises beside its own errors into one of them: the package is wrong, and so is the telegram."""
+    """Raise TelegramError for any unexpected exception of a codec: its package is faulty, and so is the telegram."""
     try:
         yield
     except DriveCommError:

@@ -1,4 +1,4 @@
-"""The state of a drive and the ways to stop it, in words that hold for every maker."""
+"""The state of a drive and the ways to stop it, in terms that fit every maker."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class Stop(Enum):
-    """How a motor is stopped.
+    """Way to stop a motor.
 
     RAMP: down the normal ramp. COAST: output off, the motor runs out. QUICK: down the quick-stop ramp. DC_BRAKE: with
     direct current.
@@ -26,14 +26,14 @@ class Stop(Enum):
 
 
 StopName: TypeAlias = Literal["ramp", "coast", "quick", "dc_brake"]
-"""The text of a way to stop, which may stand in its place."""
+"""The text of a way to stop, which is accepted in place of a `Stop`."""
 
 StateName: TypeAlias = Literal["not_ready", "ready", "running", "stopping", "fault"]
-"""The text of a state, which may stand in its place."""
+"""The text of a state, which is accepted in place of a `DriveState`."""
 
 
 def way_to_stop(how: Stop | StopName) -> Stop:
-    """Return the way to stop that is given, or that a text names. Raises UsageError for anything else."""
+    """Return the way to stop for a `Stop` or its text. Raises UsageError for anything else."""
     try:
         return Stop(how)
     except ValueError:
@@ -42,11 +42,11 @@ def way_to_stop(how: Stop | StopName) -> Stop:
 
 
 class DriveState(Enum):
-    """What a drive is doing.
+    """Operating state of a drive.
 
-    NOT_READY: cannot start at once (disabled, switched off, initialising). READY: would start on command; whether the
-    shaft stands is another question, which the output frequency answers. RUNNING: the motor is being driven. STOPPING:
-    a quick stop is under way. FAULT: tripped, needs a reset. By CiA 402 (IEC 61800-7-201): NOT_READY is "not ready to
+    NOT_READY: cannot start immediately (disabled, switched off, initialising). READY: would start on command; the shaft
+    may still turn, and the output frequency shows whether it does. RUNNING: the motor is being driven. STOPPING: a
+    quick stop is under way. FAULT: tripped, needs a reset. By CiA 402 (IEC 61800-7-201): NOT_READY is "not ready to
     switch on" and "switch on disabled", READY "ready to switch on" and "switched on", RUNNING "operation enabled",
     STOPPING "quick stop active", FAULT "fault reaction active" and "fault".
     """
@@ -60,13 +60,13 @@ class DriveState(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveStatus:
-    """A drive's status word and what it says; None where this drive's word says nothing about it.
+    """Status word of a drive and its meaning; a field is None if this drive's word says nothing about it.
 
-    word: the status word as it came. state: the one state it means. running: the motor is being driven. fault: tripped.
-    warning: a warning is active. at_reference: speed equals the reference. reverse: the motor turns backwards.
-    remote: the bus may command the drive. fault_code, fault_text: of the active fault, where the drive tells.
-    actual_percent: output as a share of the reference range. actual_hz: output frequency. flags: the names of the
-    set bits in the manual's words.
+    word: the status word as received. state: the one state that it means. running: the motor is being driven. fault:
+    tripped. warning: a warning is active. at_reference: speed equals the reference. reverse: the motor turns backwards.
+    remote: the bus may command the drive. fault_code, fault_text: of the active fault, if the drive reports it.
+    actual_percent: output as a share of the reference range. actual_hz: output frequency. flags: the names of the set
+    bits in the manual's words.
     """
 
     word: int
@@ -84,7 +84,7 @@ class DriveStatus:
     flags: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        """The state, and what else a person looks for: the fault, speed, direction, warning, who commands."""
+        """Return the state and other facts that a person looks for: fault, speed, direction, warning, bus control."""
         speed = f"{self.actual_hz} Hz" if self.actual_hz is not None else f"{self.actual_percent} %"
         said = {
             f"{self.fault_code} {self.fault_text}".removeprefix("None").strip(): self.fault,

@@ -1,4 +1,4 @@
-"""Whether a write is kept without mains, and what a caller must have said for that: the rule of all protocols."""
+"""The rule of all protocols for stored writes: a caller must request them explicitly."""
 
 from __future__ import annotations
 
@@ -7,14 +7,17 @@ from typing import Literal, TypeAlias
 from drivecomm.errors import NotSupported
 
 Kept: TypeAlias = Literal["always", "never", "as asked", "unknown"]
-"""What becomes of a write when mains goes. always: each one may go to EEPROM, whose cells wear out. never: it is gone.
-as asked: the drive knows both. unknown: no manual says it."""
+"""Fate of a written value when the mains is switched off.
+
+always: it is kept, since each write may go to EEPROM, whose cells wear out. never: it is lost. as asked: the drive
+supports both. unknown: no manual says it.
+"""
 
 
 def check_store(what: str, kept: Kept, *, store: bool) -> None:
-    """Raise NotSupported for a write that is kept without being asked for, and for one that cannot be kept for sure.
+    """Raise NotSupported for a stored write without a request, and for a requested one that may not be stored.
 
-    what: the parameter, as its messages name it. store: whether the caller has asked for it.
+    what: the parameter, as the messages name it. store: whether the caller has requested a stored write.
     """
     if store and kept == "never":
         raise NotSupported(f"{what} is not kept without mains; write it without store=True", says="store=True")

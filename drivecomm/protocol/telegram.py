@@ -1,4 +1,4 @@
-"""A telegram as everybody outside the protocol packages sees it."""
+"""Telegrams as code outside the protocol packages sees them."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ Direction: TypeAlias = Literal["request", "reply"]
 class Message(Protocol):
     """The content of a telegram: a frozen dataclass of its protocol, one field for each field of the telegram.
 
-    A field that is None is not in the telegram. `address` is that of the drive; a field that vectors call otherwise
-    says so in its metadata, `field(metadata={"shown": "station"})`.
+    A field that is None is not in the telegram. `address` is the address of the drive; if vectors use another name for
+    a field, its metadata holds that name, `field(metadata={"shown": "station"})`.
     """
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
     @property
     def kind(self) -> str:
-        """Which of the protocol's telegrams this is, in the manual's word."""
+        """The kind of the telegram among those of the protocol, in the manual's word."""
 
 
 def fields_of(message: Message) -> dict[str, Any]:
@@ -36,14 +36,14 @@ def fields_of(message: Message) -> dict[str, Any]:
 
 
 def difference(request: Message, reply: Message, *names: str) -> str:
-    """Return the first of these fields that is not alike in two messages, nothing where all are."""
-    # A link also asks of telegrams of other protocols, which have other fields.
+    """Return the name of the first of these fields that differs between two messages; empty if all are equal."""
+    # A link also compares telegrams of other protocols, which have other fields.
     return next((name for name in names if getattr(request, name) != getattr(reply, name, ...)), "")
 
 
 @cache
 def _names_of(kind: type[Message]) -> dict[str, str]:
-    """Return the names of the fields of a message class, by what vectors call them."""
+    """Return the field names of a message class, by the names that vectors use."""
     return {field.metadata.get("shown", field.name): field.name for field in fields(kind)}
 
 
@@ -55,10 +55,10 @@ def _as_written(value: object) -> object:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Telegram:
-    """One message on the line: its bytes and what they mean.
+    """One message on the line: its bytes and their meaning.
 
-    protocol: the protocol's name. direction: request or reply. data: the bytes as they stand on the line.
-    message: the content as the protocol's own dataclass.
+    protocol: the protocol's name. direction: request or reply. data: the bytes as they are on the line. message: the
+    content as the protocol's own dataclass.
     """
 
     protocol: str
@@ -68,7 +68,7 @@ class Telegram:
 
     @property
     def kind(self) -> str:
-        """Which of the protocol's telegrams this is."""
+        """The kind of the telegram among those of the protocol."""
         return self.message.kind
 
     @property

@@ -1,4 +1,4 @@
-"""What a protocol package's virtual drive is: it answers on a virtual line as the manual says a real one does."""
+"""Interface of virtual drives, which answer on a virtual line as the manual says a real drive does."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VirtualReply:
-    """What a virtual drive sends, and how long after the request's last character it begins."""
+    """Bytes that a virtual drive sends, and the delay from the request's last character to the first of them."""
 
     data: bytes
     delay_s: float
 
 
 class VirtualDrive(Protocol):
-    """A drive that answers as the manual says a real one does. It hears whole telegrams and damaged ones.
+    """A drive that answers as the manual says a real one does. It receives whole and damaged telegrams.
 
-    It may have four methods besides, each of a time: `follow(now)` lets time pass, so that a watchdog acts when nobody
-    asks; `overhear(now)` takes note of a sound telegram to another drive; `mishear(now)` takes note of characters that
-    are no telegram to it; `power_cycle(now)` switches mains off and on. `shared_addresses` are those at which it obeys
-    and does not answer, unless that is the protocol's `broadcast_address` alone.
+    It may have four further methods, each with the time as its argument. `follow(now)` lets time pass, so that a
+    watchdog acts without requests. `overhear(now)` registers a sound telegram to another drive. `mishear(now)`
+    registers characters that are not a telegram to this drive. `power_cycle(now)` switches mains off and on.
+    `shared_addresses` are the addresses at which the drive obeys and does not answer, unless this is only the
+    protocol's `broadcast_address`.
     """
 
     address: int
@@ -35,18 +36,18 @@ class VirtualDrive(Protocol):
 
     @property
     def codec(self) -> Codec:
-        """The telegrams that this drive understands."""
+        """Codec of the telegrams that this drive understands."""
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
-        """Act on a request of this protocol heard on the line at this time; None is silence."""
+        """Act on a request of this protocol that arrived at this time; return None for no reply."""
 
     def peek(self, parameter: str, now: float) -> int | str:
-        """Return what the drive holds, as `Reading.raw` would show it. Raises ParameterAddressError."""
+        """Return the value of a parameter in the form of `Reading.raw`. Raises ParameterAddressError."""
 
     def poke(self, parameter: str, raw: int | str) -> None:
-        """Set what the drive holds, as if at its keypad: no access check. Raises ParameterAddressError.
+        """Set the value of a parameter as if at the keypad: no access check. Raises ParameterAddressError.
 
-        ValueError is raised for a number that has no room there, so that whatever is taken can be read.
+        Raises ValueError for a number that the parameter cannot hold, so that every accepted value can be read.
         """
 
     def trip(self, code: int, now: float) -> None:
@@ -55,10 +56,10 @@ class VirtualDrive(Protocol):
 
 @runtime_checkable
 class Refuses(Protocol):
-    """What a virtual drive has besides if it can be told to refuse a request with any code of its protocol."""
+    """Further method of a virtual drive that can refuse a request with any code of its protocol."""
 
     def refusing(self, find: Framed, code: int, now: float) -> VirtualReply | None:
-        """Refuse a request to this drive, with all that a refusal leaves behind in it, and change nothing else.
+        """Refuse a request to this drive, with all effects that a refusal has in it, and change nothing else.
 
         None for a request that no drive of the protocol refuses, such as one without a parameter.
         """

@@ -1,4 +1,4 @@
-"""Values in words of 16 bits: what registers, or the words of a telegram, mean, and what is written into them."""
+"""Values in words of 16 bits, in registers or in telegrams: the reading for a word, and the word for a value."""
 
 from __future__ import annotations
 
@@ -24,17 +24,21 @@ _RANGES = {
     "s32": range(-0x80000000, 0x80000000),
 }
 WORD_TYPES = (*_RANGES, "f32", "string", "digits")
-"""Two words for what ends with 32; two characters in each word of a string. digits: three of them with an exponent: bit
-15 the sign, bits 14 to 12 zero, 11 and 10 how many zeros follow, 9 to 0 the digits (Fuji data format [12])."""
+"""Types of values in words.
+
+A type that ends with 32 takes two words; a string takes a word for two characters. digits: three digits with an
+exponent: bit 15 the sign, bits 14 to 12 zero, 11 and 10 how many zeros follow, 9 to 0 the digits (Fuji data format
+[12]).
+"""
 _TENS = (1, 10, 100, 1000)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WordFormat:
-    """How a value stands in words.
+    """How a value is laid out in words.
 
-    type: one of WORD_TYPES, empty for a word of which nothing is known. size: words. low_first: the order of two of
-    them. allowed: the whole numbers that fit, where they are others than those of the type. scale: the factor where no
+    type: one of WORD_TYPES, empty for a word of unknown type. size: number of words. low_first: whether the low word
+    comes first. allowed: the whole numbers that fit, if they differ from those of the type. scale: the factor if no
     model gives one.
     """
 
@@ -45,7 +49,7 @@ class WordFormat:
     scale: Decimal = Decimal(1)
 
     def raw_of(self, words: Sequence[int]) -> int | str:
-        """Return the unsigned number, or the text, that these words hold."""
+        """Return the unsigned number or the text in these words."""
         if self.type == "string":
             return pack(f">{len(words)}H", *words).decode("latin-1").rstrip("\0 ")
         if self.size == 1:
@@ -54,7 +58,7 @@ class WordFormat:
         return high << 16 | low
 
     def words_of(self, raw: int | str) -> tuple[int, ...]:
-        """Return the words that hold this."""
+        """Return the words that hold a raw value."""
         if isinstance(raw, str):
             return unpack(f">{self.size}H", raw.encode("latin-1").ljust(2 * self.size, b" "))
         if self.size == 1:
@@ -63,7 +67,10 @@ class WordFormat:
         return words[::-1] if self.low_first else words
 
     def reading(self, raw: int | str, parameter: str, info: ParameterInfo | None, name: str = "") -> Reading:
-        """Return what a raw value of a parameter means. name: the one that was asked for."""
+        """Return the reading for a raw value of a parameter.
+
+        name: the name that the caller requested.
+        """
         value: Value = raw
         note, doubt, factor = info.note if info else "", "", info.factor if info else self.scale
         if info is None and not self.type:
@@ -93,7 +100,10 @@ class WordFormat:
     def raw_for(
         self, value: Value | float, parameter: str, info: ParameterInfo | None, *, rounded: bool = False
     ) -> int | str:
-        """Return what is to be written. rounded: to the nearest step. Raises ValueRefusedError for a misfit."""
+        """Return the raw value to write for a physical value. Raises ValueRefusedError if there is none.
+
+        rounded: whether a value between two steps is rounded to the nearest step.
+        """
         if self.type == "string":
             if not isinstance(value, str) or len(value) > 2 * self.size or not value.isascii():
                 raise ValueRefusedError(
@@ -130,7 +140,10 @@ def _float_pattern(number: Decimal, parameter: str) -> int:
 
 
 def _digits_pattern(steps: int, what: str) -> int:
-    """Return the word with the smallest exponent. what: the value and its parameter, for an error."""
+    """Return the word for a number of steps, with the smallest exponent.
+
+    what: the value and its parameter, for an error.
+    """
     for exponent, ten in enumerate(_TENS):
         digits, rest = divmod(abs(steps), ten)
         if not rest and digits <= 999:

@@ -1,18 +1,18 @@
 """Server settings of a plant file: its name, its files, its doors and its alarms.
 
-  [server]                            # all of it is optional
-  name = "hall 2"                     # the file's name without its ending, unless given
-  enterprise = "Example Mills"        # names above the plant's, for doors that list them as levels; also site, area
-  status_period_s = 1.0               # how often each drive's status is polled
-  users = "users.toml"                # users of network doors; beside the plant file, as all files named here
-  audit = "audit.jsonl"               # record of all commands; in the server's state folder unless given
-  read_rate = { per_s = 10, burst = 50 }   # values that a caller from a network may read from each line
-  history = { file = "history.sqlite", days = 30, megabytes = 1000 }
-                                      # values and events; false: no history
-  backup = { every = "1 d", keep = 30 }   # automatic backups of parameter sets; see server/backups/settings
-  [[door]]                            # a way into the plant for programs on other machines
-  kind = "http"                       # the kind of door; its other keys depend on it
-  [[alarm]]                           # its keys are read where alarms are
+[server]                            # all of it is optional
+name = "hall 2"                     # the file's name without its ending, unless given
+enterprise = "Example Mills"        # names above the plant's, for doors that list them as levels; also site, area
+status_period_s = 1.0               # how often each drive's status is polled
+users = "users.toml"                # users of network doors; beside the plant file, as all files named here
+audit = "audit.jsonl"               # record of all commands; in the server's state folder unless given
+read_rate = { per_s = 10, burst = 50 }   # values that a caller from a network may read from each line
+history = { file = "history.sqlite", days = 30, megabytes = 1000 }
+# values and events; false: no history
+backup = { every = "1 d", keep = 30 }   # automatic backups of parameter sets; see server/backups/settings
+[[door]]                            # a way into the plant for programs on other machines
+kind = "http"                       # the kind of door; its other keys depend on it
+[[alarm]]                           # its keys are read where alarms are
 """
 
 from __future__ import annotations

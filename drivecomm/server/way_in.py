@@ -1,10 +1,10 @@
 """Access settings of doors that listen on a TCP port: the keys that such doors share.
 
-  listen = "0.0.0.0:8443"         # on loopback unless given
-  certificate = "hall2.pem"       # with key, beside the plant file: encrypts the connections
-  key = "hall2.key"
-  anonymous = "view"              # or "nobody": the role of callers without a login
-  insecure = true                 # on a network without encryption, or without users
+listen = "0.0.0.0:8443"         # on loopback unless given
+certificate = "hall2.pem"       # with key, beside the plant file: encrypts the connections
+key = "hall2.key"
+anonymous = "view"              # or "nobody": the role of callers without a login
+insecure = true                 # on a network without encryption, or without users
 """
 
 from __future__ import annotations

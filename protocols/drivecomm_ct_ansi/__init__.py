@@ -1,4 +1,4 @@
-"""Control Techniques drives over ANSI X3.28 for drivecomm."""
+"""Protocol package for Control Techniques drives over ANSI X3.28."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ ADDRESSES = tuple(address for address in range(11, 100) if address % 10)  # unit
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CtOptions:
-    """Control Techniques drives have no options."""
+    """Empty options, since Control Techniques drives have none."""
 
 
 protocol = register_protocol(

@@ -1,7 +1,7 @@
-"""How the parameters of a Control Techniques drive stand in ANSI telegrams: menu and parameter, decimal text.
+"""Parameters of a Control Techniques drive in ANSI telegrams: menu and parameter, and values as decimal text.
 
-The number of a place is 100 times the menu and the parameter. A drive tells the decimals itself (Unidrive SP Advanced
-User Guide p. 402), and cuts off silently what it is sent beyond its own, so that none are sent but those of the model.
+The number of a place is 100 times the menu plus the parameter. A drive sends the decimals itself (Unidrive SP Advanced
+User Guide p. 402). It silently cuts off received decimals beyond its own, so only those of the model are sent.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Damaged, Message, Model
 
 LEAST = Decimal("0.001")
-"""The finest step of a parameter that no model lists."""
+"""Finest step of a parameter that no model lists."""
 _ADDRESS = re.compile(r"([0-9]{1,2})\.([0-9]{2})", re.ASCII)
 _UNKNOWN, _NAK = 0x04, 0x15
 _STEPS = {"repeat": 0, "next": 1, "previous": -1}
 
 
 class CtDialect(Dialect):
-    """The parameters of one drive, and, in a virtual one, what short commands refer to."""
+    """The parameters of one drive, and, in a virtual one, the drive and parameter to which short commands refer."""
 
     title = "Control Techniques ANSI"
     broadcast_address, types, probe, continues = 0, ("s32",), Place("", 1040), True
@@ -43,33 +43,36 @@ class CtDialect(Dialect):
 
     def __init__(self, address: int, options: Any, model: Model | None) -> None:
         super().__init__(address, options, model)
-        self.shared_addresses = {0, address // 10 * 10}  # of all drives, and of its group (Mentor MP p. 209)
+        self.shared_addresses = {0, address // 10 * 10}  # those of all drives and of its group (Mentor MP p. 209)
         known = model.parameters.values() if model else ()
         self._factors = {self.place_of(each.address).start: each.factor for each in known}
         self.forget()
 
     def place_of(self, address: str) -> Place:
-        """Return where a parameter is. Raises ParameterAddressError."""
+        """Return the place of a parameter. Raises ParameterAddressError."""
         found = _ADDRESS.fullmatch(address) if isinstance(address, str) else None
         if not found:
-            raise ParameterAddressError(f"{address!r} is no parameter; write menu and parameter, 01.21 or 1.21")
+            raise ParameterAddressError(f"{address!r} is not a parameter; write menu and parameter, 01.21 or 1.21")
         return Place("", int(found[1]) * 100 + int(found[2]))
 
     def address_at(self, place: Place) -> str:
-        """Return how manuals print a parameter."""
+        """Return a parameter's address as manuals print it."""
         return "{:02}.{:02}".format(*divmod(place.start, 100))
 
     def target(self, parameter: str, type: str = "") -> Target:
-        """Return what is to be read or written; every value is a signed decimal number."""
+        """Return the parameter to read or write; every value is a signed decimal number."""
         found = super().target(parameter, type)
         return found if found.info else replace(found, format=replace(found.format, scale=LEAST))
 
     def reading(self, place: Place, _count: int, /) -> Ask:
-        """Return the question for a parameter; its answer names the parameter and no drive, EOT nothing."""
+        """Return the read request for a parameter.
+
+        A reply with a value names the parameter and no drive; EOT names neither.
+        """
         return self._ask(place, kind="read")
 
     def writing(self, place: Place, words: Sequence[int], /) -> Ask:
-        """Return the telegram that writes a parameter; ACK and NAK name nothing at all."""
+        """Return the write request for a parameter; the replies ACK and NAK name neither parameter nor drive."""
         data = self._data(words[0], place)
         if place.start not in self._factors:
             data, _, decimals = data.partition(".")
@@ -85,7 +88,7 @@ class CtDialect(Dialect):
         return Ask(message=request, nameless=True, anonymous=True)
 
     def words(self, reply: Any, place: Place, /) -> tuple[int, ...]:
-        """Return what a parameter holds. Raises UnexpectedReplyError for decimals that the model does not have."""
+        """Return the value of a parameter. Raises UnexpectedReplyError for decimals that the model does not have."""
         steps = self._steps(reply.data, place)
         if steps is None or steps % 1:
             raise UnexpectedReplyError(
@@ -94,7 +97,7 @@ class CtDialect(Dialect):
         return (int(steps) & 0xFFFFFFFF,)
 
     def _steps(self, data: str, place: Place) -> Decimal | None:
-        """Return how many steps of its parameter a value is; None for too many, and for X where a step is not 1."""
+        """Return a value in steps of its parameter; None for too many steps, and for X if a step is not 1."""
         step = self._factors.get(place.start, LEAST)
         if data[0] == "X":
             number = int(data[1:], 16)
@@ -103,25 +106,25 @@ class CtDialect(Dialect):
         return steps if -(1 << 31) <= steps < 1 << 31 else None
 
     def _data(self, word: int, place: Place) -> str:
-        """Return sign, digits, and the point as the step of the parameter has it."""
+        """Return sign, digits and decimal point of a value, with the decimals of its parameter's step."""
         return f"{(word - (word >> 31 << 32)) * self._factors.get(place.start, LEAST):+f}"
 
     def refusal(self, reply: Any) -> int | None:
-        """Return which answer refuses."""
+        """Return the refusal code of a reply; None if it does not refuse."""
         return {"unknown": _UNKNOWN, "nak": _NAK}.get(reply.kind)
 
     def reply_kinds_of(self, request: Any) -> Collection[str]:
-        """Return what answers a request."""
+        """Return the possible kinds of reply to a request."""
         return ("ack", "nak") if request.kind in ("write", "rewrite") else ("value", "unknown")
 
     def mismatch(self, request: Any, reply: Any) -> str:
-        """Name the first field in which an answer does not belong to a request; it names the parameter at most."""
+        """Return the first field in which a reply does not belong to a request; a reply names at most the parameter."""
         if reply.kind not in self.reply_kinds_of(request):
             return "kind"
         return "" if None in (reply.menu, request.menu) else difference(request, reply, "menu", "parameter")
 
     def continued(self, request: Any) -> Any:
-        """Return what a request means for this drive: a short one is about the drive and parameter named last."""
+        """Return a request of this drive as a full one; a short one refers to the drive and parameter named last."""
         group, unit = divmod(self.address, 10)
         if request.address is not None:
             self._is_addressed = request.address == self.address
@@ -133,12 +136,12 @@ class CtDialect(Dialect):
         return request
 
     def forget(self) -> None:
-        """Forget which drive and parameter were named last."""
+        """Forget the drive and parameter that were named last."""
         self._is_addressed = False
         self._last: int | None = None
 
     def meant(self, request: Any) -> Access:
-        """Return what a request does. Raises RegisterRefusal for decimals that a parameter does not have."""
+        """Return the effect of a request. Raises RegisterRefusal for an invalid parameter number or value."""
         if request.menu is None:
             return Access(place=self.probe)
         if not 0 <= request.parameter < 100:
@@ -149,11 +152,11 @@ class CtDialect(Dialect):
         steps = self._steps(request.data, place)
         if steps is None and self.model is not None:
             raise RegisterRefusal("limits")
-        # Decimals that the parameter does not have are cut (Unidrive SP p. 402).
+        # The drive cuts off decimals that the parameter does not have (Unidrive SP p. 402).
         return Access(place=place, words=(int(steps or 0) & 0xFFFFFFFF,))
 
     def told(self, request: Any, words: Sequence[int]) -> Reply:
-        """Return the answer with a value."""
+        """Return the reply with a value."""
         place = self.meant(request).place
         self._last = place.start
         data = self._data(words[0], place)[:MOST]
@@ -165,11 +168,11 @@ class CtDialect(Dialect):
         return Reply(kind="ack")
 
     def refused(self, request: Any, code: int) -> Reply:
-        """Return EOT to a question for a parameter that is none, and else NAK."""
+        """Return EOT for a read of an unknown parameter, otherwise NAK."""
         return Reply(kind="unknown" if request.kind == "read" and code == _UNKNOWN else "nak")
 
     def damaged(self, find: Damaged) -> Message | None:
-        """Return NAK for a value that came damaged (UD p. 6-10); a question has no check character."""
+        """Return NAK for a write that arrived damaged (UD p. 6-10); a read request has no check character."""
         group, unit = divmod(self.address, 10)
         is_mine = find.data[:6] == b"\x04%d%d%d%d\x02" % (group, group, unit, unit)
         return Reply(kind="nak") if is_mine and find.error.category in ("checksum", "field") else None

@@ -1,3 +1,3 @@
-"""The FC protocol, the serial protocol of Danfoss frequency converters, for drivecomm."""
+"""Protocol package for the FC protocol, the serial protocol of Danfoss frequency converters."""
 
 from drivecomm_danfoss_fc.plugin import protocol as protocol

@@ -26,17 +26,17 @@ READ_TEXT, WRITE_TEXT = 0x0400, 0x0500
 """High byte of IND with AK 15 (FC 102 Design Guide section 8.4.10; VLT 6000 operating manual p. 74)."""
 
 _NUMBERS, _ELEMENT, _TEXTS, _WRITTEN_TEXT = (1, 2), (3,), (15,), (1, 2, 15)
-"""Response codes (AK); 15, and 3 to element 6, are always texts, and the others never are."""
+"""Response codes (AK). 15, and 3 to a request for element 6, always carry a text; the others never do."""
 
-# A confirmation with another value can be the late reply to an earlier read, so the write is sent once more before that
-# value is believed. Values are absolute: nothing changes by writing one twice.
+# A confirmation with another value may be a late reply to an earlier read, so the write is repeated once before that
+# value is trusted. Values are absolute, so that writing one twice changes nothing.
 _TWICE = range(2)
 
 
 def read_as_it_is(talk: ProcessWords, wanted: Target, types: dict[int, str]) -> Exchange[Reading]:
-    """Read a value; where the drive refuses that for its data type, ask what it is (AK 4) and read it as that.
+    """Read a value; if the drive refuses it for its data type, read the type (AK 4) and read the value again.
 
-    types: by PNU, what was found out so far; it is added to.
+    types: the types found so far, by PNU; this function adds to it.
     """
     wanted = replace(wanted, type=types[wanted.pnu]) if wanted.pnu in types else wanted
     try:
@@ -57,12 +57,15 @@ def read_as_it_is(talk: ProcessWords, wanted: Target, types: dict[int, str]) -> 
 
 
 def read_typed(talk: ProcessWords, wanted: Target) -> Exchange[Reading]:
-    """Read a value as what its type says."""
+    """Read a value as a text or as a number, as its type says."""
     return read_text(talk, wanted) if wanted.type == "text" else read_number(talk, wanted)
 
 
 def _told_type(talk: ProcessWords, wanted: Target) -> Exchange[str]:
-    """Return the type that the drive tells; where it tells none, the one that is left when the other was refused."""
+    """Return the type that the drive reports, or the other kind of type if it reports none.
+
+    The other kind of a refused number is text; that of a refused text is a number of unknown type, which is empty.
+    """
     try:
         basic = yield from read_element(talk, wanted, BASIC)
     except (RefusedError, UnexpectedReplyError):
@@ -78,13 +81,13 @@ def read_number(talk: ProcessWords, wanted: Target) -> Exchange[Reading]:
 
 
 def read_text(talk: ProcessWords, wanted: Target) -> Exchange[Reading]:
-    """Read the text that a parameter holds: AK 15, IND 04xx, in a parameter block with PWE 0."""
+    """Read the text of a parameter: AK 15, IND 04xx, in a parameter block with PWE 0."""
     reply = yield from _answer(talk, wanted, _TEXTS, ak=TEXT, ind=READ_TEXT | wanted.ind)
     return text_reading(wanted, reply.text)
 
 
 def read_option_text(talk: ProcessWords, wanted: Target, option: int) -> Exchange[Reading]:
-    """Read what one value of an option parameter is called: AK 15, IND = value + 1 (VLT 5000 Design Guide p. 99)."""
+    """Read the text of one option value: AK 15, IND = value + 1 (VLT 5000 Design Guide p. 99)."""
     reply = yield from _answer(talk, wanted, _TEXTS, ak=TEXT, ind=option + 1)
     return text_reading(wanted, reply.text, f"text of option {option}")
 
@@ -98,7 +101,7 @@ def read_element(talk: ProcessWords, wanted: Target, element: int) -> Exchange[R
 
 
 def write_number(talk: ProcessWords, wanted: Target, ak: int, pwe: int) -> Exchange[Reading]:
-    """Write what `task_that_writes` says; the drive reports it back."""
+    """Write a number with AK and PWE from `task_that_writes`; return the value that the drive reports."""
     for _ in _TWICE:
         reply = yield from _answer(talk, wanted, _NUMBERS, acts=True, ak=ak, ind=wanted.ind, pwe=pwe)
         reported = reading_of(wanted, reply)
@@ -110,7 +113,7 @@ def write_number(talk: ProcessWords, wanted: Target, ak: int, pwe: int) -> Excha
 
 def write_text(talk: ProcessWords, wanted: Target, text: str) -> Exchange[Reading | None]:
     """Write a text with AK 15, IND 05xx, in a text block, exactly the characters given."""
-    # What answers a text write is printed nowhere: a text, or a word of which nothing is known, both are taken.
+    # No manual states the reply to a text write, so accept a text, or a word of unknown meaning.
     kept = "whether a drive keeps a text over power-off is not printed"
     for _ in _TWICE:
         reply = yield from _answer(talk, wanted, _WRITTEN_TEXT, acts=True, ind=WRITE_TEXT | wanted.ind, text=text)
@@ -124,7 +127,7 @@ def write_text(talk: ProcessWords, wanted: Target, text: str) -> Exchange[Readin
 
 
 def task_that_writes(wanted: Target, value: Value | float, *, store: bool) -> tuple[int, int]:
-    """Return AK and PWE of a write: to RAM AK 2 or 3, or with store to EEPROM too 14 or 13. Raises as `raw_for`."""
+    """Return AK and PWE of a write: AK 2 or 3 for RAM, 14 or 13 for EEPROM as well. Raises as `raw_for`."""
     sought = {"bits": wanted.bits, "stored": store}
     ak = next(ak for ak, each in table("commands").items() if sought.items() <= each.items())
     return ak, raw_for(wanted, value) % 2**wanted.bits
@@ -133,7 +136,7 @@ def task_that_writes(wanted: Target, value: Value | float, *, store: bool) -> tu
 def _answer(
     talk: ProcessWords, wanted: Target, expected: tuple[int, ...], *, acts: bool = False, **task: Any
 ) -> Exchange[Any]:
-    """Return the reply to a task for a parameter, which is one of the expected responses.
+    """Return the reply to a task for a parameter if it is one of the expected responses.
 
     Raises RefusedError for AK 7 with the fault code in PWE low, UnexpectedReplyError for AK 0 and for unlisted AKs.
     """
@@ -148,5 +151,5 @@ def _answer(
             f'the drive answered parameter {wanted.address} with AK 0, "no response": it did not process the command'
         )
     raise UnexpectedReplyError(
-        f"the drive answered parameter {wanted.address} with AK {reply.ak}, which answers nothing"
+        f"the drive answered parameter {wanted.address} with AK {reply.ak}, which is not a known response code"
     )

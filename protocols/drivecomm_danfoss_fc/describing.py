@@ -1,4 +1,4 @@
-"""What a parameter is by the drive's own word: description elements and option texts, made into one `ParameterInfo`.
+"""Descriptions of parameters from the drive itself: description elements and option texts, as one `ParameterInfo`.
 
 AK 4 and its elements: VLT 5000 Design Guide p. 95-98, VLT 5000 Crane manual p. 105-106; option texts: VLT 5000 Design
 Guide p. 99.
@@ -39,10 +39,10 @@ _OPTIONS = range(254)
 
 
 def describe(talk: ProcessWords, wanted: Target, option_texts: int) -> Exchange[ParameterInfo]:
-    """Ask the drive what a parameter is; at most so many of its option values are asked for their text.
+    """Read the description of a parameter from the drive, with the texts of up to `option_texts` option values.
 
-    A type that the protocol cannot carry, such as a byte string, is left empty. Raises RefusedError where the drive has
-    no such parameter or tells nothing of it, UsageError for a number of texts that cannot be.
+    A type that the protocol cannot carry, such as a byte string, is left empty. Raises RefusedError if the drive has no
+    such parameter or does not describe it, UsageError for an impossible number of texts.
     """
     if type(option_texts) is not int or option_texts not in range(len(_OPTIONS) + 1):
         raise UsageError(f"{option_texts!r} option texts cannot be asked for: IND names 254 options, 0 to 253")
@@ -88,7 +88,7 @@ def describe(talk: ProcessWords, wanted: Target, option_texts: int) -> Exchange[
 
 
 def _maybe_element(talk: ProcessWords, wanted: Target, element: int) -> Exchange[Reading | None]:
-    """Read an element; None where the parameter does not have it."""
+    """Read a description element; None if the parameter does not have it."""
     try:
         return (yield from access.read_element(talk, wanted, element))
     except RefusedError as refused:
@@ -98,7 +98,7 @@ def _maybe_element(talk: ProcessWords, wanted: Target, element: int) -> Exchange
 
 
 def _limits(talk: ProcessWords, wanted: Target, kind: str) -> Exchange[list[int | None]]:
-    """Return lower limit, upper limit and default as the drive counts them."""
+    """Return lower limit, upper limit and default as raw numbers of the drive."""
     found: list[int | None] = []
     for element in (LOWER_LIMIT, UPPER_LIMIT, DEFAULT):
         told = yield from _maybe_element(talk, wanted, element)
@@ -107,7 +107,7 @@ def _limits(talk: ProcessWords, wanted: Target, kind: str) -> Exchange[list[int 
 
 
 def _option_texts(talk: ProcessWords, wanted: Target, limits: list[int | None], most: int) -> Exchange[dict[int, str]]:
-    """Return what the option values within the limits are called, at most so many from the first one on."""
+    """Return the texts of the option values within the limits, of at most `most` values from the first one on."""
     lowest, highest, _ = limits
     first, end = max(0, lowest or 0), len(_OPTIONS) if highest is None else highest + 1
     texts = {}
@@ -115,7 +115,7 @@ def _option_texts(talk: ProcessWords, wanted: Target, limits: list[int | None], 
         try:
             text = str((yield from access.read_option_text(talk, wanted, option)).value)
         except RefusedError:
-            # A value without a text is no option: the numbers of an option parameter have gaps.
+            # A value without a text is not an option: the numbers of an option parameter have gaps.
             continue
         if text:
             texts[option] = text

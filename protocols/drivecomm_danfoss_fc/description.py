@@ -1,6 +1,6 @@
-"""Description elements: what a drive tells about a parameter itself (AK 4).
+"""Description elements: the facts that a drive reports about a parameter (AK 4).
 
-tables.toml has their names, flags and units, with the pages.
+Their names, flags and units are in tables.toml, with the pages.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ _TIME, _POWER = 4, 9
 
 
 def conversion(index: int) -> str:
-    """Return what a conversion index does to the raw value, in words."""
+    """Return the effect of a conversion index on the raw value, in words."""
     if index in _POWERS_OF_TEN:
         return f"factor {Decimal(1).scaleb(index).normalize():f}"
     return str(table("conversions").get(index, {"words": "not listed"})["words"])
 
 
 def unit_and_factor(index: int, unit_index: int) -> tuple[str, Decimal]:
-    """Return unit and factor of a value by its conversion index and unit index; no unit and 1 where they do not tell.
+    """Return unit and factor of a value by its conversion index and unit index; no unit and 1 if they are unknown.
 
-    Times with three decimals and more are in milliseconds, as the drives show them.
+    Times with three or more decimals are in milliseconds, as the drives show them.
     """
     known, special = table("units").get(unit_index), table("conversions").get(index)
     unit = known["unit"] if known else ""
@@ -47,13 +47,13 @@ def unit_and_factor(index: int, unit_index: int) -> tuple[str, Decimal]:
 
 
 def unit_index(unit: str) -> int:
-    """Return the unit index of a unit that a model has, 0 for none."""
+    """Return the unit index for the unit of a model, 0 if it has none."""
     units = table("units").items()
     return next((index for index, each in units if unit in (each["unit"], *each.get("shown", ()))), 0)
 
 
 def description_reading(wanted: Target, element: int, pwe: int) -> Reading:
-    """Return the reading of one description element that came as a number."""
+    """Return the reading of a description element that was received as a number."""
     name = table("elements").get(element, f"element {element}")
     note = f"description element {element}, {name}"
     if element in (LOWER_LIMIT, UPPER_LIMIT, DEFAULT):

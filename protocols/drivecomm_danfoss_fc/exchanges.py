@@ -43,17 +43,17 @@ _OLD_NAME_PLATE = {"621": "unit type"}
 
 
 class DanfossFcOperations:
-    """The verbs of one drive, or of all drives at address 0.
+    """Verbs of one drive, or of all drives at address 0.
 
-    extra: verbs beyond those that every protocol has: those of `Functions`, `release()`: stop repeating the control
-    word, so that another master can take over, and `describe(parameter, option_texts=32)`.
+    extra: verbs beyond those of every protocol: those of `Functions`, `release()`, which ends the repetition of the
+    control word so that another master can take over, and `describe(parameter, option_texts=32)`.
     """
 
     def __init__(
         self, address: int, options: DanfossFcOptions, model: Model | None, memory: CommandMemory | None = None
     ) -> None:
         self.answers = address != BROADCAST
-        self._frames = Frames(address, options, lambda **task: self._talk.ask(**task))  # noqa: PLW0108 - it is not there yet
+        self._frames = Frames(address, options, lambda **task: self._talk.ask(**task))  # noqa: PLW0108 - `_talk` does not exist yet
         profile = partial(words.profile, profidrive=options.profile == "profidrive")
         self._talk = ProcessWords(profile, self._frames, memory or CommandMemory())
         self._options = options
@@ -71,10 +71,10 @@ class DanfossFcOperations:
 
     @property
     def capabilities(self) -> Capabilities:
-        """What the drive can be asked to do.
+        """Operations that the drive supports.
 
-        Reverse works only if 8-54 (506) gives it to the bus; the factory setting often does not. A reference in percent
-        goes to the nearest of its steps of 100/16384 %, about 0.0061 %. The reference in Hz needs the option
+        Reverse works only if 8-54 (506) leaves it to the bus; the factory setting often does not. A reference in per
+        cent is rounded to the nearest step of 100/16384 %, about 0.0061 %. A reference in Hz needs the option
         reference_maximum_hz.
         """
         return Capabilities(
@@ -101,8 +101,8 @@ class DanfossFcOperations:
         """Read a parameter.
 
         type: int16, int32, uint8, uint16, uint32 or text; without it, a read that the drive refuses for its data type
-        is repeated as what the drive says that it is. index: of an array's element. option_text: read what this value
-        of an option parameter is called instead. element: read this element of the parameter's description instead (1
+        is repeated with the type that the drive reports. index: of an array's element. option_text: read the text of
+        this value of an option parameter instead. element: read this element of the parameter's description instead (1
         basic characteristics, 2 number of array elements, 4 conversion index and unit, 6 name, 7 and 8 limits, 20
         default value, 21 additional characteristics).
         """
@@ -129,10 +129,10 @@ class DanfossFcOperations:
         type: str = "",
         index: int | None = None,
     ) -> Exchange[Reading | None]:
-        """Write a parameter, to RAM, or with store to EEPROM too; returns what the drive reports.
+        """Write a parameter to RAM, or with store to EEPROM as well; return the value that the drive reports.
 
-        type: int16, int32, uint8, uint16, uint32 or text. index: of an array's element. EEPROM cells wear: never store
-        in a cycle. Whether a text is kept over power-off is up to the drive.
+        type: int16, int32, uint8, uint16, uint32 or text. index: of an array's element. EEPROM cells wear out: never
+        store in a cycle. Whether a text is kept over power-off depends on the drive.
         """
         wanted = target(parameter, self._model, self._options, type=type, index=index)
         if not self.answers:
@@ -150,7 +150,7 @@ class DanfossFcOperations:
         return access.write_text(self._talk, wanted, text_for(wanted, value, LONGEST_TEXT))
 
     def address_of(self, parameter: str, *, index: int | None = None, **_: Any) -> str:
-        """Return PNU and index of a parameter, as they stand in the telegram; no index is index 0."""
+        """Return PNU and index of a parameter as in the telegram; no index means index 0."""
         wanted = target(parameter, self._model, self._options, index=index)
         return f"{wanted.pnu}[{wanted.ind}]" if wanted.ind else str(wanted.pnu)
 
@@ -171,17 +171,17 @@ class DanfossFcOperations:
 
     @needs_answer
     def start(self, *, reverse: bool = False) -> Exchange[None]:
-        """Start with 047C, or with 047E and 047F in PROFIdrive; refuses to on a tripped or locally operated drive.
+        """Start with 047C, or with 047E and 047F in PROFIdrive; refused for a tripped or locally operated drive.
 
-        reverse sets bit 15, which works only if 8-54 (506) gives reversing to the bus. The reference is the one that
-        was set; if that was not done here, the one that the drive shows. Raises StateError where it shows none: it
-        would be zero.
+        reverse: sets bit 15, which works only if 8-54 (506) leaves reversing to the bus. The reference is the one that
+        was set here, or else the one that the drive shows. Raises StateError if the drive shows none, since the
+        reference would be zero.
         """
         talk = self._talk
         return self._commander().start(reverse=reverse, prepare=talk.take_over_reference())
 
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
-        """Stop: 043C (ramp), 0474 (coast), 046C (quick stop) or 0478 (DC brake), each function as it is."""
+        """Stop: 043C (ramp), 0474 (coast), 046C (quick stop) or 0478 (DC brake), with unchanged functions."""
         talk = self._talk
         if not self.answers and how in talk.profile.stops:
             yield Tell(message=self._frames.block(talk.profile.stops[how][-1].word, 0))
@@ -194,7 +194,7 @@ class DanfossFcOperations:
 
     @needs_answer
     def reset(self) -> Exchange[None]:
-        """Acknowledge a trip with 043C, 04BC, 043C; a drive that has not tripped is left alone."""
+        """Acknowledge a trip with 043C, 04BC, 043C; does nothing on a drive that has not tripped."""
         talk = self._talk
         try:
             yield from self._commander().reset()
@@ -207,14 +207,14 @@ class DanfossFcOperations:
     def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
         """Set the bus reference, a share of the reference range, to the nearest step of 0.0061 %.
 
-        It goes out at once with the control word that holds: the last one from here, or the ramp-stop word for a drive
-        that stands. Raises StateError for a motor that was not started from here, or does not run any more.
+        It is sent immediately with the control word in force: the last one from here, or the ramp-stop word for a drive
+        at standstill. Raises StateError for a motor that was not started from here, or has stopped running.
         """
         return self._talk.set_reference(self._talk.profile.steps_of(exact(percent, "reference")))
 
     @needs_answer
     def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
-        """Set the bus reference as a frequency within the reference range that the options give."""
+        """Set the bus reference as a frequency within the reference range of the options."""
         if self._range is None:
             raise NotSupported(
                 "the telegram carries a percentage; give what the drive's maximum reference 3-03 (205) holds, such as "
@@ -229,12 +229,12 @@ class DanfossFcOperations:
 
     @needs_answer
     def probe(self) -> Exchange[None]:
-        """Ask once for the status word, without a valid control word, by the shortest telegram that there is."""
+        """Request the status word once, without a valid control word, by the shortest possible telegram."""
         yield from self._talk.ask(attempts=1)
 
     @needs_answer
     def identify(self, only: Collection[str] = ()) -> Exchange[Mapping[str, str]]:
-        """Read the name plate: the read-only texts of the model, or without one what both families may have."""
+        """Read the name plate: the read-only texts of the model, or without a model the texts of both families."""
         plates: tuple[Mapping[str, str], ...] = (_NAME_PLATE, _OLD_NAME_PLATE)
         if self._model is not None:
             known = self._model.parameters.values()
@@ -247,21 +247,20 @@ class DanfossFcOperations:
 
     @needs_answer
     def describe(self, parameter: str, *, option_texts: int = 32) -> Exchange[ParameterInfo]:
-        """Ask the drive what a parameter is: its name, type, unit, scale, limits and access, and what its options mean.
+        """Read the description of a parameter from the drive: name, type, unit, scale, limits, access and option texts.
 
-        option_texts: how many values of an option parameter are asked for their text, 0 to 254, a telegram each.
-        Changes nothing.
+        option_texts: the number of option values whose text is read, 0 to 254, one telegram each. Changes nothing.
         """
         return describing.describe(self._talk, self._known(parameter, ""), option_texts)
 
     def may_start(self, verb: str, arguments: Mapping[str, Any]) -> bool:
-        """Whether a call may start the motor: a jog, or a control word that neither stops nor resets."""
+        """Return whether a call may start the motor: a jog, or a control word that neither stops nor resets."""
         word = arguments.get("word")
         if verb == "control_word" and isinstance(word, int):
             return self._talk.profile.may_start(word)
         return verb in ("jog", "control_word")
 
-    # Conversations
+    # Helpers
 
     def _commander(self) -> Commander:
         return self._talk.commander(state_timeout_s=self._options.state_timeout_s, fault_code=self._fault_code)
@@ -290,18 +289,18 @@ class DanfossFcOperations:
 
 
 def _plain(number: Decimal) -> Decimal:
-    """Return a number without the zeros behind it."""
+    """Return a number without trailing zeros."""
     whole = number.to_integral_value()
     return whole if whole == number else number.normalize()
 
 
 def _told(message: Message) -> Exchange[None]:
-    """Send a telegram to all drives at once."""
+    """Send a telegram to all drives."""
     yield Tell(message=message)
 
 
 def _in_ind(number: int, allowed: range, what: str) -> int:
-    """Return a number for IND. Raises ParameterAddressError for one that names nothing."""
+    """Return a number for IND. Raises ParameterAddressError for one that is not allowed there."""
     if type(number) is not int or number not in allowed:
-        raise ParameterAddressError(f"{number!r} is no {what}: they are {allowed.start} to {allowed.stop - 1}")
+        raise ParameterAddressError(f"there is no {what} {number!r}; they are {allowed.start} to {allowed.stop - 1}")
     return number

@@ -1,9 +1,9 @@
-"""The telegrams to one drive, or to all.
+"""Telegrams to one drive, or to all.
 
 Control word and reference are in every telegram. In those that read and write parameters they are zero, so that the
 drive ignores them. A word without bit 10 may let the drive's control word timeout run out (specification, section
-12.2), so the status is asked for in two telegrams while a command holds: one whose word is ignored, and if its reply
-says that the drive does what it was commanded, one that repeats the command.
+12.2). While a command is in force, a status request therefore takes two telegrams: one whose word is ignored, and, if
+its reply shows that the drive obeys the command, one that repeats the command.
 """
 
 from __future__ import annotations
@@ -25,7 +25,10 @@ BROADCAST = 0
 
 
 class Frames:
-    """What goes to the drive at one address. ask: asks it for a parameter."""
+    """Telegrams to the drive at one address.
+
+    ask: sends the drive a task for a parameter.
+    """
 
     keeps_start, needs_words = True, False
 
@@ -39,12 +42,12 @@ class Frames:
         self._head: Any = {"address_format": form, "broadcast": to_all, "address": None if to_all else address}
 
     def block(self, word: int, reference: int, /, **task: Any) -> Request:
-        """Return the process block with these words, or the parameter or text block with this task besides."""
+        """Return the process block with these words, or the parameter or text block that also carries this task."""
         kind = TextRequest if "text" in task else ParameterRequest if task else ProcessRequest
         return kind(**self._head, control_word=word, reference=reference, **task)
 
     def shown(self, word: str) -> Exchange[int | None]:
-        """Read what the drive got last over this port in the parameter that shows it; None where it has none."""
+        """Read the word that the drive last received over this port; None if no parameter shows it."""
         if word not in self._shown_in:
             return None
         reply = yield from self._ask(ak=1, pnu=self._shown_in[word], ind=0)

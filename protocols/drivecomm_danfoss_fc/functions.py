@@ -1,4 +1,4 @@
-"""The functions of the control word that only this protocol has.
+"""Functions of the control word that only this protocol has.
 
 Specification, section 12.
 """
@@ -23,7 +23,7 @@ FUNCTIONS = (
 
 
 class Functions:
-    """The functions of one drive."""
+    """Control word functions of one drive."""
 
     def __init__(self, talk: ProcessWords, options: DanfossFcOptions, *, answers: bool) -> None:
         self.answers = answers
@@ -33,7 +33,7 @@ class Functions:
 
     @needs_answer
     def jog(self, number: int = 1) -> Exchange[None]:
-        """Run at the jog speed (3-11 or 3-19; PROFIdrive: bus jog 1 or 2, 8-90 and 8-91) until start or stop."""
+        """Run at the jog speed (3-11 or 3-19; PROFIdrive: bus jog 1 or 2, 8-90 and 8-91) until a start or stop."""
         choice = _one_of(number, range(1, 3 if self._profidrive else 2), "jog")
         *before, last = self._talk.profile.start
         jogs = replace(last, word=last.word | 1 << (words.JOG_1_BIT, words.JOG_2_BIT)[choice - 1])
@@ -44,8 +44,8 @@ class Functions:
     def select_preset(self, number: int) -> Exchange[None]:
         """Select preset reference 1 to 4, that is 3-10 [0] to [3] (215 to 218; VLT 6000: 211 to 214).
 
-        A running drive gets it at once, any other with the next start. Whether it adds to the bus reference is a
-        setting of the drive.
+        A running drive gets it immediately, any other drive with the next start. A setting of the drive decides whether
+        it adds to the bus reference.
         """
         self._fc_profile_only("preset references")
         bits = _one_of(number, range(1, 5), "preset") - 1
@@ -53,9 +53,9 @@ class Functions:
 
     @needs_answer
     def select_setup(self, number: int) -> Exchange[None]:
-        """Select set-up 1 to 4; multi set-up must be chosen in 0-10 (004).
+        """Select set-up 1 to 4; 0-10 (004) must be set to multi set-up.
 
-        Small drives are said to have no bit 14 and so no set-ups 3 and 4; the bit is set for those two only.
+        Small drives are said to have no bit 14, and therefore no set-ups 3 and 4; the bit is set for those two only.
         """
         bits = _one_of(number, range(1, 5), "set-up") - 1 << words.SET_UP_BIT
         return self._switch(words.SET_UP_MASK, bits, "select_setup", at_once=True)
@@ -97,19 +97,19 @@ class Functions:
 
     @needs_answer
     def control_word(self, word: int) -> Exchange[None]:
-        """Send this control word with the reference that is set; `status` repeats a valid one for the watchdog.
+        """Send this control word with the present reference; `status` repeats a valid one for the watchdog.
 
-        It is sent as it is, once; it is repeated without reset and relative commands.
+        The word is sent once, as given; repetitions leave out reset and relative commands.
         """
         return self._any_word(_one_of(word, range(0x10000), "control word"))
 
-    # Conversations
+    # Helpers
 
     def _switch(self, mask: int, bits: int, verb: str, *, at_once: bool) -> Exchange[None]:
         """Set some function bits in this and every later word.
 
-        at_once: they act on a standing motor too, so that they are sent also when it is stopped. That takes a valid
-        control word, and only a caller who commands the drive already has one.
+        at_once: whether the bits also act on a motor at standstill, so that they are sent to a stopped drive as well.
+        This needs a valid control word, which only a caller that commands the drive has.
         """
         memory, talk = self._talk.memory, self._talk
         if at_once and not memory.word:
@@ -128,7 +128,7 @@ class Functions:
         memory.functions = memory.functions & ~mask | bits
 
     def _pulse(self, verb: str, bit: int) -> Exchange[None]:
-        """Set a bit once: a relative command, never repeated and never remembered."""
+        """Set a bit once: a relative command, which is never repeated and never remembered."""
         if not self._profidrive:
             raise NotSupported(f"{verb} is a function of the PROFIdrive control word; the FC profile has relays there")
         return self._set_once(verb, bit)
@@ -149,7 +149,7 @@ class Functions:
         self._remember(kept)
 
     def _running_word(self, verb: str) -> Exchange[int]:
-        """Return the word that was commanded, if the motor runs by it."""
+        """Return the control word in force if the motor runs by it. Raises UsageError or StateError otherwise."""
         if not self._talk.runs:
             raise UsageError(f"{verb} is for a motor that was started; call start() first")
         yield from self._talk.ask()
@@ -161,13 +161,13 @@ class Functions:
         self._talk.memory.functions = word & (words.SET_UP_MASK if self._profidrive else words.FUNCTIONS_MASK)
 
     def _fc_profile_only(self, what: str) -> None:
-        """Raise NotSupported for what the PROFIdrive control word has no bits for."""
+        """Raise NotSupported in PROFIdrive, whose control word has no bits for this function."""
         if self._profidrive:
             raise NotSupported(f"the PROFIdrive control word has no bits for {what}; the FC profile has")
 
 
 def _one_of(value: int, allowed: range, what: str) -> int:
-    """Return a number that chooses something. Raises ValueRefusedError for one that does not exist."""
+    """Return a number that selects something. Raises ValueRefusedError if there is no such number."""
     if type(value) is not int or value not in allowed:
         raise ValueRefusedError(f"{what} {value!r} does not exist; they are {allowed.start} to {allowed.stop - 1}")
     return value

@@ -1,8 +1,8 @@
-"""What a drive makes of the line: requests, and the text that other drives answer.
+"""Telegrams as a drive receives them: requests, and the text replies of other drives.
 
-It receives by LGE and by silence and does not look for STX inside a telegram (specification, section 3). A reply of
-another drive is as long as a request and passes for one to somebody else, but for text: that has to be known, so that
-nothing is found in the middle of it.
+A drive receives by LGE and by silence, and does not look for STX inside a telegram (specification, section 3). A reply
+of another drive is as long as a request, and counts as a request to that drive. A text reply is not: it must be
+recognised, so that no telegram is found in the middle of it.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ if TYPE_CHECKING:
 
 _STX, _LGE, _EMPTY_TEXT_LGE = 0x02, 1, 10
 _HEAD = 7
-"""As far as IND, which tells text from numbers."""
+"""Number of bytes up to IND, which distinguishes text from numbers."""
 
 
 class DriveCodec(DanfossFcCodec):
-    """The telegrams as a drive receives them; beyond requests, the text replies of others, as the replies they are."""
+    """Codec of telegrams as a drive receives them: requests, and text replies of other drives, decoded as replies."""
 
     def __init__(self, pnu_bits: int) -> None:
         super().__init__(pnu_bits)
         self.alike = ("danfoss-fc", pnu_bits)
 
     def measure(self, head: bytes, direction: Direction) -> int:
-        """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
+        """Return the length of the telegram that begins with these bytes, see `Codec.measure`."""
         needed = super().measure(head, direction)
         if needed or direction == "reply" or head[0] != _STX or head[_LGE] < _EMPTY_TEXT_LGE:
             return needed

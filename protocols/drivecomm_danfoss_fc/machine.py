@@ -1,7 +1,7 @@
-"""What an FC drive makes of control words: its motor, its status word, its functions, its watchdog.
+"""Reaction of an FC drive to control words: its motor, its status word, its functions, its watchdog.
 
-Specification, section 12. Where the manuals leave the order of stops open, the order in which section 14 names words is
-taken. The status word is asked for before a command is obeyed (VLT 5000 Design Guide p. 95).
+Specification, section 12. Where the manuals leave the order of stops open, the order in which section 14 names the
+words is used. The status word is determined before a command is obeyed (VLT 5000 Design Guide p. 95).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ CONTROL_WORD_TIMEOUT = 17
 """Alarm "control word timeout"; the number is general knowledge of the FC series."""
 
 _RPM = 67
-"""Conversion index of a speed; the jogs of PROFIdrive are in rpm on FC drives and in Hz on VLT drives."""
+"""Conversion index of a speed in rpm; the jogs of PROFIdrive are in rpm on FC drives and in Hz on VLT drives."""
 
 _GATES = (
     ("gate_coast", words.COAST_BIT, True),
@@ -34,16 +34,16 @@ _GATES = (
     ("gate_start", words.START_BIT, False),
     ("gate_reverse", words.REVERSE_BIT, False),
 )
-"""Role of the parameter that gates a bit, the bit, and its level where the bus has no say (value 0, digital input)."""
+"""Role of the parameter that gates a bit, the bit, and its level if the bus may not set it (value 0, digital input)."""
 
 
 class Machine:
-    """One drive's reaction to the bus over time.
+    """Reaction of one drive to the bus over time.
 
-    local: operated at the keypad, bus commands have no effect. locked: the trip is a trip lock, mains must be cycled.
-    conditions: status bits that the motor does not produce by itself (4, 5, 12 to 15), for tests. word, reference: the
-    last valid control word and its reference. full: what 100 % of it is. set_up, relays: what bits 13, 14
-    and 11, 12 chose.
+    local: operated at the keypad, so that bus commands have no effect. locked: the trip is a trip lock, and mains must
+    be cycled. conditions: status bits that the motor does not produce by itself (4, 5, 12 to 15), for tests. word,
+    reference: the last valid control word and its reference. full: the reference for 100 %. set_up, relays: as selected
+    by bits 13 and 14, and by bits 11 and 12.
     """
 
     def __init__(self, motor: Motor, store: Store, options: DanfossFcOptions) -> None:
@@ -60,7 +60,7 @@ class Machine:
         self.power_up()
 
     def power_up(self) -> None:
-        """Begin as after mains is switched on."""
+        """Begin as after a power-up."""
         self.word = words.IGNORED
         self.reference = 0
         self.set_up = 1
@@ -73,13 +73,13 @@ class Machine:
 
     @property
     def profidrive(self) -> bool:
-        """Whether control words are read as PROFIdrive; 8-10 (512) decides where the drive has it."""
+        """Whether control words are read as PROFIdrive; 8-10 (512) decides if the drive has it."""
         if not self._store.has("profile"):
             return self._options.profile == "profidrive"
         return self._store.setting("profile", 0) != self._fc_profile
 
     def control(self, word: int, reference: int, now: float) -> None:
-        """Obey a control word; one without bit 10 is ignored as a whole, and its reference with it."""
+        """Obey a control word; one without bit 10 is ignored as a whole, together with its reference."""
         if not has(word, words.VALID_BIT):
             return
         self._valid_at = now
@@ -100,7 +100,7 @@ class Machine:
         self._move(now)
 
     def watch(self, now: float) -> None:
-        """Let time pass: the control word timeout, a stop that ends in a trip, the motor."""
+        """Advance the time: the control word timeout, a stop that ends in a trip, the motor."""
         function = round(self._store.setting("timeout_function", 0))
         if function and self._valid_at is not None and not self.timed_out:
             deadline = self._valid_at + self._store.setting("timeout_s", math.inf)
@@ -114,7 +114,7 @@ class Machine:
             self._on = False
 
     def status_word(self) -> int:
-        """Return the status word of the profile that is set."""
+        """Return the status word of the selected profile."""
         motor, fault, asked = self.motor, bool(self.motor.fault), self._asked()
         coasting, (low, high) = asked == "off", self._limits()
         bits = {
@@ -138,7 +138,7 @@ class Machine:
         return sum([1 << bit for bit, on in bits.items() if on]) | self.conditions
 
     def main_actual(self) -> int:
-        """Return the actual value: the output frequency on the scale that the series uses."""
+        """Return the actual value: the output frequency on the scale of the series."""
         hz = self.motor.output_hz
         if hz == 0:
             return 0
@@ -148,7 +148,7 @@ class Machine:
         return max(-(2**15), min(2**15 - 1, round(share * self.full)))
 
     def reference_percent(self) -> float:
-        """Return the reference in force: bus reference and preset, added up or one instead of the other."""
+        """Return the reference in force: the sum of bus reference and preset, or one of them."""
         percent = self.reference * 100 / self.full + self._caught_up
         if not self.profidrive and self._allowed("gate_preset"):
             place = self.word & 0b11
@@ -161,7 +161,7 @@ class Machine:
         store, motor = self._store, self.motor
         motor.rated_hz = store.setting("rated_hz", motor.rated_hz)
         motor.maximum_hz = self._limits()[1]
-        # The tables name no ramp-down time for ramp 2; the ramp-up time serves both ways.
+        # The tables name no ramp-down time for ramp 2, so the ramp-up time serves for both.
         second = has(self.word, words.RAMP_2_BIT) and not self.profidrive and store.has("ramp_2")
         motor.ramp_up_s = store.setting("ramp_2" if second else "ramp_up", motor.ramp_up_s)
         motor.ramp_down_s = store.setting("ramp_2" if second else "ramp_down", motor.ramp_down_s)
@@ -174,7 +174,10 @@ class Machine:
         have_do(motor, asked, lambda: self._directed(self._wanted_hz()), now)
 
     def _asked(self) -> MotorDoes:
-        """Return what the word in force asks of the motor, with the bits gated that the bus has no say in."""
+        """Return the action that the word in force demands of the motor.
+
+        Bits that the bus may not set have the level of their digital input.
+        """
         if not self.word:
             return "ramp"
         word = self.word
@@ -212,21 +215,21 @@ class Machine:
         return (-high if self._store.setting("range", 0) else self._store.setting("reference_minimum", 0.0)), high
 
     def _limits(self) -> tuple[float, float]:
-        """Return the lowest and the highest output frequency."""
+        """Return the lowest and the highest output frequency, in Hz."""
         return self._store.setting("low_limit", 0.0), self._store.setting("high_limit", 50.0)
 
     def _allowed(self, role: str) -> bool:
         return self._store.setting(role, 3) != 0
 
     def _tied_relays(self, first: bool, second: bool) -> list[bool]:
-        """Relays follow the bits to which 5-40 ties them: [36] bit 11, [37] bit 12."""
+        """Return the relays as set by the bits to which 5-40 ties them: [36] bit 11, [37] bit 12."""
         if not self._store.has("relay"):
             return [first, second]
         bits = {36: first, 37: second}
         return [bits.get(round(self._store.setting("relay", 0, place)), False) for place in (0, 1)]
 
     def _profidrive_functions(self, word: int, previous: int) -> None:
-        """Switch on at a rising edge of bit 0 behind a valid word, off with OFF1, OFF2 or OFF3; catch up, slow down."""
+        """Switch on at a rising edge of bit 0 after a valid word, off with OFF1, OFF2 or OFF3; catch up, slow down."""
         off = not (has(word, words.ON_BIT) and has(word, words.OFF2_BIT) and has(word, words.OFF3_BIT))
         if off:
             self._on, self._caught_up = False, 0.0
@@ -238,7 +241,10 @@ class Machine:
                 self._caught_up += sign * step
 
     def _time_out(self, function: int, deadline: float) -> None:
-        """Do what 8-04 says: 1 freeze, 2 stop, 3 jog, 4 maximum speed, 5 stop and trip, 7 to 10 set-up 1 to 4."""
+        """Carry out the action of 8-04.
+
+        1 freeze, 2 stop, 3 jog, 4 maximum speed, 5 stop and trip, 7 to 10 set-up 1 to 4.
+        """
         motor = self.motor
         self.timed_out = motor.warning = True
         self.relays = [False, False]

@@ -1,10 +1,10 @@
-"""What the telegrams of the Danfoss FC protocol say: one message for each block and direction; what answers what.
+"""Messages of the Danfoss FC protocol, one for each block and direction, and the rules for replies.
 
-Every message has the address format (`1-31` or `1-126`), the address or, for all drives, `broadcast`; and the two
-process words, which are in every telegram: control word and reference from the master, status word and actual value
-from the drive. ak, spm and pnu are the parts of PKE: command or response code, toggle bit, parameter number. spm is
-None where PKE has none. What may be left out beside a parameter or a text commands nothing: control word 0, which a
-drive ignores, reference 0, index 0, value 0, and of a text what says that it is written.
+Every message has the address format (`1-31` or `1-126`), and the address or, for all drives, `broadcast`. Every
+telegram also has two process words: control word and reference from the master, status word and actual value from the
+drive. ak, spm and pnu are the parts of PKE: command or response code, toggle bit, parameter number. spm is None if PKE
+has no toggle bit. The defaults of a request command nothing: control word 0, which a drive ignores, reference 0, index
+0, value 0. The defaults of a text request say that the text is written.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class _Addressed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OfParameter(_Addressed):
-    """What is about a parameter."""
+    """Message about a parameter."""
 
     kind: ClassVar[str]
     ak: int
@@ -43,7 +43,7 @@ class OfParameter(_Addressed):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProcessRequest(_Addressed):
-    """The master commands, and asks for nothing but the status word."""
+    """Request that commands the drive and reads only the status word."""
 
     kind: ClassVar[str] = "process"
     control_word: int
@@ -52,7 +52,7 @@ class ProcessRequest(_Addressed):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProcessReply(_Addressed):
-    """The drive tells its status word and actual value."""
+    """Reply with status word and actual value."""
 
     kind: ClassVar[str] = "process"
     status_word: int
@@ -61,7 +61,10 @@ class ProcessReply(_Addressed):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterRequest(OfParameter):
-    """The master reads or writes a number, or asks for a text; pwe is the value, unsigned."""
+    """Request that reads or writes a number, or reads a text.
+
+    pwe: the value, unsigned.
+    """
 
     kind: ClassVar[str] = "parameter"
     ind: int = 0
@@ -72,7 +75,7 @@ class ParameterRequest(OfParameter):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterReply(OfParameter):
-    """The drive gives or confirms a number, or refuses with AK 7 and a fault code in pwe."""
+    """Reply that returns or confirms a number, or refuses with AK 7 and a fault code in pwe."""
 
     kind: ClassVar[str] = "parameter"
     pwe: int
@@ -82,7 +85,7 @@ class ParameterReply(OfParameter):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TextRequest(OfParameter):
-    """The master writes a text."""
+    """Request that writes a text."""
 
     kind: ClassVar[str] = "text"
     ak: int = 15
@@ -94,7 +97,7 @@ class TextRequest(OfParameter):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TextReply(OfParameter):
-    """The drive gives a text; the characters stand as they came, with whatever they are padded with."""
+    """Reply with a text; its characters are as received, with any padding."""
 
     kind: ClassVar[str] = "text"
     text: str
@@ -115,7 +118,7 @@ _READING_TEXT = frozenset([0x00, 0x04])
 
 
 def intent(request: Message) -> Intent:
-    """Tell by AK what a request reads or writes, and by bit 10 of its control word whether it commands, too."""
+    """Return the purpose of a request: access by its AK, and a command if bit 10 of its control word is set."""
     if not isinstance(request, REQUESTS):
         return Intent(commands=True)
     commands = has(request.control_word, VALID_BIT)
@@ -129,10 +132,10 @@ def intent(request: Message) -> Intent:
 
 
 def mismatch(request: Message, reply: Message) -> str:
-    """Name the first field in which a sound reply does not belong to a request; nothing when it belongs.
+    """Return the first field in which a sound reply does not belong to a request; empty if it belongs.
 
-    Specification, section 6.2. The whole ADR is compared, the address format too: a drive hands it back unchanged
-    (seeds 001 and 004). An AK that no response table lists is let through, so that the exchange can report it
+    Specification, section 6.2. The whole ADR is compared, including the address format: a drive returns it unchanged
+    (seeds 001 and 004). An AK that no response table lists is accepted, so that the exchange can report it
     (specification, section 15, no. 29).
     """
     if not isinstance(request, REQUESTS) or not isinstance(reply, REPLIES):
@@ -144,7 +147,7 @@ def mismatch(request: Message, reply: Message) -> str:
     if reply.pnu != request.pnu:
         return "pnu"
     if isinstance(request, TextRequest):
-        # What answers a text write is printed nowhere: AK decides alone (specification, section 8).
+        # No manual states the reply to a text write, so AK alone decides (specification, section 8).
         return "ak" if reply.ak == 3 else ""
     known = table("commands").get(request.ak, {})
     if (reply.ind ^ request.ind) & (0x00FF if known.get("indexed") else 0xFFFF):

@@ -1,4 +1,4 @@
-"""What differs between drives of the Danfoss FC protocol and is therefore configurable."""
+"""Options for the differences between drives of the Danfoss FC protocol."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ Hertz: TypeAlias = Decimal | int | float | str
 class DanfossFcOptions:
     """Options of a drive that speaks the Danfoss FC protocol; the models set those of their series.
 
-    address_format: "1-126" or "1-31" for what is sent; both are understood (seed 001). pnu_bits: 12, or 11 for VLT
-    2800, 5000, 6000 and 8000. profile: "fc", or "profidrive" when 8-10 (512) is set so. index_base: the index of an
-    array's first element, used where an address names none: 0, or 1 for the old numbers (V6; F3a p. 240). text_writes:
-    False for drives whose guides know text reading only (FC 101, FC 360).
+    address_format: "1-126" or "1-31" in telegrams that are sent; both are understood (seed 001). pnu_bits: 12, or 11
+    for VLT 2800, 5000, 6000 and 8000. profile: "fc", or "profidrive" if 8-10 (512) is set to it. index_base: the index
+    of an array's first element, used if an address gives none: 0, or 1 for the old numbers (V6; F3a p. 240).
+    text_writes: False for drives whose guides only describe how texts are read (FC 101, FC 360).
 
-    reference_minimum_hz, reference_maximum_hz: the reference range, 3-02 and 3-03 (204, 205), where the reference unit
-    is Hz; without the maximum `set_reference(hz=)` is not possible. reference_limit: the largest share of that range
-    that `set_reference` sends, 200 % at most. actual_scaling: what 100 % of the actual value is,
-    the maximum "reference" (later FC guides) or the output frequency "limits" (VLT 5000 p. 93, VLT 6000 p. 165, FC 300
-    early edition p. 288). output_minimum_hz, output_maximum_hz: those limits, 4-12 and 4-14 (201, 202); without the
-    maximum a status shows no output frequency.
+    reference_minimum_hz, reference_maximum_hz: the reference range, 3-02 and 3-03 (204, 205), if the reference unit is
+    Hz; without the maximum, `set_reference(hz=)` is not possible. reference_limit: the largest share of that range that
+    `set_reference` sends, 200 % at most. actual_scaling: the meaning of 100 % in the actual value, the maximum
+    "reference" (later FC guides) or the output frequency "limits" (VLT 5000 p. 93, VLT 6000 p. 165, FC 300 early
+    edition p. 288). output_minimum_hz, output_maximum_hz: those limits, 4-12 and 4-14 (201, 202); without the maximum,
+    a status shows no output frequency.
 
-    control_word_parameter, reference_parameter: where the drive shows the control word and the reference that it got
-    last over this port, 16-85 and 16-86; empty for drives that do not. A command is sent again, with another reference
-    for example, only where the drive shows no other one; a start without a reference takes the one that it shows.
-    fault_code_parameter: where a tripped drive keeps the code of its fault, empty for not asking. broadcast_parameters:
-    let writes go to all drives at once; no manual says whether drives obey them. state_timeout_s: how long a reset may
-    take to clear the trip.
+    control_word_parameter, reference_parameter: where the drive shows the control word and the reference that it last
+    received over this port, 16-85 and 16-86; empty for drives that do not show them. A command is sent again, for
+    example with another reference, only if the drive shows no other command; a start without a reference takes the one
+    that the drive shows. fault_code_parameter: where a tripped drive keeps the code of its fault; if it is empty, the
+    code is not read. broadcast_parameters: whether writes may go to all drives in one telegram; no manual says whether
+    drives obey them. state_timeout_s: how long a reset may take to clear the trip.
 
-    reply_delay_s, presets_added, catch_up_percent, off_bit_when_active: for a virtual drive. How long it takes at least
-    to answer; whether a preset reference adds to the bus reference or replaces it; the step of catch up and slow down;
+    reply_delay_s, presets_added, catch_up_percent, off_bit_when_active: for a virtual drive. They are the minimum delay
+    of a reply; whether a preset reference adds to the bus reference or replaces it; the step of catch up and slow down;
     the level of the PROFIdrive status bits 4 and 5 while OFF2 or OFF3 is active: 1 on VLT drives (V5 p. 93), 0 on FC
     drives (F3a p. 285).
     """
@@ -70,7 +70,7 @@ class DanfossFcOptions:
 
 
 def span(name: str, minimum: Hertz, maximum: Hertz | None) -> tuple[Decimal, Decimal] | None:
-    """Return a range of frequencies, None where its end is not known. Raises UsageError for an empty one."""
+    """Return a range of frequencies; None if its end is unknown. Raises UsageError for an empty range."""
     lowest = exact(minimum, f"{name}_minimum_hz")
     if maximum is None:
         return None

@@ -1,4 +1,4 @@
-"""Parameter addresses and values: what `16-14`, `3-10[3]`, `520` and `motor_current` mean and how their values look.
+"""Parameter addresses, such as `16-14`, `3-10[3]`, `520` and `motor_current`, and the values of parameters.
 
 Specification, sections 8, 10 and 11.
 """
@@ -23,7 +23,7 @@ TYPES = ("int16", "int32", "uint8", "uint16", "uint32", "text")
 DATA_TYPES = {"int16": 3, "int32": 4, "uint8": 5, "uint16": 6, "uint32": 7, "text": 9}
 """Numbers of the data types (VLT 5000 Design Guide p. 87; FC 102 guide); others are named in the models."""
 
-# N2 (4000 hex is 100 %) and V2 (a sequence of bits) are 16 bits on the line, whatever they are called.
+# N2 (4000 hex is 100 %) and V2 (a sequence of bits) take 16 bits on the line.
 TYPES_BY_NUMBER = {number: name for name, number in DATA_TYPES.items()} | {33: "int16", 35: "uint16"}
 
 RANGES = {
@@ -41,7 +41,10 @@ _ADDRESS = re.compile(
 
 @dataclass(frozen=True, kw_only=True)
 class Target:
-    """A parameter with what is known about it. index is None for one that is no array and was named without index."""
+    """A parameter with the known facts about it.
+
+    index: None if the parameter is not an array and was named without an index.
+    """
 
     pnu: int
     name: str
@@ -51,27 +54,27 @@ class Target:
 
     @cached_property
     def address(self) -> str:
-        """The parameter address as the maker writes it."""
+        """Parameter address as the maker writes it."""
         return self.name if self.index is None else f"{self.name}[{self.index}]"
 
     @property
     def ind(self) -> int:
-        """The IND word of a number: the array index in the low byte."""
+        """IND word of a number: the array index in the low byte."""
         return self.index or 0
 
     @cached_property
     def is_number(self) -> bool:
-        """Whether the type is known and is one of numbers."""
+        """Whether the type is known and is a number."""
         return self.type in RANGES
 
     @cached_property
     def scale(self) -> ParameterInfo | None:
-        """What says how its numbers are scaled."""
+        """Facts that give the scale of its numbers; None if there are none."""
         return self.info if self.is_number and self.info and self.info.type != "text" else None
 
     @cached_property
     def doubt(self) -> str:
-        """What is not certain about its numbers."""
+        """Remark on the uncertainty of its numbers; empty if there is none."""
         if not self.is_number:
             return "type not known: this is the unsigned number as sent"
         if self.scale is None:
@@ -80,28 +83,28 @@ class Target:
 
     @cached_property
     def bits(self) -> int:
-        """How many bits a number of its type takes on the line."""
+        """Number of bits that a number of its type takes on the line."""
         return bits_of(self.type)
 
     def reading(self, **what: Any) -> Reading:
-        """Return the reading of what was read of it."""
+        """Return a reading of this parameter with these fields."""
         return new_reading(parameter=self.address, name=self.info.name if self.info else "", **what)
 
 
 def target(
     parameter: str, model: Model | None, options: DanfossFcOptions, *, type: str = "", index: int | None = None
 ) -> Target:
-    """Return what a parameter address or a name of the model means.
+    """Return the parameter for an address or a name of the model.
 
-    `16-14` is group and member, PNU 1614; `520` is the PNU itself; the array index stands in brackets as it goes into
-    IND. Raises ParameterAddressError for anything else.
+    `16-14` is group and member, PNU 1614; `520` is the PNU itself. The array index is in brackets, as it goes into IND.
+    Raises ParameterAddressError for anything else.
     """
     name, opening, rest = parameter.partition("[")
     known = model.find(name) if model else None
     match = _ADDRESS.fullmatch((known.address if known else name) + opening + rest)
     if match is None:
         remedy = f"nor a name of model {model.name}" if model else "such as 16-14, 3-10[3] or 520"
-        raise ParameterAddressError(f"{parameter!r} is no FC parameter address {remedy}")
+        raise ParameterAddressError(f"{parameter!r} is not an FC parameter address {remedy}")
     pnu = int(match["number"] or match["group"] + match["member"])
     if pnu >= 2**options.pnu_bits:
         raise ParameterAddressError(
@@ -109,7 +112,7 @@ def target(
             f"highest that {options.pnu_bits} bits can name"
         )
     if known is None and model:
-        # A number says the same however the model writes it.
+        # A PNU means the same parameter, however the model writes its address.
         known = next((each for each in model.parameters.values() if number_of(each.address) == pnu), None)
     if match["index"] is not None:
         if index is not None and index != int(match["index"]):
@@ -123,13 +126,13 @@ def target(
         )
     chosen = type or (known.type if known else "")
     if chosen not in ("", *TYPES):
-        raise UsageError(f"{chosen!r} is no type of the FC protocol; they are {', '.join(TYPES)}")
+        raise UsageError(f"{chosen!r} is not a type of the FC protocol; they are {', '.join(TYPES)}")
     plain = str(pnu) if match["number"] else f"{int(match['group'])}-{match['member']}"
     return Target(pnu=pnu, name=known.address if known else plain, index=index, type=chosen, info=known)
 
 
 def element_addresses(info: ParameterInfo, options: DanfossFcOptions) -> tuple[str, ...]:
-    """Return the addresses of a parameter's values: of each element of an array, or the one there is."""
+    """Return the addresses of a parameter's values: of each element of an array, or of its only value."""
     places = range(int(info.extra.get("elements", 0)))
     return tuple(f"{info.address}[{options.index_base + place}]" for place in places) or (info.address,)
 
@@ -138,16 +141,16 @@ def number_of(address: str) -> int:
     """Return the PNU of a model's address: 4-14 is 414, 001 is 1. Raises ParameterAddressError."""
     match = _ADDRESS.fullmatch(address)
     if match is None or match["index"]:
-        raise ParameterAddressError(f"the model's {address!r} is no FC parameter address such as 16-14 or 520")
+        raise ParameterAddressError(f"the model's {address!r} is not an FC parameter address such as 16-14 or 520")
     return int(match["number"] or match["group"] + match["member"])
 
 
 def reading_of(wanted: Target, reply: ParameterReply) -> Reading:
-    """Return the reading that the reply to a read or a write gives.
+    """Return the reading from the reply to a read or a write.
 
-    AK decides the width: a word counts with PWE low only, whatever the model says of the type, because small drives
-    keep some parameters in 16 bits and the FC guides print a word for 3-41 (specification, sections 6.2 and 16). A
-    signed word is one in a double word, too, with the sign in the high word or without.
+    AK decides the width. Of a word only PWE low counts, whatever type the model gives, because small drives keep some
+    parameters in 16 bits and the FC guides print a word for 3-41 (specification, sections 6.2 and 16). A signed word is
+    read as a word even from a double word, with or without the sign in the high word.
     """
     bits = 16 if reply.ak == 1 else 32
     raw = reply.pwe & 0xFFFF if bits == 16 else reply.pwe
@@ -155,13 +158,16 @@ def reading_of(wanted: Target, reply: ParameterReply) -> Reading:
     if bits != wanted.bits and wanted.is_number:
         note = f"the drive answered {wanted.type} with {'a word' if bits == 16 else 'a double word'}"
     if wanted.type == "int16" and raw <= 0xFFFF:
-        # Whether a drive fills the high word of a negative word with the sign is printed nowhere.
+        # No manual says whether a drive fills the high word of a negative word with the sign.
         bits = 16
     return _physical(wanted, raw, counted(raw, wanted.type, bits), note)
 
 
 def _physical(wanted: Target, raw: int, value: int, note: str) -> Reading:
-    """Return the reading of a number; value: what it is in the wanted type, if that is one of numbers."""
+    """Return the reading of a number.
+
+    value: the number in the type of the parameter, if that is a numeric type.
+    """
     scale, doubt = wanted.scale, wanted.doubt
     return wanted.reading(
         raw=raw,
@@ -174,7 +180,7 @@ def _physical(wanted: Target, raw: int, value: int, note: str) -> Reading:
 
 
 def limit_reading(wanted: Target, pwe: int, note: str) -> Reading:
-    """Return the reading of a limit or default value, description elements 7, 8 and 20, scaled as the parameter is."""
+    """Return the reading of a limit or default value (description elements 7, 8, 20), scaled like the parameter."""
     return _physical(wanted, pwe, counted(pwe, wanted.type, wanted.bits if wanted.is_number else 32), note)
 
 
@@ -184,29 +190,29 @@ def text_reading(wanted: Target, text: str, note: str = "") -> Reading:
 
 
 def trimmed(text: str) -> str:
-    """Return a text without what it is padded with."""
+    """Return a text without its padding."""
     return text.rstrip(" \0")
 
 
 def bits_of(type: str) -> int:
-    """Return how many bits a number of this type takes on the line, where bytes are words, too."""
+    """Return the number of bits that a number of this type takes on the line, where a byte takes a word."""
     return 32 if type in ("int32", "uint32") else 16
 
 
 def signed(raw: int, bits: int) -> int:
-    """Return what an unsigned number of so many bits is in two's complement."""
+    """Return the value of an unsigned number in two's complement with this many bits."""
     return raw - 2**bits if raw >= 2 ** (bits - 1) else raw
 
 
 def counted(raw: int, type: str, bits: int) -> int:
-    """Return what the low bits of a number are in a type."""
+    """Return the value of a number's low bits in a type."""
     return signed(raw % 2**bits, bits) if type.startswith("int") else raw % 2**bits
 
 
 def raw_for(wanted: Target, value: Value | float) -> int:
-    """Return the number that carries a value, signed; physical values where the model knows the scale.
+    """Return the signed number that carries a value; the value is physical if the model knows the scale.
 
-    Raises ValueRefusedError for a value that does not fit, UsageError when the type is not known.
+    Raises ValueRefusedError for a value that does not fit, UsageError if the type is unknown.
     """
     must_know_type(wanted.type, TYPES, wanted.address)
     info = wanted.info if wanted.info and wanted.info.type != "text" else None
@@ -214,9 +220,9 @@ def raw_for(wanted: Target, value: Value | float) -> int:
 
 
 def text_for(wanted: Target, value: Value | float, longest: int) -> str:
-    """Return the characters to write. Raises ValueRefusedError for what is no text or too long; nothing is padded."""
+    """Return the characters to write, without padding. Raises ValueRefusedError unless it is a text that fits."""
     if not isinstance(value, str):
-        raise ValueRefusedError(f"{value!r} for parameter {wanted.address} is no text")
+        raise ValueRefusedError(f"{value!r} for parameter {wanted.address} is not a text")
     if wanted.info is not None:
         longest = int(wanted.info.extra.get("characters", longest))
     if len(value) > longest:
@@ -227,9 +233,10 @@ def text_for(wanted: Target, value: Value | float, longest: int) -> str:
 
 
 def address_space(options: DanfossFcOptions, model: Model | None) -> AddressSpace:
-    """Return what addresses a drive can hold. options: how many bits its PNU has. model: how its addresses look.
+    """Return the parameter addresses that a drive can hold.
 
-    Faults 0, 3 and 4 are in the tables of all manuals.
+    options: for the number of bits in its PNU. model: for the form of its addresses. Faults 0, 3 and 4 are in the
+    tables of all manuals.
     """
     grouped = model is None or any("-" in address for address in model.parameters)
     numbers = range(1, 2**options.pnu_bits) if options.pnu_bits > 11 else range(1, 991)
@@ -245,9 +252,10 @@ def address_space(options: DanfossFcOptions, model: Model | None) -> AddressSpac
 
 
 def _indices(address: str, code: int | None) -> Elements:
-    """Of an array; one that counts from 1 has no element 0, which is what the plain address asks for.
+    """Return the elements of an array to read after its plain address.
 
-    No array of the manuals has an element 255: a drive that answers it does not look at the index.
+    The plain address means element 0, which an array that counts from 1 does not have. No array of the manuals has an
+    element 255: a drive that answers it ignores the index.
     """
     if code not in (None, NO_SUCH_INDEX):
         return Elements()

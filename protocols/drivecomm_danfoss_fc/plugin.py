@@ -1,4 +1,4 @@
-"""What the Danfoss FC protocol gives to drivecomm."""
+"""The Danfoss FC protocol as a plug-in of drivecomm."""
 
 from __future__ import annotations
 

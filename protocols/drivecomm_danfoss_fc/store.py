@@ -1,6 +1,6 @@
-"""What a virtual FC drive holds: parameters with their elements, in RAM and in EEPROM, and their descriptions.
+"""Parameters of a virtual FC drive with their elements, in RAM and in EEPROM, and their descriptions.
 
-Values are kept as the drive counts them, numbers signed; a telegram carries them in two's complement of 16 or 32 bits.
+Values are kept as raw numbers with a sign; a telegram carries them in two's complement of 16 or 32 bits.
 """
 
 from __future__ import annotations
@@ -27,9 +27,10 @@ _CODES = {
 
 
 class Store(ParameterStore[int, tuple[int, int], int | str]):
-    """The parameters of one drive by number and array index; index_base is the index of a first element.
+    """Parameters of one drive, by number and array index.
 
-    without_bus_access: parameters that answer fault 130. factory_set_up: every write is refused with fault 131.
+    index_base: the index of a first element. without_bus_access: parameters that answer fault 130. factory_set_up:
+    whether every write is refused with fault 131.
     """
 
     def __init__(self, model: Model, index_base: int) -> None:
@@ -50,7 +51,7 @@ class Store(ParameterStore[int, tuple[int, int], int | str]):
         self.factory_set_up = False
 
     def fetch(self, number: int, index: int) -> tuple[int, int]:
-        """Return width in words and unsigned value. Raises Refusal."""
+        """Return the width in words and the unsigned value of a parameter. Raises Refusal."""
         info = self._on_bus(number)
         value = self._value(self._place(number, index))
         if isinstance(value, str):
@@ -58,7 +59,7 @@ class Store(ParameterStore[int, tuple[int, int], int | str]):
         return bits_of(info.type) // 16, value % 2 ** bits_of(info.type)
 
     def read_text(self, number: int, index: int) -> str:
-        """Return the text that a parameter holds. Raises Refusal."""
+        """Return the text of a parameter. Raises Refusal."""
         self._on_bus(number)
         value = self._value(self._place(number, index))
         if isinstance(value, int):
@@ -66,14 +67,14 @@ class Store(ParameterStore[int, tuple[int, int], int | str]):
         return value
 
     def option_text(self, number: int, option: int) -> str:
-        """Return what one value of an option parameter is called. Raises Refusal."""
+        """Return the text of one option value. Raises Refusal."""
         text = self._on_bus(number).values.get(option)
         if text is None:
             raise Refusal(tables.NO_TEXT)
         return text
 
     def write(self, number: int, index: int, bits: int, value: int, *, store: bool, running: bool) -> tuple[int, int]:
-        """Take an unsigned value of this width and return what `fetch` does. Raises Refusal."""
+        """Write an unsigned value of this width; return the same as `fetch`. Raises Refusal."""
         info = self.writable(number, running=running)
         if info.type == "text" or bits != bits_of(info.type):
             raise Refusal(tables.WRONG_TYPE)
@@ -85,7 +86,7 @@ class Store(ParameterStore[int, tuple[int, int], int | str]):
         return bits // 16, number_given % 2**bits
 
     def write_text(self, number: int, index: int, text: str, *, running: bool) -> None:
-        """Take a text. Raises Refusal."""
+        """Write a text. Raises Refusal."""
         info = self.writable(number, running=running)
         place = self._place(number, index)
         if info.type != "text":
@@ -95,7 +96,7 @@ class Store(ParameterStore[int, tuple[int, int], int | str]):
         self.put(place, text)
 
     def describe(self, number: int, element: int) -> int | str:
-        """Return one element of a parameter's description. Raises Refusal for one that it does not have."""
+        """Return one element of a parameter's description. Raises Refusal if the parameter does not have it."""
         info = self._on_bus(number)
         if element == description.NAME:
             return info.title
@@ -120,39 +121,40 @@ class Store(ParameterStore[int, tuple[int, int], int | str]):
         return limit
 
     def peek(self, number: int, index: int | None) -> int | str:
-        """Return a value as a telegram would carry it, without asking for access. Raises Refusal."""
+        """Return a value as in a telegram, without access checks. Raises Refusal."""
         value = self._value(self._place(number, index))
         return value if isinstance(value, str) else value % 2 ** bits_of(self._infos[number].type)
 
     def poke(self, number: int, index: int | None, value: int | str) -> None:
-        """Set a value in RAM and EEPROM; one that the drive measures stays as it was poked. Raises Refusal."""
+        """Set a value in RAM and EEPROM, which also replaces the measurement of the parameter. Raises Refusal."""
         place = self._place(number, index)
         of = self._infos[number].type
         self.put(place, value if isinstance(value, str) else counted(value, of, bits_of(of)))
         self.measured = {each: read for each, read in self.measured.items() if each != place}
         self._poked.add(number)
 
-    # What a drive knows of its own parameters: by their role in the model
+    # Parameters that the drive itself uses, by their role in the model
 
     def has(self, role: str) -> bool:
-        """Tell whether a parameter has this role."""
+        """Return whether a parameter has this role."""
         return role in self._roles
 
     def setting(self, role: str, otherwise: float, element: int = 0) -> float:
-        """Return a physical value by its role; otherwise where no parameter of this drive has the role."""
+        """Return a physical value by its role, or `otherwise` if no parameter of this drive has the role."""
         if role not in self._roles:
             return otherwise
         number, first = self._roles[role]
         return int(self.held[number, first + element]) * self._factors[number]
 
     def fact(self, role: str, key: str, otherwise: int) -> int:
-        """Return a number that the model gives for the parameter with this role, beyond what every parameter has."""
+        """Return a number that the model adds to the parameter with this role, or `otherwise` without one."""
         return int(self._infos[self._roles[role][0]].extra.get(key, otherwise)) if role in self._roles else otherwise
 
     def measure(self, motor: Motor, further: Mapping[str, Callable[[], float]]) -> None:
-        """Take what the motor shows, by common name, and further values, by role, from there when they are read.
+        """Connect parameters to values of the motor, by common name, and to further values, by role.
 
-        What a telegram writes into one of them is not seen any more, what is poked is.
+        The values are computed when the parameters are read. A value that a telegram writes into such a parameter is
+        never seen; a value set by `poke` is.
         """
         shown: dict[Any, Any] = {
             self._shows[name]: partial(motor.measured, name) for name in self._shows if motor.measured(name) is not None
@@ -160,7 +162,7 @@ class Store(ParameterStore[int, tuple[int, int], int | str]):
         self.measured = shown | {self._roles[role]: read for role, read in further.items() if role in self._roles}
 
     def show(self, role: str, value: float, element: int = 0) -> None:
-        """Put a physical value that the drive keeps into the parameter with this role, unless it was poked."""
+        """Set a physical value in the parameter with this role, unless `poke` has set the parameter."""
         number, first = self._roles.get(role, (0, 0))
         if role in self._roles and number not in self._poked:
             self.put((number, first + element), self._shown(number, value))
@@ -169,7 +171,7 @@ class Store(ParameterStore[int, tuple[int, int], int | str]):
         return self._shown(place[0], self.measured[place]()) if place in self.measured else self.held[place]
 
     def _shown(self, number: int, value: float) -> int:
-        """Return the raw number for a physical value, as far as the parameter's type reaches."""
+        """Return the raw number for a physical value, limited to the range of the parameter's type."""
         allowed = RANGES[self._infos[number].type]
         return max(allowed.start, min(allowed.stop - 1, round(value / self._factors[number])))
 
@@ -180,7 +182,7 @@ class Store(ParameterStore[int, tuple[int, int], int | str]):
         return info
 
     def writable(self, number: int, *, running: bool) -> ParameterInfo:
-        """Return what is known of a parameter that can be written now. Raises Refusal."""
+        """Return the facts about a parameter that can be written now. Raises Refusal."""
         self._on_bus(number)
         info = super().writable(number, running=running and not self.factory_set_up)
         if self.factory_set_up:
@@ -188,7 +190,7 @@ class Store(ParameterStore[int, tuple[int, int], int | str]):
         return info
 
     def _place(self, number: int, index: int | None) -> tuple[int, int]:
-        """Return where an element stands, the first one without an index. Raises Refusal."""
+        """Return the place of an element, without an index that of the first one. Raises Refusal."""
         info = self.info(number)
         place = number, self._first(info) if index is None else index
         if place not in self.held:
@@ -213,7 +215,7 @@ class Store(ParameterStore[int, tuple[int, int], int | str]):
 
 
 def limits(info: ParameterInfo) -> tuple[int, int]:
-    """Return lower and upper limit as raw numbers: what the model knows, the virtual ones, or the type's."""
+    """Return lower and upper limit as raw numbers: those of the model, the virtual ones, or those of the type."""
 
     def limit(known: Decimal | None, virtual: str, of_type: int) -> int:
         physical = info.extra.get(virtual) if known is None else known

@@ -1,4 +1,4 @@
-"""The tables of the manuals, as data; tables.toml names the pages."""
+"""Tables of the manuals; tables.toml names the pages."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ NOT_WHILE_RUNNING = 17
 NO_BUS_ACCESS = 130
 FACTORY_SET_UP = 131
 NOT_SUPPORTED = 253
-"""Fault codes: why a drive answers with AK 7."""
+"""Fault codes: the reasons for a reply with AK 7."""
 
 
 @cache
 def table(name: str) -> dict[int, Any]:
-    """Return a table by its name, with numbers for keys; read by who needs it, and not by who stops a motor."""
+    """Return a table by its name, with numbers as keys; the file is read on first use, but never for a stop."""
     return {int(number): each for number, each in tables_beside(__file__, "tables.toml")[name].items()}
 
 
 def fault_text(code: int) -> str:
-    """Return the manual's words for a fault code; codes that no manual lists are named by their number."""
+    """Return the manual's text for a fault code; a code that no manual lists is named by its number."""
     return str(table("faults").get(code, f"unlisted fault {code} ({code:02X}H)"))

@@ -7,17 +7,17 @@ VLT 5000 Design Guide MG.52.B2.02 p. 84-99 (seed 001: p. 85); FC 101 Design Guid
     parameter   STX LGE=14    ADR PKE IND PWE-high PWE-low PCD1 PCD2 BCC
     text        STX LGE=10+n  ADR PKE IND c...c            PCD1 PCD2 BCC
 
-STX is 02H. LGE counts the bytes behind itself. All words go high byte first, 32-bit values as two words, high word
+STX is 02H. LGE counts the bytes after itself. All words go high byte first, 32-bit values as two words, high word
 first. PCD1 and PCD2 are control word and bus reference from the master, status word and actual value from the drive.
-BCC is the exclusive-or of everything before it, STX included. Nothing is escaped and nothing ends a telegram: 02H may
-stand anywhere in it, so reception goes by LGE and by silence.
+BCC is the exclusive-or of everything before it, STX included. There is no escape sequence and no end character: 02H may
+occur anywhere in a telegram, so reception depends on LGE and on silence.
 
-A parameter block and a text block of four characters are equally long; AK and IND tell them apart (specification,
+A parameter block and a text block of four characters are equally long; AK and IND distinguish them (specification,
 section 4): text is a reply with AK 15, a request with AK 15 and IND 05xxH, and a reply with AK 3 and IND 6.
 
 Faults to expect: a wrong BCC, a cut telegram, a reply of another drive or to an earlier request, AK 0 ("no response"),
 the master's own telegram handed back by its adapter, which looks like a reply with value 0, and a telegram that broke
-off with its repetition right behind it, which can have a sound BCC.
+off with its repetition right after it, which can have a sound BCC.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ _NEVER_SENT = range(5, 13)
 
 
 def _adr(*, broadcast_allowed: bool) -> Leaf:
-    """ADR, read as format, broadcast and address (seed 001, seed 004 section 7.4.4)."""
+    """Return the leaf for ADR, read as format, broadcast and address (seed 001, seed 004 section 7.4.4)."""
 
     def parse(found: bytes) -> tuple[str, bool, int | None]:
         if found[0] & 0x80:
@@ -80,7 +80,7 @@ def _adr(*, broadcast_allowed: bool) -> Leaf:
         if broadcast and not broadcast_allowed:
             raise ValueError(f"ADR {found[0]:02X} is the broadcast, and no drive answers with that")
         if not broadcast and address not in _addresses(layout):
-            raise ValueError(f"ADR {found[0]:02X} is no address")
+            raise ValueError(f"ADR {found[0]:02X} is not an address")
         return layout, broadcast, None if broadcast else address
 
     def write(adr: tuple[str, bool, int | None]) -> bytes:
@@ -90,7 +90,7 @@ def _adr(*, broadcast_allowed: bool) -> Leaf:
         if broadcast is not (address is None):
             raise ValueError("it is missing, or this is a broadcast, which has none")
         if not broadcast and (type(address) is not int or address not in _addresses(layout)):
-            raise ValueError(f"{address!r} is no address of format {layout}")
+            raise ValueError(f"{address!r} is not an address of format {layout}")
         number = address or 0
         return bytes([0x80 | number if layout == FORMAT_126 else number | (0x20 if broadcast else 0)])
 
@@ -102,7 +102,7 @@ def _addresses(layout: str) -> range:
 
 
 def _pke(pnu_bits: int) -> Leaf:
-    """PKE, read as AK, toggle bit (None with twelve bits of PNU) and PNU."""
+    """Return the leaf for PKE, read as AK, toggle bit (None with twelve bits of PNU) and PNU."""
     mask = 2**pnu_bits - 1
 
     def parse(found: bytes) -> tuple[int, bool | None, int]:
@@ -188,23 +188,23 @@ def _check_pke(message: OfParameter, pnu_bits: int, direction: Direction) -> Non
     if asks and message.ak in _NEVER_SENT:
         raise wrong_field("ak", f"AK {message.ak} is in no command table of the FC protocol and is not sent")
     if type(message.ind) is not int:
-        raise wrong_field("ind", f"{message.ind!r} is no number")
+        raise wrong_field("ind", f"{message.ind!r} is not a number")
     if is_text(message.ak, message.ind, direction) is not (message.kind == "text"):
         raise wrong_field(
-            "ak", f"AK {message.ak} with IND {message.ind:04X} in a {direction} is no {message.kind} block"
+            "ak", f"AK {message.ak} with IND {message.ind:04X} in a {direction} is not a {message.kind} block"
         )
 
 
 def _length(text: object) -> int:
     if not isinstance(text, str):
-        raise wrong_field("text", f"{text!r} is no text")
+        raise wrong_field("text", f"{text!r} is not a text")
     if len(text) > LONGEST_TEXT:
         raise wrong_field("text", f"{len(text)} characters are more than the {LONGEST_TEXT} that LGE can count")
     return len(text)
 
 
 def is_text(ak: int, ind: int, direction: Direction) -> bool:
-    """Tell a text block from a parameter block (specification, section 4)."""
+    """Return whether a block is a text block and not a parameter block (specification, section 4)."""
     if direction == "request":
         return ak == 15 and ind >> 8 == 5
     return ak == 15 or (ak == 3 and ind & 0xFF == 6)
@@ -214,7 +214,7 @@ _FORMS_11, _FORMS_12 = _forms(11), _forms(12)
 
 
 class DanfossFcCodec:
-    """Telegrams to bytes and back; understands both address formats.
+    """Codec of the telegrams, in both address formats.
 
     pnu_bits: 12 (FC series), or 11 with the toggle bit above them (VLT 2800, 5000, 6000, 8000).
     """
@@ -224,10 +224,10 @@ class DanfossFcCodec:
         self._forms = _FORMS_11 if pnu_bits == 11 else _FORMS_12
 
     def measure(self, head: bytes, direction: Direction) -> int:
-        """Return how long the telegram is that begins with these bytes, see `Codec.measure`.
+        """Return the length of the telegram that begins with these bytes, see `Codec.measure`.
 
-        A drive hears other makers' telegrams too, where 02H is common. It does not wait for a long one of its own
-        unless what follows can be a text write.
+        A drive also receives telegrams of other makers, in which 02H is common. It waits for a long telegram only if
+        the next bytes can belong to a text write.
         """
         if not head:
             return _PROCESS_LGE + 2
@@ -256,7 +256,7 @@ class DanfossFcCodec:
             return self._parse(parameter, data)
         message = self._parse(texts, data)
         if not of_text:
-            raise TelegramError("length", f"LGE {lge} fits a text block only, and AK {data[3] >> 4} is none here")
+            raise TelegramError("length", f"LGE {lge} fits only a text block, which AK {data[3] >> 4} is not")
         return message
 
     def encode(self, message: Message) -> bytes:
@@ -278,6 +278,6 @@ def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
 
 
 def titled_forms() -> dict[str, Form[Any]]:
-    """Return the forms of all telegrams by the titles that people know them by, with twelve bits of PNU."""
+    """Return the forms of all telegrams by their human-readable titles, with twelve bits of PNU."""
     sides: Any = zip(REQUESTS + REPLIES, ["master"] * 3 + ["drive"] * 3, strict=True)
     return {f"{message.kind.capitalize()} block, {side}": _FORMS_12[message] for message, side in sides}

@@ -1,4 +1,4 @@
-"""How a drive answers over the Danfoss FC protocol.
+"""A virtual drive for the Danfoss FC protocol.
 
 VLT 2800 Design Guide p. 108 (it answers only an error-free telegram for its address, and nothing else); specification,
 sections 3 to 9 and 13.
@@ -37,9 +37,9 @@ _LOG_PLACES = 10
 
 
 class VirtualDanfossFcDrive(DriveRepr):
-    """A drive at one address: parameter store, control word with its consequences, motor.
+    """A drive at one address: parameter store, effects of the control word, motor.
 
-    store and machine are open for tests: `machine.local`, `machine.locked`, `store.without_bus_access` and so on.
+    Tests may change store and machine: `machine.local`, `machine.locked`, `store.without_bus_access` and so on.
     """
 
     def __init__(self, address: int, options: DanfossFcOptions, model: Model) -> None:
@@ -62,7 +62,7 @@ class VirtualDanfossFcDrive(DriveRepr):
             self.store.show("profile", 1 - self.store.fact("profile", "fc_value", 0))
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
-        """Act on a telegram: silence for what is broken or not for this drive, and for all that goes to everybody."""
+        """Act on a telegram; stay silent for a damaged one, for one to another drive, and for a broadcast."""
         self.follow(now)
         if not isinstance(find, Framed):
             return None
@@ -77,26 +77,26 @@ class VirtualDanfossFcDrive(DriveRepr):
         return VirtualReply(data=_addressed_as(find.data, self.codec.encode(reply)), delay_s=self._delay_s())
 
     def peek(self, parameter: str, now: float) -> int | str:
-        """Return the unsigned number or the text that a read would get."""
+        """Return the unsigned number or the text that a read would return."""
         self.follow(now)
         wanted = target(parameter, self._model, self._options)
         with looked_into(parameter):
             return self.store.peek(wanted.pnu, wanted.index)
 
     def poke(self, parameter: str, raw: int | str) -> None:
-        """Set what a parameter holds; one that the drive measures is not measured any more."""
+        """Set the value of a parameter, which also replaces its measurement."""
         wanted = target(parameter, self._model, self._options)
         with looked_into(parameter):
             self.store.poke(wanted.pnu, wanted.index, raw)
 
     def trip(self, code: int, now: float) -> None:
-        """Trip: output off, the code in front of the alarm log."""
+        """Trip: switch the output off, and add the code at the front of the alarm log."""
         self.follow(now)
         self.motor.trip(code, now)
         self.follow(now)
 
     def power_cycle(self, now: float) -> None:
-        """Switch mains off and on: RAM values, control word, trip and trip lock are gone."""
+        """Switch mains off and on: RAM values, control word, trip and trip lock are lost."""
         self.follow(now)
         self.store.power_cycle()
         self.motor.stop(self.motor.command.OFF, now)
@@ -107,7 +107,7 @@ class VirtualDanfossFcDrive(DriveRepr):
         self.store.show("power_ups", self.store.setting("power_ups", 0) + 1)
 
     def follow(self, now: float) -> None:
-        """Let time pass, and log a trip of the motor."""
+        """Advance the time, and log a trip of the motor."""
         self.machine.watch(now)
         fault = self.motor.fault
         if fault != self._logged:
@@ -121,7 +121,7 @@ class VirtualDanfossFcDrive(DriveRepr):
         return message.address == self.address and (message.address_format != FORMAT_31 or self.address < 32)
 
     def refusing(self, find: Framed, code: int, now: float) -> VirtualReply | None:
-        """Refuse what a telegram does with a parameter; its control word is obeyed."""
+        """Refuse the parameter access of a telegram; its control word is obeyed."""
         message = find.message
         if not isinstance(message, ParameterRequest | TextRequest) or message.broadcast:
             return None
@@ -152,9 +152,10 @@ class VirtualDanfossFcDrive(DriveRepr):
         return ParameterReply(**shared, ak=ak, pnu=message.pnu, ind=message.ind, pwe=content)
 
     def _answer(self, message: ParameterRequest | TextRequest) -> tuple[int, int | str]:
-        """Return response code and value or text. IND's high byte counts with AK 4 and 15 only. Raises Refusal.
+        """Return response code and value or text. Raises Refusal.
 
-        The response codes of numbers are 1 and 2, which is how many words they have.
+        The high byte of IND counts only with AK 4 and 15. The response codes of numbers are 1 and 2, which is the
+        number of their words.
         """
         store, number, low, high = self.store, message.pnu, message.ind & 0xFF, message.ind & 0xFF00
         if isinstance(message, TextRequest):
@@ -181,12 +182,12 @@ class VirtualDanfossFcDrive(DriveRepr):
         return access.TEXT, store.option_text(number, low - 1)
 
     def _delay_s(self) -> float:
-        """Two characters, or 8-35 if that is longer (specification, section 13)."""
+        """Return the delay of a reply: two characters, or 8-35 if that is longer (specification, section 13)."""
         minimum_s = self.store.setting("response_delay", 0) / 1000
         return max(2 * self.settings.character_s, minimum_s, self._options.reply_delay_s)
 
     def _measured(self) -> dict[str, Callable[[], float]]:
-        """Return by role what else is measured when it is read."""
+        """Return by role the functions for further values that are measured when they are read."""
         machine, motor, counted = self.machine, self.motor, self._counted
         return {
             "seen_control_word": lambda: machine.word,
@@ -206,7 +207,7 @@ class VirtualDanfossFcDrive(DriveRepr):
         }
 
     def _log(self, code: int, now: float) -> None:
-        """Put a trip in front of the alarm log: code, value, time."""
+        """Add a trip at the front of the alarm log: code, value, time."""
         for role, newest in (("log_code", float(code)), ("log_value", 0.0), ("log_time", now)):
             if self.store.has(role):
                 older = [self.store.setting(role, 0, place) for place in range(_LOG_PLACES - 1)]
@@ -215,5 +216,5 @@ class VirtualDanfossFcDrive(DriveRepr):
 
 
 def _addressed_as(request: bytes, reply: bytes) -> bytes:
-    """Return a reply with the ADR of its request, also with bit 6, which format 1-31 does not use (seed 001)."""
+    """Return a reply with the ADR of its request, including bit 6, which format 1-31 does not use (seed 001)."""
     return reply[:2] + request[2:3] + reply[3:-1] + bytes([reply[-1] ^ reply[2] ^ request[2]])

@@ -1,4 +1,4 @@
-"""Eurotherm and Parker SSD drives over EI Bisynch (ANSI X3.28) in ASCII for drivecomm."""
+"""Protocol package for Eurotherm and Parker SSD drives over EI Bisynch (ANSI X3.28) in ASCII."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from drivecomm_ei_bisynch.telegrams import codec_for
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EiOptions:
-    """Options of a drive.
+    """Options of a Eurotherm or Parker SSD drive.
 
-    lift: whether 20H is added to a check character below 20H; None, the default, adds nothing and takes either.
+    lift: whether 20H is added to a check character below 20H; None, the default, adds nothing and accepts both.
     """
 
     lift: bool | None = None

@@ -1,7 +1,7 @@
-"""How the parameters of a drive stand in EI Bisynch telegrams: mnemonics of two characters, and values as text.
+"""Parameters of a drive in EI Bisynch telegrams: mnemonics of two characters, and values as text.
 
-The kind of a place is the form of its values (590+ manual p. A-12): `w`, in a model `u16`, is BOOL, WORD or ENUM,
-hexadecimal behind `>`; no kind, in a model `s32`, is INT or TAG, decimal with a point.
+The kind of a place is the format of its values (590+ manual p. A-12). `w`, which is `u16` in a model, is BOOL, WORD or
+ENUM, hexadecimal after `>`. No kind, which is `s32` in a model, is INT or TAG, decimal with a point.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Damaged, Message, Model
 
 LEAST = Decimal("0.0001")
-"""The finest step of INT, and of a parameter that no model lists."""
+"""Finest step of INT, and of a parameter that no model lists."""
 NO_ERROR, CHECKSUM, OVERRUN, INVALID = 0x00C0, 0x02C2, 0x03C2, 0x07C8
-"""Contents of EE that mean something to this package."""
+"""Error codes in EE to which this package reacts."""
 _KINDS = {"s32": "", "u16": "w"}
 _REFUSALS = {"nak": 0x15, "end": 0x04}
 
 
 def number_of(mnemonic: str) -> int:
-    """Return the number of a mnemonic's place."""
+    """Return the number of the place with this mnemonic."""
     return ord(mnemonic[0]) * 128 + ord(mnemonic[1])
 
 
 ERRORS = Place("w", number_of("EE"))
-"""The error register (590 manual p. 14-10, P65 p. 25)."""
+"""Place of the error register (590 manual p. 14-10, P65 p. 25)."""
 
 
 class EiDialect(Dialect):
@@ -67,36 +67,42 @@ class EiDialect(Dialect):
         self._is_bool = {each for each, it in known.items() if it.maximum == 1}
 
     def place_of(self, address: str) -> Place:
-        """Return where a parameter is. Raises ParameterAddressError."""
+        """Return the place of a parameter. Raises ParameterAddressError."""
         if not isinstance(address, str) or len(address) != 2 or not all("!" <= each <= "~" for each in address):
-            raise ParameterAddressError(f"{address!r} is no mnemonic of two characters, such as II or 0F")
+            raise ParameterAddressError(f"{address!r} is not a mnemonic of two characters, such as II or 0F")
         number = number_of(address)
         return Place(_KINDS[self._types.get(number) or "s32"], number)
 
     def address_at(self, place: Place) -> str:
-        """Return the mnemonic."""
+        """Return the mnemonic of a place."""
         return "".join(map(chr, divmod(place.start, 128)))
 
-    def is_wide(self, place: Place, type: str) -> bool:  # noqa: ARG002 - the type alone says it
-        """Whether one place holds 32 bits, as a decimal number in steps of its factor does."""
+    def is_wide(self, place: Place, type: str) -> bool:  # noqa: ARG002 - the type decides alone
+        """Return whether one place holds 32 bits, which is so for a decimal number in steps of its factor."""
         return type == "s32"
 
     def target(self, parameter: str, type: str = "") -> Target:
-        """Return what is to be read or written; what no model knows is decimal unless `type` says otherwise."""
+        """Return the parameter to read or write; one that no model lists is decimal unless `type` says otherwise."""
         info = self.model.find(parameter) if self.model else None
         place = self.place_of(info.address if info else parameter)
         kind = type or self._types.get(place.start) or "s32"
         if kind not in _KINDS:
-            raise UsageError(f"{kind!r} is no type of an EI Bisynch parameter; types are {', '.join(_KINDS)}")
+            raise UsageError(f"{kind!r} is not a type of an EI Bisynch parameter; types are {', '.join(_KINDS)}")
         found = replace(super().target(parameter, kind), place=Place(_KINDS[kind], place.start))
         return found if found.info or kind != "s32" else replace(found, format=replace(found.format, scale=LEAST))
 
     def reading(self, place: Place, _count: int, /) -> Ask:
-        """Return the question for a parameter; its answer names the parameter and no drive, EOT nothing."""
+        """Return the read request for a parameter.
+
+        A reply with a value names the parameter and no drive; EOT names neither.
+        """
         return self._ask(Enquiry, place)
 
     def writing(self, place: Place, words: Sequence[int], /) -> Ask:
-        """Return the telegram that writes a parameter. Raises ValueRefusedError for more than five digits."""
+        """Return the write request for a parameter. Raises ValueRefusedError for too many digits.
+
+        A value has at most five digits before the point, and four after it.
+        """
         data = self._data(words[0], place)
         if not is_value(data):
             raise ValueRefusedError(
@@ -110,7 +116,7 @@ class EiDialect(Dialect):
         return Ask(message=request, nameless=True, anonymous=True)
 
     def words(self, reply: Any, place: Place, /) -> tuple[int, ...]:
-        """Return what a parameter holds. Raises UnexpectedReplyError for a value in another format."""
+        """Return the value of a parameter. Raises UnexpectedReplyError for a value in another format."""
         word = self._word(reply.data, place)
         if word is None:
             kind = "u16" if reply.data[0] == ">" else "s32"
@@ -119,7 +125,7 @@ class EiDialect(Dialect):
         return (word,)
 
     def _word(self, data: str, place: Place) -> int | None:
-        """Return the number, unsigned, that a telegram tells; None for a value of another format."""
+        """Return the unsigned number for a value in a telegram; None for a value of another format."""
         if data[0] == ">":
             return int(data[1:], 16) if place.kind else None
         steps = Decimal(data) / self._factors.get(place.start, LEAST)
@@ -132,45 +138,45 @@ class EiDialect(Dialect):
         return text.rstrip("0") if "." in text else f"{text}."
 
     def refusal(self, reply: Any) -> int | None:
-        """Return which answer refuses; EE tells why."""
+        """Return the refusal code of a reply, None if it does not refuse; the register EE gives the reason."""
         return _REFUSALS.get(reply.kind)
 
     def reply_kinds_of(self, request: Any) -> Collection[str]:
-        """Return what answers a request."""
+        """Return the possible kinds of reply to a request."""
         return ("ack", "nak") if request.kind == "selection" else ("value", "end")
 
     def mismatch(self, request: Any, reply: Any) -> str:
-        """Name the first field in which an answer does not belong to a request; it names the parameter at most."""
+        """Return the first field in which a reply does not belong to a request; a reply names at most the parameter."""
         if reply.kind not in self.reply_kinds_of(request):
             return "kind"
         return difference(request, reply, "mnemonic") if reply.kind == "value" else ""
 
     def meant(self, request: Any) -> Access:
-        """Return what a request does. Raises RegisterRefusal for a value of another format than the parameter has."""
+        """Return the effect of a request. Raises RegisterRefusal for a value in another format than the parameter's."""
         place = self.place_of(request.mnemonic)
         if request.kind == "enquiry":
             return Access(place=place)
         if place == ERRORS:
-            return Access(place=place, words=(NO_ERROR,))  # which is what writing anything to it does
+            return Access(place=place, words=(NO_ERROR,))  # any write to it has this effect
         word = self._word(request.data, place)
         if word is None and self.model is not None:
             raise RegisterRefusal("limits")
         return Access(place=place, words=(word or 0,))
 
     def told(self, request: Any, words: Sequence[int]) -> Message:
-        """Return the answer with a value."""
+        """Return the reply with a value."""
         return Value(mnemonic=request.mnemonic, data=self._data(words[0], self.place_of(request.mnemonic)))
 
-    def taken(self, request: Any) -> Message:  # noqa: ARG002 - it names nothing
+    def taken(self, request: Any) -> Message:  # noqa: ARG002 - ACK names nothing
         """Return ACK."""
         return Answer(kind="ack")
 
-    def refused(self, request: Any, code: int) -> Message:  # noqa: ARG002 - EE tells it
+    def refused(self, request: Any, code: int) -> Message:  # noqa: ARG002 - EE holds the code
         """Return EOT to an enquiry, and NAK to a selection."""
         return Answer(kind="end" if request.kind == "enquiry" else "nak")
 
     def damaged(self, find: Damaged) -> Message | None:
-        """Return NAK to a value for this drive that came damaged; an enquiry has no check character."""
+        """Return NAK for a write to this drive that arrived damaged; an enquiry has no check character."""
         head = "\x04{0}{0}{1:X}{1:X}\x02".format(*divmod(self.address, 16)).encode()
         is_mine = find.data[:6] == head and find.error.category in self.codes
         return Answer(kind="nak") if is_mine else None

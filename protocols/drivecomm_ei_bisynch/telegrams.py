@@ -1,13 +1,16 @@
-"""The telegrams of EI Bisynch in ASCII (Parker HA466357U001 "6513 RS485/RS232 Communications Interface", issue 7: P65).
+"""The telegrams of EI Bisynch in ASCII.
 
-    enquiry    EOT G G U U C1 C2 ENQ                        answers  STX C1 C2 data ETX BCC, or EOT
-    selection  EOT G G U U STX C1 C2 data ETX BCC           answers  ACK or NAK
+Parker HA466357U001 "6513 RS485/RS232 Communications Interface", issue 7: P65.
 
-G and U are group and unit, each sent twice (P65 p. 19). EOT: the mnemonic is unknown, or an error; NAK: not taken (P65
-p. 25). BCC is the exclusive-or of all behind STX up to ETX (P65 p. 19, 590+ manual p. A-17); a note on P65 p. 19 hints
-at 20H more below 20H, as relatives of X3.28 have it, so that either is taken unless the option `lift` says which it is.
-Behind a value a master may send ACK for the next parameter of a list, NAK for the same again, and EOT (P65 p. 25):
-drivecomm does not, and such characters are no requests here, since each looks like a reply, or a broken request.
+    enquiry    EOT G G U U C1 C2 ENQ                        replies  STX C1 C2 data ETX BCC, or EOT
+    selection  EOT G G U U STX C1 C2 data ETX BCC           replies  ACK or NAK
+
+G and U are group and unit, each sent twice (P65 p. 19). EOT: the mnemonic is unknown, or an error; NAK: not accepted
+(P65 p. 25). BCC is the exclusive-or of everything after STX up to ETX (P65 p. 19, 590+ manual p. A-17). A note on P65
+p. 19 suggests 20H more below 20H, as relatives of X3.28 have it, so both are accepted unless the option `lift` decides.
+After a value a master may send ACK for the next parameter of a list, NAK for the same again, and EOT (P65 p. 25).
+drivecomm does not send them. Such characters are not requests here, since each looks like a reply, or like a broken
+request.
 """
 
 from __future__ import annotations
@@ -22,12 +25,12 @@ from drivecomm.protocol.schema import Form, constant
 
 _STX, _ETX, _EOT, _ENQ, _ACK, _NAK = (bytes([each]) for each in (0x02, 0x03, 0x04, 0x05, 0x06, 0x15))
 _VALUE = re.compile(r">[0-9A-F]{1,4}|-?[0-9]{1,5}\.[0-9]{0,4}", re.ASCII)
-"""Hexadecimal, or up to five digits, a point, which is never left out, and four more (590+ manual p. A-12)."""
+"""Hexadecimal, or up to five digits, a point, which is never omitted, and up to four more (590+ manual p. A-12)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Enquiry:
-    """A question for a parameter, to a unit 0 to 15 of a group 0 to 9."""
+    """Read request for a parameter, to a unit 0 to 15 of a group 0 to 9."""
 
     kind: ClassVar[str] = "enquiry"
     group: int
@@ -42,7 +45,10 @@ class Enquiry:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Selection(Enquiry):
-    """A parameter is written. data: the value as it stands."""
+    """Write request for a parameter.
+
+    data: the characters of the value.
+    """
 
     kind: ClassVar[str] = "selection"
     data: str
@@ -50,7 +56,7 @@ class Selection(Enquiry):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Value:
-    """The answer to an enquiry, which names the parameter and no drive."""
+    """Reply to an enquiry, which names the parameter and no drive."""
 
     kind: ClassVar[str] = "value"
     mnemonic: str
@@ -59,19 +65,19 @@ class Value:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
-    """One character: `ack`, `nak`, or `end`, which is EOT. It names nothing."""
+    """Reply of one character: `ack`, `nak`, or `end`, which is EOT. It names neither parameter nor drive."""
 
     kind: str
 
 
 def lifted_xor(covered: bytes) -> bytes:
-    """Return the exclusive-or, and 20H more if it is below 20H."""
+    """Return the exclusive-or, plus 20H if it is below 20H."""
     found = schema.xor_byte(covered)
     return found if found[0] >= 0x20 else bytes([found[0] + 0x20])
 
 
 def is_value(data: Any) -> bool:
-    """Whether this can stand in a telegram as a value."""
+    """Return whether this is a valid value in a telegram."""
     return isinstance(data, str) and _VALUE.fullmatch(data) is not None
 
 
@@ -88,7 +94,10 @@ def _double(name: str, digits: str) -> Any:
 
 @cache
 def codec_for(lift: bool | None) -> schema.Telegrams:
-    """Return the codec. lift: see `EiOptions`."""
+    """Return the codec of the telegrams.
+
+    lift: see `EiOptions`.
+    """
     rule, also = (lifted_xor, None) if lift else (schema.xor_byte, lifted_xor if lift is None else None)
     head = constant(_EOT, "EOT"), _double("group", "0123456789"), _double("unit", "0123456789ABCDEF")
     mnemonic = "mnemonic" / schema.characters(2, lowest=0x21, meaning="mnemonic")

@@ -1,11 +1,12 @@
-"""One request and what its reply says: the frame to use, the code of a refusal, patience with a busy inverter.
+"""Requests to an inverter and their replies: the frame to use, the code of a refusal, and retries while it is busy.
 
-And the run command: S06, which carries terminals and run command together, and M14, which answers it. FVR-E11S manual
-9-20; AF-300 Ethernet manual p. 35, 36; HVAC/AQUA RS-485 manual, preface.
+Also the run command: S06, which carries terminals and run command together, and M14, which shows its effect. FVR-E11S
+manual 9-20; AF-300 Ethernet manual p. 35, 36; HVAC/AQUA RS-485 manual, preface.
 
-S01 beats S05 as soon as it is not zero (FVR-E11S manual 9-20), reading either returns what was sent and not what is
-effective, and any master may have set the other one. So it is set to zero each time, and what holds is read back: M05
-in hertz, M01 as a share of the maximum frequency; 0 of a motor that stands says nothing.
+S01 overrides S05 as soon as it is not zero (FVR-E11S manual 9-20). A read of either returns the value that was sent and
+not the one in effect, and any master may have set the other one. So the other one is set to zero each time, and the
+effective reference is read back: M05 in hertz, M01 as a share of the maximum frequency. A value of 0 while the motor
+stands proves nothing.
 """
 
 from __future__ import annotations
@@ -30,37 +31,38 @@ if TYPE_CHECKING:
     from drivecomm_fuji.options import FujiOptions
 
 _NEAR_PU = 10
-"""How far S01 and what is shown of it may lie apart, in steps of 0.005 %: 0.01 Hz of 20 Hz."""
+"""Largest difference between S01 and the displayed reference, in steps of 0.005 %: 0.01 Hz of 20 Hz."""
 
 
 @dataclass(slots=True, kw_only=True)
 class FujiMemory:
-    """What a master remembers of one inverter, shared by all who command it on a bus.
+    """State that a master keeps about one inverter, shared by all its users on a bus.
 
-    word: S06 as it was last commanded here, for it carries terminals and run command together; FWD and REV only while
-    they are confirmed. s01_beats: the S01 last written here by itself is not zero, which is worth a note and no more.
+    word: the last S06 that was commanded here, kept because it carries terminals and run command together; FWD and REV
+    only while they are confirmed. s01_beats: whether the S01 last written by a plain write from here is not zero, which
+    only leads to a note.
     """
 
     word: int = 0
     s01_beats: bool = False
 
     def forget(self) -> None:
-        """Take FWD and REV away; terminals stay as they were set here."""
+        """Clear FWD and REV; terminals stay as they were set here."""
         self.word &= ~RUN
         self.s01_beats = False
 
     def watch(self, silence_s: float | None) -> None:
-        """Do nothing: whatever is sent to an inverter feeds its watchdog."""
+        """Do nothing, since every request to an inverter feeds its watchdog."""
 
 
 class Asking:
     """Requests to one station, or to all.
 
-    A NAK with code 81 is asked again after a pause, no other NAK is (FRENIC-VG option manual 5-13). Optional frames
-    carry no code, so M26 is read by a standard frame (FRENIC5000G11S technical information 2-57).
+    A request is repeated after a pause if its NAK has code 81, and after no other NAK (FRENIC-VG option manual 5-13).
+    Optional frames carry no code, so M26 is read by a standard frame (FRENIC5000G11S technical information 2-57).
 
-    An ACK of a write does not repeat the data in a way that could be relied on, so one that comes late could be taken
-    for the answer to another write of the same function: writes and resets are nameless.
+    The ACK of a write does not repeat the data reliably, so a late one could be mistaken for the reply to another write
+    of the same function. Therefore writes and resets are nameless.
     """
 
     def __init__(self, address: int, options: FujiOptions, memory: FujiMemory) -> None:
@@ -70,10 +72,10 @@ class Asking:
         self._profile = options.generation
         self._quick_s = options.reply_timeout()
         self.read_ask = kept(self._new_read_ask)
-        """Returns the question for a value."""
+        """Returns the request that reads a function; requests are cached."""
 
     def ask_for(self, function: str) -> Exchange[Any]:
-        """Ask for a value; the reply is a Standard, or a Poll where short frames are used. Raises RefusedError."""
+        """Read a value; the reply is a Standard, or a Poll if short frames are used. Raises RefusedError."""
         return self._ask(self.read_ask(function), function)
 
     def _new_read_ask(self, function: str) -> Ask:
@@ -88,14 +90,17 @@ class Asking:
         return Ask(message=request, attempts=attempts, reply_timeout_s=self._quick_s)
 
     def _letter(self, letters: Mapping[str, str], function: str) -> str:
-        """Return the letter of the short frame for a function, nothing where there is none or none is wanted."""
+        """Return the letter of the short frame for a function; empty if there is none or short frames are not used."""
         found = (letter for letter, meant in letters.items() if meant == function and self._options.short_frames)
         return next(found, "")
 
     def write(self, function: str, data: int, *, attempts: int | None = None, urgent: bool = False) -> Exchange[None]:
-        """Write a function's data word; urgent for what stops a motor. Raises RefusedError."""
+        """Write a function's data word. Raises RefusedError.
+
+        urgent: for a write that stops a motor.
+        """
         slow = slow_write(function, data)
-        # Tuning turns the motor, and initialising must not begin anew.
+        # Never repeat these: tuning turns the motor, and initialising must not begin again.
         if slow is not None and slow.needs_s > 1:
             attempts = 1
         letter = self._letter(self._profile.select, function)
@@ -103,7 +108,7 @@ class Asking:
             request: Standard | Select = Select(kind="request", address=self._address, command=letter, data=data)
         else:
             fast = self._options.high_speed_writes and "A" in self._profile.commands and self._address != BROADCAST
-            # FRENIC-VG takes A for W, and its time for it (option manual 5-20).
+            # FRENIC-VG treats A like W, and needs the same time for it (option manual 5-20).
             slow = None if fast and WRITE_BUSY in self._profile.error_codes else slow
             request = Standard(
                 kind="request", address=self._address, command="A" if fast else "W", function=function, data=data
@@ -121,18 +126,18 @@ class Asking:
         yield from self._do(ask, f"command {command}")
 
     def look(self) -> Exchange[Words]:
-        """Read M14; a motor that does not run has no run command that could be sent again."""
+        """Read M14; if the motor does not run, clear the run command, so that it is not sent again."""
         reply = yield from self.ask_for(words.STATUS)
         seen = {profiles.ONLY: reply.data}
         if not words.control_profile().says("running", seen):
-            # Whatever stopped it, nothing that is written from now on may start it again.
+            # Whatever has stopped the motor, no later write may start it again.
             self._memory.forget()
         return seen
 
-    def send(self, step: Step, *, urgent: bool) -> Exchange[None]:  # noqa: ARG002 - the word tells
-        """Change those bits of S06 that the step is about, or send the command that stands in its place.
+    def send(self, step: Step, *, urgent: bool) -> Exchange[None]:  # noqa: ARG002 - the word decides
+        """Change the bits of S06 that belong to the step, or send the command in its place.
 
-        RST is taken back when it is open whether it arrived.
+        RST is cleared again if it is unknown whether the word arrived.
         """
         if step.place:
             yield from self.reset(step.place)
@@ -147,21 +152,21 @@ class Asking:
             raise
 
     def alarm_code(self) -> Exchange[int | None]:
-        """Read the latest alarm; None when the inverter does not tell."""
+        """Read the latest alarm; None if the inverter does not report it."""
         reply = yield from unless_refused(self.ask_for(words.ALARM))
         return None if reply is None else reply.data
 
     def command(self, word: int) -> Exchange[None]:
-        """Write S06. A run command is sent once and remembered only when it was confirmed."""
+        """Write S06. A run command is sent once, and remembered only after it was confirmed."""
         acts = bool(word & (RUN | words.RESET))
         self._memory.word = word & ~(RUN | words.RESET)
         yield from self.write(COMMAND, word, attempts=1 if acts else None, urgent=not word & RUN)
         self._memory.word = word & ~words.RESET
 
     def switch(self, on: int, off: int) -> Exchange[None]:
-        """Set and clear terminals. Raises StateError where sending the run bits, or none, would command the motor.
+        """Set and clear terminals. Raises StateError if sending the remembered run bits would command the motor.
 
-        The status alone is not enough: a motor that somebody else has stopped runs on while it ramps down.
+        The status alone is not enough: a motor that another program has stopped still runs while it ramps down.
         """
         if self._address != BROADCAST and (yield from self._runs()):
             reply = yield from self.ask_for(COMMAND)
@@ -175,21 +180,21 @@ class Asking:
         yield from self.command(self._memory.word & ~off | on)
 
     def set_frequency(self, data: int) -> Exchange[None]:
-        """Write S05, in hundredths of a hertz. Raises StateError where another reference then holds."""
+        """Write S05, in hundredths of a hertz. Raises StateError if another reference is then in effect."""
         yield from self.write(FREQUENCY_PU, 0)
         yield from self.write(FREQUENCY, data)
         yield from self._confirm(words.FINAL, data, 1, words.HUNDREDTH_HZ, "Hz")
 
     def set_per_unit(self, data: int) -> Exchange[None]:
-        """Write S01, signed, in 20000ths of the maximum. Raises StateError where another reference then holds."""
+        """Write S01, signed, in 20000ths of the maximum. Raises StateError if another reference is then in effect."""
         if self._profile.s05_is_frequency:
             yield from self.write(FREQUENCY, 0)
         yield from self.write(FREQUENCY_PU, data % 0x10000)
-        # What an inverter keeps in hundredths of a hertz, it shows as so many steps of its maximum frequency.
+        # Allow a difference: some inverters keep hundredths of a hertz, and show steps of the maximum frequency.
         yield from self._confirm(words.FINAL_PU, abs(data), _NEAR_PU, words.STEP_PU, "%")
 
     def _confirm(self, function: str, meant: int, near: int, scale: Decimal, unit: str) -> Exchange[None]:
-        """Read back the final reference. Raises StateError when it differs; 0 in standstill means "not shown"."""
+        """Read back the final reference. Raises StateError if it differs; 0 at standstill means "not shown"."""
         if not self._options.reference_read_back or self._address == BROADCAST:
             return
         remedy = "if it shows no reference in standstill, use the option reference_read_back=False"
@@ -200,7 +205,7 @@ class Asking:
         shown = 0x10000 - reply.data if reply.data >= 0x8000 and function == words.FINAL_PU else reply.data
         if abs(shown - meant) <= near:
             return
-        # No manual that was read says what M05 and M01 show while the motor stands.
+        # No known manual says what M05 and M01 show while the motor stands.
         if shown or (yield from self._runs()):
             raise StateError(
                 f"the inverter took a reference of {meant * scale} {unit}, and its final reference ({function}) is "
@@ -211,7 +216,7 @@ class Asking:
         return bool(words.control_profile().says("running", (yield from self.look())))
 
     def probe(self) -> Exchange[None]:
-        """Ask for the status once; a NAK proves an inverter as well as a value does."""
+        """Request the status once; a NAK also proves that there is an inverter."""
         yield self._standard_read(words.STATUS, attempts=1)
 
     def _do(self, ask: Ask, name: str) -> Exchange[None]:
@@ -225,7 +230,7 @@ class Asking:
         return reply if reply.kind == "ack" else (yield from self.again(ask, reply, name))
 
     def again(self, ask: Ask, reply: Any, name: str) -> Exchange[Any]:
-        """Return the reply to a question that was answered by NAK and is asked again while the inverter is busy.
+        """Return the reply to a request that got a NAK, repeating it while the inverter is busy.
 
         Raises RefusedError.
         """
@@ -240,7 +245,7 @@ class Asking:
         return reply
 
     def _latest_error(self) -> Exchange[int | None]:
-        """Read M26; None when the inverter does not tell, or tells of no error."""
+        """Read M26; None if the inverter does not report it, or reports no error."""
         try:
             reply = yield self._standard_read(ERROR)
         except ReplyError:

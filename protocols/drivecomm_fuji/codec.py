@@ -1,4 +1,4 @@
-"""Telegrams to bytes and back: which form a telegram has, and what may be sent to whom.
+"""Codec of the telegrams: the form of each telegram, and the requests that a generation accepts.
 
 Order of checks and reading of streams: section 13, point 20, of the specification.
 """
@@ -21,14 +21,15 @@ _COMMANDS = frozenset([b"", *(bytes([command]) for _, command in LENGTHS)])
 
 
 class FujiCodec:
-    """Telegrams to bytes and back.
+    """Codec of the telegrams.
 
-    Decoding takes the telegrams of all generations. Encoding too, unless a profile is given: then only what its
-    inverters understand. number_check: refuse function numbers beyond the profile's.
+    Decoding accepts the telegrams of all generations. So does encoding, unless a profile is given: then it accepts only
+    those that inverters of this profile understand. number_check: whether function numbers beyond the profile's are
+    refused.
 
-    A NAK that refuses a command which does not exist carries that command, and so has no length of its own. In a stream
-    it is taken to have 16 bytes (section 2.6 of the specification); a single telegram with such a command is refused.
-    So `decode` takes it only when `measure` has just met it.
+    A NAK that refuses an unlisted command carries that command, so its length is unknown. In a stream it is assumed to
+    have 16 bytes (section 2.6 of the specification); a single telegram with such a command is refused. Therefore
+    `decode` accepts it only if `measure` has just seen it.
     """
 
     def __init__(self, profile: Profile | None = None, *, number_check: bool = True) -> None:
@@ -39,7 +40,7 @@ class FujiCodec:
         self._in_stream = b""
 
     def measure(self, head: bytes, direction: Direction) -> int:
-        """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
+        """Return the length of the telegram that begins with these bytes, see `Codec.measure`."""
         if not head:
             return _SHORTEST
         if head[:1] != SOH:
@@ -53,27 +54,27 @@ class FujiCodec:
         """Return the content of one telegram.
 
         Checked in this order: SOH, command, length, ETX, sum, station, control character, function, byte 8, data; and
-        that what is not looked at holds no SOH, where a receiver starts anew (specification, section 1).
+        finally that ignored bytes hold no SOH, at which a receiver starts again (specification, section 1).
         """
         if data[4:5] in _COMMANDS:
             decoded = self._decode(data, direction)
         elif direction == "reply" and data[:5] == self._in_stream:
             decoded = COMMAND_REFUSED.parse(data)
         else:
-            raise TelegramError("field", f"{chr(data[4])!r} is no command", field="command")
+            raise TelegramError("field", f"{chr(data[4])!r} is not a command", field="command")
         if SOH in data[1:]:
             raise TelegramError("field", "SOH stands only in front of a telegram, not among its data", field="data")
         return decoded
 
     def encode(self, message: Any) -> bytes:
-        """Return the bytes of one telegram. Raises TelegramError for what the profile's inverters do not understand."""
+        """Return the bytes of one telegram. Raises TelegramError if the profile's inverters do not understand it."""
         data = self._encode(message)
         if message.kind == "request":
             self._check_request(message)
         return data
 
     def _unlisted(self, head: bytes, direction: Direction) -> int:
-        """Return the length of a telegram with a command that does not exist, 0 where it has none."""
+        """Return the length of a telegram with an unlisted command, 0 if it has none."""
         if direction == "request" or head[3:4] != telegrams.NAK:
             return 0
         self._in_stream = head[:5]
@@ -85,7 +86,7 @@ class FujiCodec:
         if command == "m" and message.data != 0:
             raise TelegramError("field", "the data of m are zero", field="data")
         if to_all and command in "ARghijk":
-            raise TelegramError("field", f"{command} cannot go to all stations: nobody would answer", field="address")
+            raise TelegramError("field", f"{command} cannot go to all stations, which do not answer", field="address")
         if to_all and function and not (profile.takes_from_all(function) if profile else function[0] == "S"):
             raise TelegramError("field", f"{function} cannot be written to all stations at once", field="function")
         if profile is not None and command not in profile.all_commands:
@@ -97,9 +98,9 @@ class FujiCodec:
 
 
 class Ear(FujiCodec):
-    """The telegrams as an inverter hears them: also requests with a command that does not exist, to refuse them.
+    """Codec of the telegrams as an inverter receives them, including requests with an unlisted command, to refuse them.
 
-    Its NAKs repeat bytes 5 to 7 of the request, whatever they are.
+    Its NAKs repeat bytes 5 to 7 of the request, even if they are invalid.
     """
 
     def __init__(self, profile: Profile) -> None:
@@ -117,7 +118,7 @@ class Ear(FujiCodec):
         return self._echo.build(message) if refuses else super().encode(message)
 
     def _unlisted(self, head: bytes, direction: Direction) -> int:
-        """The ETX shows which of the three forms of request it has."""
+        """Return the length of a telegram with an unlisted command; ETX shows which of three request forms it has."""
         if direction == "reply":
             return super()._unlisted(head, direction)
         for length in (8, 12):

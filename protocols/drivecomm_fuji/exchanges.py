@@ -1,4 +1,4 @@
-"""The conversations of a host with a Fuji inverter: read, write, run, reset, status.
+"""The verbs of a host for a Fuji inverter: read, write, run, reset, status.
 
 FVR-E11S manual 9-18 to 9-20; FRENIC-VG option manual 5-13; HVAC/AQUA RS-485 manual 4-17; section 5 of the
 specification.
@@ -31,7 +31,7 @@ _EXTRA = ("terminals", "digital_outputs", "reset_by_command")
 
 
 class FujiOperations:
-    """The verbs of one Fuji inverter, or of all of them at station 99, who show no reference.
+    """Verbs of one Fuji inverter, or of all inverters at station 99, which show no reference.
 
     S06 carries terminals and run command together, so its word is remembered.
     """
@@ -49,7 +49,7 @@ class FujiOperations:
 
     @property
     def capabilities(self) -> Capabilities:
-        """What a Fuji inverter can be asked to do."""
+        """Operations that a Fuji inverter supports."""
         return Capabilities(
             stops=frozenset(self._control.stops),
             reverse=True,
@@ -63,22 +63,25 @@ class FujiOperations:
 
     @property
     def extra(self) -> Mapping[str, Callable[..., Exchange[Any]]]:
-        """The verbs that only this protocol has."""
+        """Verbs that only this protocol has."""
         return {name: getattr(self, name) for name in _EXTRA}
 
     @needs_answer
     def read(self, parameter: str, *, format: str | int | None = None) -> Exchange[Reading]:
-        """Read a function. format: its data format in the manual's numbering, such as "[5]", instead of the model's."""
+        """Read a function.
+
+        format: its data format in the manual's numbering, such as "[5]", instead of the model's.
+        """
         return self._read(self._known(parameter, format))
 
     def write(
         self, parameter: str, value: Value | float, *, store: bool = False, format: str | int | None = None
     ) -> Exchange[Reading | None]:
-        """Write a function. format: its data format in the manual's numbering, such as "[5]", instead of the model's.
+        """Write a function.
 
-        S codes are volatile. No other write can be kept out of the inverter's non-volatile memory, so it needs
-        `store=True`. The result is a reading with a note where the write has no effect: of S05, after an S01
-        that was written here and is not zero.
+        format: its data format in the manual's numbering, such as "[5]", instead of the model's. S codes are volatile.
+        All other writes go to the inverter's non-volatile memory, so they need `store=True`. The result is a reading
+        with a note if the write has no effect: a write of S05 after an S01 that was written here and is not zero.
         """
         wanted = self._known(parameter, format)
         function, is_command = wanted.function, wanted.function[0] == "S"
@@ -98,31 +101,31 @@ class FujiOperations:
 
     @needs_answer
     def status(self) -> Exchange[DriveStatus]:
-        """Read the operation status M14, and the latest alarm M16 if it says alarm."""
+        """Read the operation status M14, and the latest alarm M16 if the status shows an alarm."""
         seen, known = (yield from self._asking.look()), words.control_profile()
         reverse = known.says("reverse", seen) if known.says("running", seen) else None
         flags = words.flags_of(seen[profiles.ONLY], self._profile)
         return (yield from self._by(known).status(self._model, seen, reverse=reverse, flags=flags))
 
     def digital_outputs(self, **states: bool) -> Exchange[Reading | None]:
-        """Set the universal outputs Y1 to Y5 with S07; those not named are switched off."""
+        """Set the universal outputs Y1 to Y5 with S07; outputs that are not named are switched off."""
         if self._profile.name == "e11s":
             raise NotSupported("FVR-E11S has no universal outputs (S07)")
         word = 0
         for name, state in states.items():
             if name not in ("Y1", "Y2", "Y3", "Y4", "Y5"):
-                raise UsageError(f"{name!r} is no output; they are Y1 to Y5")
+                raise UsageError(f"{name!r} is not an output; they are Y1 to Y5")
             word |= bool(state) << int(name[1]) - 1
         return self.write("S07", word, format="[15]")
 
     @needs_answer
     def probe(self) -> Exchange[None]:
-        """Ask for the status once; a NAK proves an inverter as well as a value does."""
+        """Request the status once; a NAK also proves that there is an inverter."""
         return self._asking.probe()
 
     @needs_answer
     def identify(self, only: Collection[str] = ()) -> Exchange[Mapping[str, str]]:
-        """Read type code, capacity code and ROM version; what the inverter does not have is left out."""
+        """Read type code, capacity code and ROM version; entries that the inverter does not have are left out."""
         found = {}
         for name, function in _NAME_PLATE.items():
             reply = (yield from unless_refused(self._asking.ask_for(function))) if not only or name in only else None
@@ -138,7 +141,7 @@ class FujiOperations:
         return self._by(self._control).start(reverse=reverse)
 
     def stop(self, how: Stop = Stop.RAMP) -> Exchange[None]:
-        """Clear FWD and REV in S06; to coast, also set the terminal that is assigned to it."""
+        """Clear FWD and REV in S06; to coast, also set the terminal that is assigned to coasting."""
         if how not in self._control.stops:
             raise NotSupported(
                 f"this inverter has no {how.value} stop over the bus; use ramp, or coast with the terminal "
@@ -148,21 +151,21 @@ class FujiOperations:
         return self._by(self._control).stop(how)
 
     def reset(self) -> Exchange[None]:
-        """Acknowledge an alarm through bit 15 of S06; does nothing on an inverter without one."""
+        """Acknowledge an alarm through bit 15 of S06; does nothing on an inverter without an alarm."""
         return self._reset(self._control)
 
     def reset_by_command(self, command: str = "E") -> Exchange[None]:
-        """Acknowledge an alarm by command E, or by the optional frame m; does nothing on an inverter without one."""
+        """Acknowledge an alarm by command E or by the optional frame m; does nothing without an alarm."""
         if command not in ("E", "m"):
             raise UsageError(f"{command!r} resets nothing; the commands that do are E and m")
         before, *_, last = self._control.reset
         return self._reset(replace(self._control, reset=(before, replace(last, place=command))))
 
     def terminals(self, **states: bool) -> Exchange[None]:
-        """Switch the terminals X1... (frenic also XF and XR) in S06; those not named stay as they are.
+        """Switch the terminals X1... (frenic also XF and XR) in S06; terminals that are not named keep their state.
 
-        S06 carries the run command, too, so an inverter whose motor runs is asked for it. Raises StateError where it is
-        not the one of this program that holds, for then this would command the motor.
+        S06 also carries the run command, so it is read first if the motor runs. Raises StateError if the run command in
+        the inverter is not the one of this program, because the write would then command the motor.
         """
         on = off = 0
         for name, state in states.items():
@@ -174,9 +177,9 @@ class FujiOperations:
         return self._asking.switch(command_word(on, self._options), off)
 
     def set_reference_percent(self, percent: Value | float) -> Exchange[None]:
-        """Write S05 = 0, and S01, 0.005 % steps of the maximum frequency, -100 to 100 %.
+        """Set the reference in per cent of the maximum frequency, -100 to 100 %: write S05 = 0, then S01.
 
-        Raises StateError when the inverter then shows another reference.
+        S01 has steps of 0.005 %. Raises StateError if the inverter then shows another reference.
         """
         number = exact(percent, FREQUENCY_PU)
         if not -100 <= number <= 100:
@@ -184,10 +187,11 @@ class FujiOperations:
         return self._asking.set_per_unit(unscaled(number, words.STEP_PU, FREQUENCY_PU, "%"))
 
     def set_reference_hz(self, hz: Value | float) -> Exchange[None]:
-        """Write S01 = 0, which would beat it, and S05, 0.01 Hz steps, 0 to 400 Hz.
+        """Set the reference in hertz, 0 to 400 Hz in steps of 0.01 Hz: write S01 = 0, then S05.
 
-        Raises StateError when the inverter then shows another reference: it limits S05 to its maximum frequency F03
-        without saying so. Where S05 is no frequency, S01 is written as a share of the option maximum_frequency_hz.
+        S01 would override S05 if it were not zero. Raises StateError if the inverter then shows another reference: it
+        limits S05 to its maximum frequency F03 without reporting that. If S05 is not a frequency, S01 is written as a
+        share of the option maximum_frequency_hz.
         """
         number = exact(hz, FREQUENCY)
         if self._profile.s05_is_frequency:
@@ -206,7 +210,10 @@ class FujiOperations:
         return self._asking.set_per_unit(unscaled(number, maximum / words.FULL_SCALE, FREQUENCY_PU, "Hz"))
 
     def may_start(self, verb: str, arguments: Mapping[str, Any]) -> bool:
-        """Whether a call may start the motor: S06 with a run bit or a terminal, which may be assigned to running."""
+        """Return whether a call may start the motor: S06 with a run bit, or with a terminal.
+
+        A terminal may be assigned to running in the inverter.
+        """
         if verb == "terminals":
             return any(arguments.values())
         if verb != "write":
@@ -214,11 +221,11 @@ class FujiOperations:
         wanted = self._known(arguments["parameter"])
         return wanted.function == COMMAND and bool(word_for(wanted, arguments["value"], self._options) & ~words.RESET)
 
-    # Conversations
+    # Helpers
 
     @cached_property
     def _control(self) -> ControlProfile:
-        """The control profile, with the terminal that is assigned to coasting: set by that stop, cleared by a start."""
+        """Control profile, with the terminal that is assigned to coasting: set by that stop, cleared by a start."""
         known, name = words.control_profile(), self._options.coast_terminal
         if not name:
             return known
@@ -247,7 +254,7 @@ class FujiOperations:
     def _read(self, wanted: Target) -> Exchange[Reading]:
         asking, function = self._asking, wanted.function
         ask = asking.read_ask(function)
-        # Most that is asked of an inverter goes through here, and a generator within a generator takes its time.
+        # Most reads of an inverter come through here, and a nested generator would cost time.
         reply: Any = yield ask
         if reply.kind != "ack":
             reply = yield from asking.again(ask, reply, function)

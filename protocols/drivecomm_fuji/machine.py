@@ -1,14 +1,14 @@
-"""What the operation command of a virtual Fuji inverter does to its motor, what the inverter measures, its alarms.
+"""Effects of the operation command of a virtual Fuji inverter on its motor, its measured values, and its alarms.
 
 Sections 6, 8 and 9 of the specification; HVAC/AQUA RS-485 manual 4-17.
 
-What it does when its host falls silent: FRENIC-VG option manual 5-11 (H32, H33, H38); FRENIC-MEGA manual 5-274 and
-FRENIC-Mini manual 9-121 (y02, y03, y08); HVAC/AQUA RS-485 manual 4-17: on the newer series a good frame to any station
-counts. Section 10 of the specification. What no page says of that is chosen: on FRENIC-VG only frames to its own
-station and to all count. The time begins with the first frame heard, and silence matters only while the link has the
-run command or the frequency, as on G11S (its technical information, 2-57). With action 1 the trip comes also when the
-host speaks again before the timer is over. y03 counts in tenths of a second where the model gives it no format.
-FVR-E11S and G11S have no function for the time.
+Reaction to a silent host: FRENIC-VG option manual 5-11 (H32, H33, H38); FRENIC-MEGA manual 5-274 and FRENIC-Mini manual
+9-121 (y02, y03, y08); HVAC/AQUA RS-485 manual 4-17: on the newer series a good frame to any station counts. Section 10
+of the specification. Details that no page states are chosen here. On FRENIC-VG only frames to its own station and to
+all stations count. The time begins with the first frame received. Silence matters only while the link has the run
+command or the frequency, as on G11S (its technical information, 2-57). With action 1 the trip comes even if the host
+sends again before the timer expires. y03 counts in tenths of a second if the model gives it no format. FVR-E11S and
+G11S have no function for the time.
 """
 
 from __future__ import annotations
@@ -30,25 +30,26 @@ if TYPE_CHECKING:
     from drivecomm_fuji.store import Store
 
 _RAMP_S = 6.0
-"""Ramp time where the model does not tell the format of F07 and F08."""
+"""Ramp time in seconds if the model does not give the format of F07 and F08."""
 
 _AT_ALARM: Mapping[str, str] = TABLES["at_alarm"]
-"""Which function keeps the value of which at an alarm."""
+"""Functions that keep values at an alarm, by the functions whose values they keep."""
 
 _MEMORY = ("M16", "M17", "M18", "M19")
 _UNDERVOLTAGE = 10
 
 _COMMUNICATION_ALARM = 38
-"""Er8, RS-485 communication."""
+"""Alarm Er8, RS-485 communication."""
 
 _TRIP, _RUN_THEN_TRIP, _TRIP_IF_IT_LASTS = 0, 1, 2
 
 
 class Machine:
-    """Operation command and references in, where H30 gives them to the link; motor, M codes and alarm memory out.
+    """Motor, M codes and alarm memory, driven by the operation command and references that H30 gives to the link.
 
-    local_hz: the frequency set at the keypad, used when H30 does not give the reference to the link. busy_until: when
-    the parameter that command A wrote is stored. latest: what was measured last, which an alarm keeps.
+    local_hz: the frequency set at the keypad, used if H30 does not give the reference to the link. busy_until: the time
+    until which the parameter written by command A is being stored. latest: the last measured values, which an alarm
+    keeps.
     """
 
     def __init__(self, motor: Motor, store: Store, options: FujiOptions) -> None:
@@ -66,7 +67,7 @@ class Machine:
         store.measured = self._measured()
 
     def power_up(self, now: float) -> None:
-        """Begin anew: what was commanded (S codes) and an alarm are gone."""
+        """Begin as after a power-up: commands (S codes) and an alarm are lost."""
         self._store.initialise("S")
         self._motor.stop(Command.OFF, now)
         self._motor.reset(now)
@@ -74,32 +75,32 @@ class Machine:
         self.silence.forget()
 
     def has_right(self, function: str) -> bool:
-        """H30: 1 gives the frequency to the link, 2 the run command, 3 both."""
+        """Return whether H30 gives this function to the link: 1 gives the frequency, 2 the run command, 3 both."""
         right = int(self._store.number("H30", 3.0))
         return bool(right & (2 if function == COMMAND else 1))
 
     def obey(self, word: int, now: float) -> None:
-        """Take S06 as it was written; RST acknowledges an alarm when it rises."""
+        """Obey a written S06; RST acknowledges an alarm when it rises."""
         if word & words.RESET and not self._command & words.RESET:
             self.reset(now)
         self._command = word
 
     def reset(self, now: float) -> None:
-        """Acknowledge the alarm. A run command that is still there starts the motor again."""
+        """Acknowledge the alarm. A run command that is still set starts the motor again."""
         self._motor.reset(now)
         self.live(now)
 
     def trip(self, code: int, now: float) -> None:
-        """Trip with this alarm code: output off, memory M16 to M19 moved on, values at the alarm kept."""
+        """Trip with this alarm code: output off, memory M16 to M19 shifted, values at the alarm kept."""
         self.live(now)
         self._motor.trip(code, now)
         self._note_alarm()
         self.live(now)
 
     def live(self, now: float) -> None:
-        """Let the motor turn as commanded, note an alarm, and note what an alarm would keep."""
+        """Run the motor as commanded, record an alarm, and record the values that an alarm would keep."""
         self._now = now
-        # Silence may have asked for a trip some time ago.
+        # A trip caused by silence may have become due some time ago.
         due = self.silence.trip_due(now)
         if due is not None and not self._motor.fault and self._is_linked():
             self._motor.trip(_COMMUNICATION_ALARM, due)
@@ -121,7 +122,7 @@ class Machine:
         return self._store.word_of(COMMAND) if self.has_right(COMMAND) else 0
 
     def _reference_hz(self) -> float:
-        """The frequency to run at, signed as S01: S01 beats S05, and the maximum frequency limits both."""
+        """Return the frequency to run at, signed like S01: S01 overrides S05, and the maximum frequency limits both."""
         maximum = self._motor.maximum_hz
         if not self.has_right(FREQUENCY):
             return self.local_hz
@@ -139,7 +140,7 @@ class Machine:
         motor.ramp_down_s = (number("S09") or number("F08", _RAMP_S)) * scale
 
     def _note_alarm(self) -> None:
-        """Enter an alarm into the memory, newest first, and keep what was measured last."""
+        """Add an alarm to the memory, newest first, and keep the last measured values."""
         for newer, older in zip(_MEMORY[-2::-1], _MEMORY[:0:-1], strict=True):
             self._store.keep(newer, None, older)
         self._store.set("M16", self._motor.fault)
@@ -148,9 +149,9 @@ class Machine:
         self._alarm = True
 
     def _measured(self) -> dict[str, Callable[[], float]]:
-        """Return what each M code that shows a measured value gets it from when it is read."""
+        """Return the functions that compute the values of measuring M codes when they are read."""
         motor, torque = self._motor, lambda: self._motor.torque_percent
-        # An inverter that never sends the sign character shows the magnitude; M14 tells the direction.
+        # An inverter that never sends the sign character shows the magnitude; M14 shows the direction.
         signed = "M09" in self._profile.sign_functions
 
         def per_hz() -> float:
@@ -178,7 +179,7 @@ class Machine:
     def _status(self) -> int:
         motor, on = self._motor, self._is_linked()
         reverse = motor.output_hz < 0 if motor.output_hz else self._backwards()
-        # On the way to the other direction the motor slows down first.
+        # Before the motor turns the other way, it slows down.
         turning = motor.output_hz * motor.target_hz < 0
         word = words.control_profile().word_of(
             {
@@ -197,7 +198,10 @@ class Machine:
 
 
 class SilenceWatch:
-    """The silence detection of one inverter, over time. functions: `Profile.silence`."""
+    """Detection of a silent host by one inverter, over time.
+
+    functions: `Profile.silence`.
+    """
 
     def __init__(self, store: Store, functions: Mapping[str, Any]) -> None:
         self._store = store
@@ -206,27 +210,27 @@ class SilenceWatch:
         self._trip_at: float | None = None
 
     def heard(self, now: float) -> None:
-        """Take note of a good frame to this inverter or to all; what was due before has been asked for before."""
+        """Record a good frame to this inverter or to all. Call `trip_due` first, or an earlier trip may be lost."""
         self._heard_at = now
 
     def overheard(self, now: float) -> None:
-        """Take note of a good frame to another station."""
+        """Record a good frame to another station."""
         if self._heard_at is not None and self._functions.get("any_station"):
             self._heard_at = now
 
     def is_over(self, now: float) -> bool:
-        """Whether nobody has been heard for longer than the function says."""
+        """Return whether the host has been silent for longer than the function allows."""
         if not self._functions or self._heard_at is None:
             return False
         time_s = self._store.number(self._functions["time"])
         return bool(time_s) and now > self._heard_at + time_s
 
     def forget(self) -> None:
-        """Begin as after mains is switched on."""
+        """Begin as after a power-up."""
         self._heard_at = self._trip_at = None
 
     def trip_due(self, now: float) -> float | None:
-        """Return when the inverter trips, if it does so by now; None otherwise. A trip is told once."""
+        """Return the time of a trip that is due by now; None otherwise. Each trip is returned once."""
         if self._trip_at is None:
             self._trip_at = self._begun(now)
         if self._trip_at is None or now <= self._trip_at:
@@ -235,7 +239,7 @@ class SilenceWatch:
         return due
 
     def _begun(self, now: float) -> float | None:
-        """Return when a trip that the silence has decided comes, None where it has decided none yet."""
+        """Return the time of the trip that the silence has caused; None if it has not caused one yet."""
         if self._heard_at is None or not self.is_over(now):
             return None
         noticed_at = self._heard_at + self._store.number(self._functions["time"])

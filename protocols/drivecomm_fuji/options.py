@@ -1,4 +1,4 @@
-"""What differs between Fuji inverters and is therefore configurable."""
+"""Options for the differences between Fuji inverters."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from drivecomm.protocol import exact
 from drivecomm_fuji.generations import DEFAULT_PROFILE, PROFILES, Profile, ProfileName, SlowWrite
 
 QUICK_TIMEOUT_S = 0.1
-"""For R, E, a-k, m, A, and W of S codes; in use for the family, no page that was read has it."""
+"""Reply timeout for R, E, a-k, m, A, and W of S codes; a common value of the family that no known page states."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -18,21 +18,21 @@ class FujiOptions:
     """Options of a Fuji inverter.
 
     profile: its generation: e11s (FVR-E11S, VXSM), g11s (FRENIC5000 G11S/P11S, AF-300), vg (FRENIC-VG) or frenic (Mini
-    to AQUA). A drive without one is taken for frenic, a single telegram for any. number_check: refuse function numbers
-    beyond the profile's. short_frames: use the optional frames where there is one. high_speed_writes: write with
-    command A, which answers before the value is stored. signed_j: the answer to optional frame j is signed; without
-    it, it is a magnitude. m12_factor: volts in one step of M12, 0.1 or 1. rating_hp: rating of the inverter, which
-    scales currents (0.01 A up to 30 HP, 0.1 A from 40 HP). maximum_frequency_hz: F03 of an inverter whose S05 is no
-    frequency (vg), so that a frequency can be given as S01. s06_mask: bits of S06 that exist, instead of the
-    profile's. coast_terminal: terminal (X1...) whose function E01... is set to coast to a stop; only then `stop` can
-    coast. reference_read_back: ask for the final reference (M05, M01) when one was set, and raise StateError when it is
-    another; not for an inverter that shows none in standstill.
+    to AQUA). Without it, a drive counts as frenic, and a single telegram may be of any generation. number_check: refuse
+    function numbers beyond the profile's. short_frames: use the optional frames if there is one for the function.
+    high_speed_writes: write with command A, which is answered before the value is stored. signed_j: the reply to
+    optional frame j is signed; without this option it is a magnitude. m12_factor: volts in one step of M12, 0.1 or 1.
+    rating_hp: rating of the inverter, which scales currents (0.01 A up to 30 HP, 0.1 A from 40 HP).
+    maximum_frequency_hz: F03 of an inverter whose S05 is not a frequency (vg), so that a frequency can be sent as S01.
+    s06_mask: bits of S06 that exist, instead of the profile's. coast_terminal: terminal (X1...) whose function E01...
+    is set to coast to a stop; `stop` can coast only with it. reference_read_back: read the final reference (M05, M01)
+    after setting one, and raise StateError if it differs; not for an inverter that shows none at standstill.
 
-    response_interval_s: the inverter's own waiting time before it answers (y09, y19, H39), on top of every reply
-    timeout. write_timeout_s: for W of other than S codes. motor_data_timeout_s: for H03 = 2 and P02.
-    initialise_timeout_s: for H03 = 1. tuning_timeout_s: for P04 and A13. busy_repeats, busy_pause_s: how often and
-    after what time a write is repeated that met code 81. reset_timeout_s: how long an alarm may take to go after a
-    reset.
+    response_interval_s: the inverter's own delay before it answers (y09, y19, H39), added to every reply timeout.
+    write_timeout_s: for W of functions other than S codes. motor_data_timeout_s: for H03 = 2 and P02.
+    initialise_timeout_s: for H03 = 1. tuning_timeout_s: for P04 and A13. busy_repeats, busy_pause_s: how often, and
+    after what time, a write that got code 81 is repeated. reset_timeout_s: how long an alarm may take to disappear
+    after a reset.
     """
 
     profile: ProfileName | None = None
@@ -70,11 +70,11 @@ class FujiOptions:
 
     @property
     def generation(self) -> Profile:
-        """The profile of a drive with these options."""
+        """Profile of a drive with these options."""
         return PROFILES[self.profile or DEFAULT_PROFILE]
 
     def reply_timeout(self, write: SlowWrite | None = None) -> float | None:
-        """Return how long to wait for a reply, also to a slow write; None for the drive's own reply time."""
+        """Return the reply timeout in seconds, also of a slow write; None for the drive's own."""
         if write is not None:
             timeout: float = getattr(self, write.timeout)
             return timeout + self.response_interval_s

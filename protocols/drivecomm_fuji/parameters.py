@@ -1,4 +1,4 @@
-"""Parameter addresses and values: what `S05`, `F07` and `acceleration_time_1` mean and how their values look."""
+"""Parameter addresses, such as `S05`, `F07` and `acceleration_time_1`, and the values of parameters."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Target:
-    """A function code, with what is known about its value."""
+    """A function code, with the known facts about its value."""
 
     function: str
     format: Format
@@ -27,16 +27,17 @@ class Target:
 
 
 def target(parameter: str, model: Model | None, options: FujiOptions, format: str | int | None = None) -> Target:
-    """Return what a parameter address or a name of the model means: a type letter, whose case matters, and two digits.
+    """Return the function for a parameter address or a name of the model.
 
-    format: the data format in the manual's numbering, instead of the model's. Raises ParameterAddressError for an
-    address that the drive's generation does not have, UsageError for a format that no table lists.
+    An address is a type letter, whose case matters, and two digits. format: the data format in the manual's numbering,
+    instead of the model's. Raises ParameterAddressError for an address that the drive's generation does not have,
+    UsageError for a format that no table lists.
     """
     known = model.find(parameter) if model else None
     function = known.address if known else parameter
     if function not in FUNCTIONS:
         remedy = f"nor a name of model {model.name}" if model else "such as S05, M09 or F03"
-        raise ParameterAddressError(f"{parameter!r} is no Fuji function code {remedy}")
+        raise ParameterAddressError(f"{parameter!r} is not a Fuji function code {remedy}")
     reason = options.generation.refusal_of(function, number_check=options.number_check)
     if reason:
         raise ParameterAddressError(f"{function}: {reason}", says="number_check=False")
@@ -47,9 +48,9 @@ def target(parameter: str, model: Model | None, options: FujiOptions, format: st
 def reading_of(
     wanted: Target, data: int, options: FujiOptions, model: Model | None, *, negative: bool = False, note: str = ""
 ) -> Reading:
-    """Return the reading that a reply's data give. Raises UnexpectedReplyError when they are no value of the format.
+    """Return the reading from the data of a reply. Raises UnexpectedReplyError if its format has no such value.
 
-    raw is the number of the four digits, minus it where the sign character stands before them.
+    raw is the number of the four digits, negative if the sign character is before them.
     """
     info, form = wanted.info, wanted.format
     raw = -data if negative else data
@@ -61,7 +62,9 @@ def reading_of(
     try:
         value = form.value(data, negative=negative)
     except ValueError as error:
-        raise UnexpectedReplyError(f"parameter {wanted.function} is no value of format {form.name}: {error}") from error
+        raise UnexpectedReplyError(
+            f"parameter {wanted.function} has no value of format {form.name}: {error}"
+        ) from error
     faults = model.faults if model else {}
     text = word_text(form.name, data, options.generation, faults)
     return new_reading(
@@ -77,7 +80,7 @@ def reading_of(
 
 
 def word_for(wanted: Target, value: Value | float, options: FujiOptions) -> int:
-    """Return the data word that carries a value; physical where the format is known, otherwise the plain number.
+    """Return the data word that carries a value: physical if the format is known, otherwise the plain number.
 
     Raises ValueRefusedError for a value that does not fit.
     """
@@ -97,7 +100,7 @@ def word_for(wanted: Target, value: Value | float, options: FujiOptions) -> int:
 
 
 def command_word(word: int, options: FujiOptions) -> int:
-    """Return a word for S06 if it is one. Raises ValueRefusedError for bits that do not exist, and FWD with REV."""
+    """Return a word for S06. Raises ValueRefusedError for bits that do not exist, and for FWD with REV."""
     mask = options.generation.command_mask if options.s06_mask is None else options.s06_mask
     if word & ~mask:
         raise ValueRefusedError(
@@ -113,14 +116,14 @@ def _plain(number: Decimal, function: str) -> int:
         raise ValueRefusedError(f"{number} for parameter {function} does not fit into four hexadecimal digits")
     if number != int(number):
         raise ValueRefusedError(
-            f"{number} for parameter {function} is no whole number, and its format is not known; "
+            f"{number} for parameter {function} is not a whole number, and its format is not known; "
             "name a model or give format="
         )
     return int(number) % 0x10000
 
 
 def _check_command(function: str, word: int, options: FujiOptions) -> None:
-    """Check what holds for the S codes of section 5.1 with and without a model."""
+    """Check the rules for the S codes of section 5.1, which hold with and without a model."""
     if function == COMMAND:
         command_word(word, options)
     elif function == FREQUENCY_PU and FULL_SCALE < word < 0x10000 - FULL_SCALE:
@@ -130,7 +133,10 @@ def _check_command(function: str, word: int, options: FujiOptions) -> None:
 
 
 def address_space(options: FujiOptions, _model: Model | None) -> AddressSpace:
-    """Return what functions an inverter can have. options: its generation, and whether higher numbers are let pass."""
+    """Return the functions that an inverter can have.
+
+    options: for its generation, and for number_check, which excludes higher numbers.
+    """
     profile = options.generation
     highest = profile.highest_number if options.number_check else 99
     return AddressSpace(

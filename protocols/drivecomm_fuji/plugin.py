@@ -1,4 +1,4 @@
-"""What the Fuji protocol gives to drivecomm."""
+"""The Fuji protocol as a plug-in of drivecomm."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from drivecomm_fuji.telegrams import BROADCAST, STATIONS, intent, message_from, 
 from drivecomm_fuji.words import control_profile
 
 _GAP_S = 0.010
-"""The least time before the host's next request: FVR-E11S manual 9-13. No manual of a later series demands it."""
+"""Shortest time before the host's next request: FVR-E11S manual 9-13. No manual of a later series demands it."""
 
 protocol = Protocol(
     name="fuji",

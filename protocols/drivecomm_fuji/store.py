@@ -1,4 +1,4 @@
-"""What a virtual Fuji inverter holds: a data word for each function code of its model."""
+"""Function codes of a virtual Fuji inverter, each with a data word."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from drivecomm_fuji.options import FujiOptions
 
 _RATING_HP = 10
-"""Rating of a virtual inverter that is told none."""
+"""Rating of a virtual inverter for which none is given."""
 
 _CODES = {
     "unknown": FUNCTION_ERROR,
@@ -27,7 +27,7 @@ _CODES = {
 
 
 class Store(ParameterStore[str, str, int]):
-    """The functions of one inverter, as unsigned words; a live value with a sign character is kept negative.
+    """Functions of one inverter, as unsigned words; a measured value with a sign character is kept negative.
 
     measured: physical values, by function.
     """
@@ -43,29 +43,29 @@ class Store(ParameterStore[str, str, int]):
         self.initialise()
 
     def initialise(self, types: str = "") -> None:
-        """Give the functions of these types their start values, all functions if none is named."""
+        """Set the functions of these types to their start values; all functions if no type is given."""
         for function, info in self._infos.items():
             if not types or function[0] in types:
                 self._put(function, self._start(info))
 
     def fetch(self, function: str) -> int:
-        """Return a word as it is read, negative where a sign character stands before it. Raises Refusal."""
+        """Return a word as a read returns it, negative if a sign character is before it. Raises Refusal."""
         self.readable(function)
         return self.word(function)
 
     def word(self, function: str) -> int:
-        """Return a word, whoever may read it. Raises Refusal for a function that does not exist."""
+        """Return a word without access checks. Raises Refusal for a function that does not exist."""
         self.info(function)
         if function in self.measured:
             return self._shown(function, self.measured[function]())
         return self.held[function]
 
     def word_of(self, function: str) -> int:
-        """Return a word that was set, 0 where the inverter does not have this function."""
+        """Return a word that was set; 0 if the inverter does not have this function."""
         return self.held.get(function, 0)
 
     def check(self, function: str, data: int, *, running: bool) -> None:
-        """Raise Refusal if a word from the line cannot be taken."""
+        """Raise Refusal if a word from the line is not acceptable."""
         info = self.writable(function, running=running)
         try:
             self.must_allow(info, Decimal(self._formats[function].value(data)))
@@ -73,7 +73,7 @@ class Store(ParameterStore[str, str, int]):
             raise Refusal(DATA_ERROR) from None
 
     def poke(self, function: str, raw: int) -> None:
-        """Set a word without asking. Raises Refusal for a function that the inverter does not have."""
+        """Set a word without access checks. Raises Refusal for a function that the inverter does not have."""
         self.info(function)
         self._put(function, raw)
 
@@ -83,13 +83,16 @@ class Store(ParameterStore[str, str, int]):
             self._put(function, raw)
 
     def keep(self, source: str, physical: float | None, destination: str) -> None:
-        """Set a word to what another function showed for this value, if the inverter has both; None copies its word."""
+        """Set one function to the word that another function shows for a value, if the inverter has both.
+
+        physical: the value; None copies the other function's word.
+        """
         if source in self._infos:
             word = self.held[source] if physical is None else self._shown(source, physical)
             self.set(destination, word if destination in self._sign_functions else abs(word))
 
     def number(self, function: str, otherwise: float = 0.0) -> float:
-        """Return a physical value; the other one where the function or its format is not known."""
+        """Return a physical value, or `otherwise` if the function or its format is unknown."""
         if function in self._numbers:
             return self._numbers[function]
         if function not in self._infos or not self._formats[function].known or not self._formats[function].name:
@@ -102,7 +105,7 @@ class Store(ParameterStore[str, str, int]):
         self._numbers.pop(function, None)
 
     def _shown(self, function: str, physical: float) -> int:
-        """Return the word that shows a value, within what four digits can hold."""
+        """Return the word that shows a value, limited to the range of four digits."""
         steps = round(physical / self._factors[function])
         if function in self._sign_functions:
             return max(-0xFFFF, min(0xFFFF, steps))

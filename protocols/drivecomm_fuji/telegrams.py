@@ -11,12 +11,12 @@ Page 9-15 of the VXSM150-1 manual for the standard frame; FVR-E11S manual 9-16 t
     poll request       SOH s s ENQ  c  ETX k k                        c = g-k
     poll reply         SOH s s A/N  c  d d d d ETX k k
 
-ss is the station, 01 to 31, or 99 for all. t is the function type, nn its number. dddd are four hexadecimal digits.
-kk is the sum of everything after SOH up to and including ETX, its low eight bits in hexadecimal. Direction and byte 4
-decide the length. Only the first byte of a frame is 01H, so a receiver starts anew whenever it sees one.
+ss is the station, 01 to 31, or 99 for all. t is the function type, nn its number. dddd are four hexadecimal digits. kk
+is the sum of everything after SOH up to and including ETX, its low eight bits in hexadecimal. Direction and byte 4
+decide the length. Only the first byte of a frame is 01H, so a receiver starts again whenever it sees one.
 
 Faults to expect: a wrong sum; an echo of the request, which has ENQ where a reply has ACK or NAK; a NAK with code 74 or
-75, which need not repeat what it refuses; an ACK of a write, whose data field means nothing.
+75, which need not repeat the refused command; an ACK of a write, whose data field means nothing.
 """
 
 from __future__ import annotations
@@ -61,9 +61,10 @@ FrameKind: TypeAlias = Literal["request", "ack", "nak"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Standard:
-    """A frame of 16 bytes. data: the four hexadecimal digits, unsigned. negative: byte 8 is "-", data is a magnitude.
+    """A frame of 16 bytes.
 
-    function is absent from E, data from requests of R and wherever it means nothing, error_code from all but a NAK.
+    data: the four hexadecimal digits, unsigned. negative: byte 8 is "-", and data is a magnitude. E has no function. R
+    requests, and telegrams whose data field means nothing, have no data. Only a NAK has an error_code.
     """
 
     frame: Literal["standard"] = "standard"
@@ -78,7 +79,7 @@ class Standard:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Select:
-    """A short frame that writes: 12 bytes there, 8 bytes back without data."""
+    """A short frame that writes: a request of 12 bytes, and a reply of 8 bytes without data."""
 
     frame: Literal["select"] = "select"
     kind: FrameKind
@@ -89,7 +90,7 @@ class Select:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Poll:
-    """A short frame that reads: 8 bytes there, 12 bytes back."""
+    """A short frame that reads: a request of 8 bytes, and a reply of 12 bytes."""
 
     frame: Literal["poll"] = "poll"
     kind: FrameKind
@@ -109,7 +110,7 @@ _MESSAGES: dict[str, type[Any]] = {
 
 
 def _never_written(text: object) -> bytes:
-    raise ValueError(f"{text!r} is no command, and a NAK of one is only read")
+    raise ValueError(f"{text!r} is not a command, and a NAK of such a command is only read")
 
 
 _CONTROL = {"request": ENQ, "ack": ACK, "nak": NAK}
@@ -117,7 +118,7 @@ _NAMES = {"request": "ENQ", "ack": "ACK", "nak": "NAK"}
 
 
 def head(kinds: Sequence[str], commands: str) -> tuple[Any, ...]:
-    """Return the leaves that every frame of these kinds and commands begins with."""
+    """Return the leaves with which every frame of these kinds and commands begins."""
     who = (_ANYBODY, "station 01..31, 99 for all") if "request" in kinds else (STATIONS, "station 01..31")
     controls = choice({_CONTROL[kind]: kind for kind in kinds}, " or ".join(_NAMES[kind] for kind in kinds))
     letters = choice({letter.encode(): letter for letter in commands}, "command " + " ".join(commands))
@@ -140,9 +141,9 @@ TAIL = (constant(ETX, "ETX"), Check(2, 1, hex_sum, meaning="sum from the station
 
 
 def _echoed(function: str | None, error_code: int | None) -> str | None:
-    """The function of a standard NAK; some codes need not repeat it, or repeat one that does not exist."""
+    """Return the function of a standard NAK; NAKs with some codes need not repeat it, or repeat an unknown one."""
     if function is None and error_code not in _UNECHOED:
-        raise ValueError("the refused function is no function")
+        raise ValueError("the refused function does not exist")
     return function
 
 
@@ -168,7 +169,7 @@ _ROWS: tuple[tuple[str, Sequence[str], str, tuple[Any, ...]], ...] = (
     ("Optional polling, reply", ["ack"], "ghijk", (_DATA,)),
     ("Optional polling, NAK", ["nak"], "ghijk", (filler(b"0000", "not looked at"),)),
 )
-"""Of all telegrams but standard refusals: title, kinds, commands and what stands between head and tail."""
+"""All telegrams but standard refusals: title, kinds, commands and the leaves between head and tail."""
 _FORMS = {
     title: Form(_MESSAGES[commands[0]], *head(kinds, commands), *leaves, *TAIL)
     for title, kinds, commands, leaves in _ROWS
@@ -178,12 +179,15 @@ LENGTHS: dict[tuple[Direction, int], int] = {
     for title, kinds, commands, _ in _ROWS
     for letter in commands
 }
-"""How long telegrams are by direction and command; a NAK is as long as an ACK."""
+"""Lengths of telegrams by direction and command; a NAK is as long as an ACK."""
 
 
 @cache
 def telegrams(space: str = "  ") -> Telegrams:
-    """Return the codec. space: what stands before the error code of a standard NAK, and is not looked at."""
+    """Return the codec.
+
+    space: the ignored characters before the error code of a standard NAK.
+    """
     end = (_SIGN, filler(space.encode(), "not looked at"), _CODE, *TAIL)
     refused = "function" / unsure(_FUNCTION_LEAF)
     refusals = {
@@ -208,16 +212,16 @@ COMMAND_REFUSED = Form(
     _CODE,
     *TAIL,
 )
-"""A NAK that refuses a command which does not exist."""
+"""Form of a NAK that refuses an unlisted command."""
 
 
 def titled_forms() -> dict[str, Form[Any]]:
-    """Return the forms of all telegrams by the titles that people know them by."""
+    """Return the forms of all telegrams by their human-readable titles."""
     return {**telegrams().forms, "NAK of a command that does not exist": COMMAND_REFUSED}
 
 
 def message_from(given: Mapping[str, Any], direction: Direction) -> Message:
-    """Build a message from fields as test vectors name them; `frame` may be left out, the command decides it."""
+    """Build a message from fields as test vectors name them; `frame` may be omitted, since the command decides it."""
     kinds = ("request",) if direction == "request" else ("ack", "nak")
     if given.get("kind") not in kinds:
         raise TelegramError("field", f"the kind of a {direction} is one of {', '.join(kinds)}", field="kind")
@@ -237,7 +241,7 @@ _ALARM_RESET = {Standard: "E", Select: "m"}
 
 
 def intent(request: Message) -> Intent:
-    """Tell by frame and command what a request is for; the alarm reset is the only command without a function."""
+    """Return the purpose of a request, by its frame and command; only the alarm reset has no function."""
     if isinstance(request, Poll) or (isinstance(request, Standard) and request.command == "R"):
         return Intent(access="read")
     if isinstance(request, Standard | Select) and request.command != _ALARM_RESET[type(request)]:
@@ -246,9 +250,9 @@ def intent(request: Message) -> Intent:
 
 
 def mismatch(request: Message, reply: Message) -> str:
-    """Name the first field in which a sound reply does not belong to a request; nothing when it belongs.
+    """Return the first field in which a sound reply does not belong to a request; empty if it belongs.
 
-    A NAK with code 74 or 75 is matched by its station alone, and answers an optional frame as well.
+    A NAK with code 74 or 75 is matched by its station alone, and also counts as the reply to an optional frame.
     """
     if not isinstance(request, Frame) or request.kind != "request":
         return "kind"

@@ -1,8 +1,8 @@
-"""How a Fuji inverter answers.
+"""A virtual Fuji inverter.
 
 FVR-E11S manual 9-16 to 9-20; FRENIC5000G11S RS-485 manual p. 13; FRENIC-VG option manual 5-13 to 5-39; HVAC/AQUA RS-485
-manual 4-4 to 4-17; sections 2, 5, 8 and 9 of the specification. Frames with a wrong sum meet silence, so that several
-inverters do not answer at once (FRENIC5000G11S technical information 2-57).
+manual 4-4 to 4-17; sections 2, 5, 8 and 9 of the specification. Frames with a wrong sum are not answered, so that
+several inverters do not answer simultaneously (FRENIC5000G11S technical information 2-57).
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from drivecomm_fuji.options import FujiOptions
 
 _BY_ROUTE = frozenset(["S01", "S05", "S06", "S13"])
-"""Writing these needs the right that H30 gives (HVAC/AQUA manual 4-17)."""
+"""Functions that the link may write only if H30 gives it the right (HVAC/AQUA manual 4-17)."""
 
 _BUSY_S = 0.1
-"""How long a parameter written by command A is being stored."""
+"""Seconds for which a parameter written by command A is being stored."""
 
 _CODES = {"command": codes.COMMAND_ERROR, "function": codes.FUNCTION_ERROR, "data": codes.DATA_ERROR}
 
@@ -37,7 +37,7 @@ _CODES = {"command": codes.COMMAND_ERROR, "function": codes.FUNCTION_ERROR, "dat
 class VirtualFujiDrive(DriveRepr):
     """An inverter at one station: functions, M26, operation command with its route, alarm memory, motor.
 
-    `machine` holds what turns and what is measured, and the frequency set at the keypad.
+    `machine` holds the motor's state, the measured values, and the frequency set at the keypad.
     """
 
     def __init__(self, address: int, options: FujiOptions, model: Model) -> None:
@@ -53,7 +53,7 @@ class VirtualFujiDrive(DriveRepr):
         self._model = model
 
     def hear(self, find: Framed | Damaged, now: float) -> VirtualReply | None:
-        """Act on a request: silence for a wrong sum and at station 99, a NAK for what is refused."""
+        """Act on a request: stay silent for a wrong sum and at station 99, and answer a refused request with a NAK."""
         if isinstance(find, Damaged):
             return self._complain(find, now)
         self.machine.live(now)
@@ -74,48 +74,48 @@ class VirtualFujiDrive(DriveRepr):
         return None if message.address == BROADCAST else self._reply(answer, needs_s)
 
     def peek(self, parameter: str, now: float) -> int:
-        """Return what the inverter holds, as `Reading.raw` would show it."""
+        """Return the value of a function in the form of `Reading.raw`."""
         self.machine.live(now)
         with looked_into(parameter):
             return self.store.word(target(parameter, self._model, self._options).function)
 
     def poke(self, parameter: str, raw: int | str) -> None:
-        """Set what the inverter holds; what it measures is soon overwritten."""
+        """Set the value of a function; a measured value is soon overwritten."""
         function = target(parameter, self._model, self._options).function
         number = int(raw)
         with looked_into(parameter):
             self.store.poke(function, number if function in self._profile.sign_functions else number % 0x10000)
-        # An alarm before anything else is heard keeps what was set here.
+        # An alarm that comes before the next request keeps the value that was set here.
         self.machine.latest.pop(function, None)
 
     def power_cycle(self, now: float) -> None:
-        """Switch mains off and on: what was commanded (S codes) and an alarm are gone, its memory stays."""
+        """Switch mains off and on: commands (S codes) and an alarm are lost, the alarm memory stays."""
         self.machine.live(now)
         self.machine.power_up(now)
 
     def overhear(self, now: float) -> None:
-        """Take note of a sound telegram to another station."""
+        """Record a sound telegram to another station."""
         if self.machine.silence.is_over(now):
             self.machine.live(now)
         self.machine.silence.overheard(now)
 
     def follow(self, now: float) -> None:
-        """Let time pass."""
+        """Advance the inverter to the time `now`."""
         self.machine.live(now)
 
     def trip(self, code: int, now: float) -> None:
-        """Trip with this alarm code: output off, memory M16 to M19 moved on, values at the alarm kept."""
+        """Trip with this alarm code: output off, memory M16 to M19 shifted, values at the alarm kept."""
         self.machine.trip(code, now)
 
     def _heeds(self, message: Frame) -> bool:
-        """Whether something at station 99 is executed: W of some S codes, E, a-f and m."""
+        """Return whether a request at station 99 is executed: W of some S codes, E, a-f and m."""
         if isinstance(message, Standard):
             writes = message.command == "W" and self._profile.takes_from_all(message.function or "")
             return writes or message.command == "E"
         return isinstance(message, Select)
 
     def _obey(self, message: Frame, now: float) -> tuple[Frame, float]:
-        """Return the ACK and what it takes beyond the usual time. Raises Refusal."""
+        """Return the ACK, and the seconds that it needs beyond the usual time. Raises Refusal."""
         command, data = message.command, message.data or 0
         if command not in self._profile.all_commands:
             raise Refusal(codes.COMMAND_ERROR)
@@ -138,7 +138,7 @@ class VirtualFujiDrive(DriveRepr):
             return replace(message, kind="ack", data=abs(word), negative=word < 0), 0.0
         self._write(function, data, now)
         slow = slow_write(function, data)
-        # FRENIC-VG takes A for W (option manual 5-20).
+        # FRENIC-VG treats A like W (option manual 5-20).
         if slow and command == "A" and codes.WRITE_BUSY in self._profile.error_codes:
             self.machine.busy_until = now + _BUSY_S
             slow = None
@@ -159,12 +159,12 @@ class VirtualFujiDrive(DriveRepr):
         if function == "H03" and data:
             self.store.initialise("P" if data == 2 else self._profile.types.replace("S", "").replace("M", ""))
         if function in ("P04", "A13"):
-            # Tuning is over when it is acknowledged.
+            # Tuning has ended when it is acknowledged.
             self.store.poke(function, 0)
         self.machine.live(now)
 
     def _complain(self, damage: Damaged, now: float) -> VirtualReply | None:
-        """Answer a damaged request: with silence, or a NAK whose code is in M26, too.
+        """Return the reply to a damaged request: None for silence, or a NAK whose code M26 then holds.
 
         FRENIC5000G11S RS-485 manual p. 13, FRENIC-VG option manual 5-27: section 2.6 of the specification.
         """
@@ -181,7 +181,7 @@ class VirtualFujiDrive(DriveRepr):
         if is_request and len(data) < 16 and code != codes.COMMAND_ERROR:
             kind: type[Select | Poll] = Select if len(data) == 12 else Poll
             return self._reply(kind(kind="nak", address=self.address, command=command), 0.0)
-        # Instead of a command that does not exist it repeats R, which a host can tell the length of.
+        # In place of an unlisted command it repeats R, from which a host knows the length.
         command, echo = command if command in "RWAE" else "R", data[5:8].decode("latin-1")
         nak = Standard(kind="nak", address=self.address, command=command, function=echo, error_code=code)
         return self._reply(nak, 0.0)

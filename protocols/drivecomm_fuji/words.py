@@ -1,4 +1,4 @@
-"""What the four hexadecimal digits of a function mean: as a number, by the data formats of the manuals, and as bits.
+"""Meanings of the four hexadecimal digits of a function: as a number, by the manuals' data formats, and as bits.
 
 The operation command (S06, M13), the operation status (M14) and other words whose bits or digits have names: FVR-E11S
 manual 9-20; GE AF-300 Ethernet manual 35-37; FRENIC-VG manual 6-68; FRENIC-Ace manual 9-39; HVAC/AQUA RS-485 manual
@@ -27,13 +27,13 @@ FREQUENCY_PU, FREQUENCY, COMMAND = "S01", "S05", "S06"
 MAXIMUM_FREQUENCY = "F03"
 STATUS, ALARM, ERROR = "M14", "M16", "M26"
 FINAL_PU, FINAL = "M01", "M05"
-"""The reference that holds, whatever it comes from."""
+"""Functions that show the reference in effect, from any source."""
 
 FULL_SCALE = 20000
-"""S01, M01, M06 at the maximum frequency."""
+"""Value of S01, M01 and M06 at the maximum frequency."""
 
 HUNDREDTH_HZ, STEP_PU = Decimal("0.01"), Decimal("0.005")
-"""One step of S05 and M05 in hertz, of S01 and M01 in percent of the maximum frequency."""
+"""One step of S05 and M05 in hertz, of S01 and M01 in per cent of the maximum frequency."""
 
 FORWARD, REVERSE, RESET = 0x0001, 0x0002, 0x8000
 RUN = FORWARD | REVERSE
@@ -42,12 +42,12 @@ _WRITE_RIGHT = ("keypad", "RS-485", "field bus")
 
 
 def control_profile() -> ControlProfile:
-    """Return the control profile; read from its file by who commands an inverter, and not by who reads a function."""
+    """Return the control profile; its file is read for commands only, not for reads of functions."""
     return profiles.control_profile("fuji")
 
 
 def flags_of(word: int, profile: Profile) -> tuple[str, ...]:
-    """Return the names of the set bits of M14; the write right of bits 13 and 14 is told apart only on G11S."""
+    """Return the names of the set bits of M14; only G11S distinguishes the write right in bits 13 and 14."""
     names = [*control_profile().flags_of(word)]
     right = word >> 13 & 3
     if profile.name == "g11s":
@@ -58,14 +58,14 @@ def flags_of(word: int, profile: Profile) -> tuple[str, ...]:
 
 
 def command_flags(word: int, profile: Profile) -> tuple[str, ...]:
-    """Return the names of the set bits of the operation command; a bit without a name is given by its number."""
+    """Return the names of the set bits of the operation command; a bit without a name has its number."""
     places = {"FWD": 0, "REV": 1, **profile.terminals, **profile.shown_bits, "RST": 15}
     names = {place: name for name, place in places.items()}
     return tuple(names.get(place, f"bit {place}") for place in range(16) if word >> place & 1)
 
 
 def word_text(format_name: str, word: int, profile: Profile, faults: Mapping[int, str]) -> str:
-    """Return what a word of this format stands for, empty where its number says all."""
+    """Return the meaning of a word of this format; empty if the number is all of it."""
     if format_name == "[10]":
         return faults.get(word, "") if word else "no alarm"
     if format_name == "[14]":
@@ -95,10 +95,10 @@ _WORD = 0x10000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Format:
-    """One data format. known: its table was read; a value of an unknown format is the plain number.
+    """One data format.
 
-    factor: physical value of one step, for formats with steps. signed: two's complement. special: how a format without
-    steps is read and written.
+    known: whether its table is known; a value of an unknown format is the plain number. factor: physical value of one
+    step, for formats with steps. signed: two's complement. special: the way to read and write a format without steps.
     """
 
     name: str
@@ -109,9 +109,9 @@ class Format:
     special: str = ""
 
     def value(self, data: int, *, negative: bool = False) -> int | Decimal:
-        """Return the physical value; with the sign character the digits are a magnitude in every format.
+        """Return the physical value of a word. Raises ValueError for a word that has none.
 
-        Raises ValueError for a word that has none.
+        negative: whether the sign character is before the digits, which are then a magnitude in every format.
         """
         if self.special:
             value = _SPECIAL[self.special][0](data)
@@ -121,7 +121,7 @@ class Format:
         return scaled(data - _WORD if self.signed and data >= _WORD // 2 else data, self.factor)
 
     def raw(self, value: Decimal, parameter: str, unit: str = "") -> int:
-        """Return the word for a physical value. Raises ValueRefusedError for one that has none."""
+        """Return the word for a physical value. Raises ValueRefusedError for a value that has none."""
         if self.special:
             try:
                 return _SPECIAL[self.special][1](value)
@@ -135,11 +135,11 @@ class Format:
 
 
 PLAIN = Format(name="", meaning="not known")
-"""The number as it stands: what is left when no format is known."""
+"""The plain number, for functions of unknown format."""
 
 
 def format_named(name: str | int, *, e11s: bool) -> Format:
-    """Return a format by its name; a number without brackets is looked up in the table of the drive's generation.
+    """Return a format by its name; a number without brackets refers to the table of the drive's generation.
 
     Raises UsageError for a format that no table lists.
     """
@@ -148,19 +148,19 @@ def format_named(name: str | int, *, e11s: bool) -> Format:
         return PLAIN
     shown = text if e11s or text.startswith("[") else f"[{text}]"
     if shown not in FORMATS:
-        raise UsageError(f"{text!r} is no data format; they are {', '.join(FORMATS)}")
+        raise UsageError(f"{text!r} is not a data format; they are {', '.join(FORMATS)}")
     return FORMATS[shown]
 
 
 def current_format(rating_hp: int | None) -> Format:
-    """Return format [19] for an inverter of this rating; without one it is not known."""
+    """Return format [19] for an inverter of this rating; without a rating it is unknown."""
     if rating_hp is None:
         return replace(FORMATS["[19]"], known=False)
     return replace(FORMATS["[19]"], factor=Decimal("0.01") if rating_hp < 40 else Decimal("0.1"))
 
 
 def format_of(function: str, name: str | int, options: FujiOptions) -> Format:
-    """Return the data format of this name as this inverter uses it for a function."""
+    """Return the data format of this name, as this inverter uses it for a function."""
     chosen = format_named(name, e11s=options.generation.e11s_formats)
     if chosen.name == "[19]":
         return current_format(options.rating_hp)
@@ -173,7 +173,7 @@ _SMALL_FACTORS = tuple(Decimal(factor) for factor in ("0.01", "0.1", "1", "10"))
 
 
 def _time_value(data: int) -> Decimal:
-    """[12]: bit 15 sign, 14-12 zero, 11-10 exponent, 9-0 mantissa."""
+    """Return the value of a word in format [12]: bit 15 sign, 14-12 zero, 11-10 exponent, 9-0 mantissa."""
     if data & 0x7000:
         raise ValueError(f"bits 14 to 12 of {data:04X} are not zero")
     value = (data & 0x3FF) * _SMALL_FACTORS[data >> 10 & 3]
@@ -181,7 +181,7 @@ def _time_value(data: int) -> Decimal:
 
 
 def _time_raw(value: Decimal) -> int:
-    """The smallest exponent that fits; mantissa 1 to 999, from x0.1 on 100 to 999."""
+    """Return the word with the smallest exponent that fits; mantissa 1 to 999, from x0.1 on 100 to 999."""
     for exponent, factor in enumerate(_SMALL_FACTORS):
         mantissa = _steps(abs(value), factor, range(1 if exponent == 0 else 100, 1000))
         if mantissa is not None:
@@ -190,7 +190,10 @@ def _time_raw(value: Decimal) -> int:
 
 
 def _floating(lowest: str) -> tuple[Callable[[int], Decimal], Callable[[Decimal], int]]:
-    """[24] and [45]: bits 15-14 exponent, 13-0 mantissa of at most 9999; lowest: its step where the exponent is 0."""
+    """Return reader and writer of formats [24] and [45]: bits 15-14 exponent, 13-0 mantissa of at most 9999.
+
+    lowest: the step for an exponent of 0.
+    """
     factors = tuple(Decimal(lowest).scaleb(exponent) for exponent in range(4))
 
     def raw(value: Decimal) -> int:
@@ -204,7 +207,7 @@ def _floating(lowest: str) -> tuple[Callable[[int], Decimal], Callable[[Decimal]
 
 
 def _steps(value: Decimal, factor: Decimal, allowed: range) -> int | None:
-    """Return how many steps of this factor make exactly this value, None if no allowed number does."""
+    """Return the number of steps of this factor that gives exactly this value; None if no allowed number does."""
     if not allowed[0] * factor <= value <= allowed[-1] * factor:
         return None
     number = int(value / factor)
@@ -213,19 +216,19 @@ def _steps(value: Decimal, factor: Decimal, allowed: range) -> int | None:
 
 def _whole(value: Decimal) -> int:
     if not 0 <= value < _WORD or value != int(value):
-        raise ValueError("it is no whole number from 0 to 65535")
+        raise ValueError("it is not a whole number from 0 to 65535")
     return int(value)
 
 
 def _poles_raw(value: Decimal) -> int:
     number = _whole(value)
     if number % 2:
-        raise ValueError("it is no even number, and poles come in pairs")
+        raise ValueError("it is not an even number, and poles come in pairs")
     return number
 
 
 def _tuning_raw(value: Decimal) -> int:
-    """[21] and FVR-E11S 12: bits 8 and 9 are the directions."""
+    """Return the word for a value of format [21] or FVR-E11S 12, in which bits 8 and 9 are the directions."""
     number = _whole(value)
     if number & 0x300 == 0x300:
         raise ValueError("forward and reverse together have no effect")

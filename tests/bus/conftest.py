@@ -1,4 +1,4 @@
-"""Virtual drives behind real ports, for what only time that passes can show."""
+"""Virtual drives behind real ports, for tests that need real time."""
 
 from real_lines import serving
 

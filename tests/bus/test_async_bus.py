@@ -1,4 +1,4 @@
-"""The bus for callers that await: the same verbs as the other one, and what only tasks can do to it."""
+"""The asynchronous bus: the same verbs as the blocking bus, and cancellation of tasks."""
 
 import asyncio
 import inspect
@@ -64,29 +64,29 @@ AT_ONCE = {
     "to_status",
     "watched",
 }
-"""What returns at once on both faces; all else waits for the line."""
+"""Names that return immediately on both buses; all other verbs wait for the line."""
 
 EACH_TWIN = pytest.mark.parametrize(("blocking", "awaited"), TWINS, ids=lambda kind: kind.__name__)
 
 
 def public(kind):
-    """Return what a face offers by name, in the order of its declaration, be it its own or shared."""
+    """Return the public names of a class in the order of their declaration, inherited ones included."""
     found = {name: value for base in reversed(kind.__mro__) for name, value in vars(base).items() if base is not object}
     return {name: value for name, value in found.items() if not name.startswith("_")}
 
 
-# Both faces are equal
+# Blocking and asynchronous classes are equal
 
 
 @EACH_TWIN
-def test_both_have_the_same_names(blocking, awaited):
+def test_blocking_and_async_classes_have_the_same_public_names(blocking, awaited):
     assert list(public(blocking)) == list(public(awaited))
     entering = {"__enter__", "__exit__"} <= set(vars(blocking))
     assert entering == ({"__aenter__", "__aexit__"} <= set(vars(awaited)))
 
 
 @EACH_TWIN
-def test_both_take_the_same_arguments(blocking, awaited):
+def test_blocking_and_async_methods_take_the_same_arguments(blocking, awaited):
     for name in ["__init__", *public(blocking)]:
         mine, other = (inspect.getattr_static(kind, name) for kind in (blocking, awaited))
         assert isinstance(mine, property) == isinstance(other, property), name
@@ -100,7 +100,7 @@ def test_both_take_the_same_arguments(blocking, awaited):
 
 
 @EACH_TWIN
-def test_one_awaits_where_the_other_blocks(blocking, awaited):
+def test_async_methods_are_coroutines_where_blocking_methods_wait(blocking, awaited):
     for name, function in public(awaited).items():
         waits = inspect.iscoroutinefunction(function) or inspect.isasyncgenfunction(function)
         assert waits == (name not in AT_ONCE), name
@@ -109,18 +109,18 @@ def test_one_awaits_where_the_other_blocks(blocking, awaited):
 
 
 @EACH_TWIN
-def test_both_return_the_same(blocking, awaited):
+def test_blocking_and_async_methods_return_the_same_types(blocking, awaited):
     for name, function in public(blocking).items():
         mine, other = (
             (each.fget if isinstance(each, property) else each).__annotations__["return"]
             for each in (function, public(awaited)[name])
         )
-        # A generator has one type more than an asynchronous one: what it returns.
+        # A generator has one type argument more than an asynchronous one: its return type.
         assert other.replace("Async", "") == mine.replace("Async", "").replace(", None, None]", ", None]"), name
 
 
 @EACH_TWIN
-def test_both_say_what_they_do(blocking, awaited):
+def test_blocking_and_async_methods_have_docstrings(blocking, awaited):
     for kind in (blocking, awaited):
         for each in [kind, *public(kind).values()]:
             text = inspect.getdoc(each)
@@ -128,7 +128,7 @@ def test_both_say_what_they_do(blocking, awaited):
             assert text.splitlines()[0].endswith((".", ";"))
 
 
-def test_both_are_opened_by_the_same_arguments():
+def test_open_bus_and_open_bus_async_take_the_same_arguments():
     mine, other = (
         [
             (each.name, each.kind, each.default, each.annotation)
@@ -141,7 +141,7 @@ def test_both_are_opened_by_the_same_arguments():
     assert open_bus_async.__doc__
 
 
-def test_the_public_face_has_both():
+def test_drivecomm_exports_the_async_classes():
     for name in ("AsyncBus", "AsyncDrive", "AsyncBroadcast", "open_bus_async"):
         assert getattr(drivecomm, name).__name__ == name
     with pytest.raises(AttributeError, match="No drivecomm attribute AsyncNothing"):
@@ -152,7 +152,7 @@ def test_the_public_face_has_both():
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_both_send_the_same_and_get_the_same(protocol):
+def test_blocking_and_async_drives_send_and_receive_the_same(protocol):
     def said_and_heard(face):
         recorder, parameter = Recorder(), WRITABLE[protocol][0]
         with open_on(face, VirtualLine([Mortal(protocol)]).port, trace=recorder) as bus:
@@ -174,7 +174,7 @@ def test_both_send_the_same_and_get_the_same(protocol):
     assert said_and_heard("tasks") == said_and_heard("threads")
 
 
-def test_it_must_be_entered():
+def test_async_bus_must_be_entered_before_use():
     async def main():
         bus = open_bus_async(VirtualLine([Mortal("vabus")]).port)
         drive = bus.drive("vabus", ADDRESS)
@@ -192,7 +192,7 @@ def test_it_must_be_entered():
 
 
 class Slow:
-    """Opens a port when it is allowed to."""
+    """Port opener that waits until the test allows the port to open."""
 
     def __init__(self, line):
         self.line = line
@@ -208,7 +208,7 @@ class Slow:
         return port
 
 
-def test_cancelled_while_the_port_is_being_opened():
+def test_cancelled_entering_closes_the_port_that_opens_later():
     async def main():
         slow = Slow(VirtualLine([Mortal("vabus")]))
         bus = open_bus_async(slow)
@@ -222,7 +222,7 @@ def test_cancelled_while_the_port_is_being_opened():
             if slow.closed:
                 break
             await asyncio.sleep(0.005)
-        # What was opened for nobody is closed again.
+        # The port that was opened for the cancelled call is closed again.
         assert len(slow.closed) == 1
         async with bus:
             assert (await bus.drive("vabus", ADDRESS).read("481")).raw == "000003E8"
@@ -231,7 +231,7 @@ def test_cancelled_while_the_port_is_being_opened():
     asyncio.run(main())
 
 
-def test_cancelled_while_a_lost_port_is_being_opened_again():
+def test_cancelled_reopening_of_a_lost_port_lets_the_next_call_continue():
     async def main():
         line = VirtualLine([Mortal("vabus")])
         slow = Slow(line)

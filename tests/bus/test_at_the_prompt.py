@@ -1,4 +1,4 @@
-"""What completion and help() offer at a prompt, and how a misfitting call is answered."""
+"""Completion and help() at an interactive prompt, and errors of calls with wrong arguments."""
 
 import asyncio
 import subprocess
@@ -50,13 +50,13 @@ def completed(text, **names):
     return [each.rstrip("()") for each in found]
 
 
-def test_dir_of_a_drive_and_a_bus_shows_what_a_user_may_use(bus, drive):
+def test_dir_of_a_drive_and_a_bus_shows_the_public_names(bus, drive):
     assert shown(drive) == OF_A_DRIVE
     assert shown(bus) == OF_A_BUS
     assert shown(bus.broadcast("vabus")) == {"capabilities", "stop", "write"}
 
 
-def test_dir_of_awaited_drives_and_buses_shows_the_same(line):
+def test_dir_of_async_drives_and_buses_shows_the_same_names(line):
     async def both():
         async with drivecomm.open_bus_async(line.port) as bus:
             return shown(bus.drive("vabus", 1, model="agile")), shown(bus)
@@ -64,7 +64,7 @@ def test_dir_of_awaited_drives_and_buses_shows_the_same(line):
     assert asyncio.run(both()) == (OF_A_DRIVE, OF_A_BUS)
 
 
-def test_names_that_dir_leaves_out_can_still_be_used(drive):
+def test_names_missing_from_dir_can_still_be_used(drive):
     assert drive.polled_status().state is DriveState.NOT_READY
     assert drive.bus.wall_time() > 0
 
@@ -75,14 +75,14 @@ def test_prompt_completes_verbs_and_names_of_parameters(drive):
     assert "fixed_frequency_2" in drive.parameters._ipython_key_completions_()
 
 
-def test_parameters_are_known_by_name_and_readable_by_attribute(drive):
+def test_parameters_are_found_by_name_and_as_attributes(drive):
     assert str(drive.read(drive.parameters.fixed_frequency_2)) == "10.00 Hz"
     assert drive.parameters["fixed_frequency_2"].address == "481"
     assert drive.parameters["output_frequency"].unit == "Hz"
     assert len(drive.parameters) == len(set(drive.parameters)) > 50
 
 
-def test_unknown_parameter_is_answered_with_the_nearest_name(bus, drive):
+def test_unknown_parameter_error_suggests_the_nearest_name(bus, drive):
     with pytest.raises(AttributeError, match="did you mean 'fixed_frequency_2'"):
         drive.parameters.fixed_frequenzy_2  # noqa: B018
     with pytest.raises(AttributeError, match="give a model"):
@@ -101,13 +101,13 @@ CALLS = {
 
 
 @pytest.mark.parametrize(("call", "match"), CALLS.values(), ids=CALLS)
-def test_misfitting_call_of_a_verb_says_how_it_is_called(drive, call, match):
+def test_call_with_wrong_arguments_names_the_right_ones(drive, call, match):
     with pytest.raises(drivecomm.UsageError, match=match):
         call(drive)
 
 
 @pytest.mark.parametrize(("call", "match"), CALLS.values(), ids=CALLS)
-def test_misfitting_call_of_an_awaited_verb_says_how_it_is_called(line, call, match):
+def test_async_call_with_wrong_arguments_names_the_right_ones(line, call, match):
     async def called():
         async with drivecomm.open_bus_async(line.port) as bus:
             await call(bus.drive("vabus", 1, model="agile"))
@@ -116,13 +116,13 @@ def test_misfitting_call_of_an_awaited_verb_says_how_it_is_called(line, call, ma
         asyncio.run(called())
 
 
-def test_wait_for_takes_the_text_of_a_state(drive):
+def test_wait_for_accepts_the_text_of_a_state(drive):
     assert drive.wait_for("not_ready").state is DriveState.NOT_READY
     with pytest.raises(drivecomm.UsageError, match="did you mean 'running'"):
         drive.wait_for("runing")
 
 
-def test_awaited_wait_for_takes_the_text_of_a_state(line):
+def test_async_wait_for_accepts_the_text_of_a_state(line):
     async def waited():
         async with drivecomm.open_bus_async(line.port) as bus:
             return await bus.drive("vabus", 1, model="agile").wait_for("not_ready")
@@ -130,7 +130,7 @@ def test_awaited_wait_for_takes_the_text_of_a_state(line):
     assert asyncio.run(waited()).state is DriveState.NOT_READY
 
 
-def test_stop_all_takes_the_text_of_a_way_to_stop(line, bus, drive):
+def test_stop_all_accepts_the_text_of_a_way_to_stop(line, bus, drive):
     drive.set_reference(percent=50)
     drive.start()
     line.advance(10)
@@ -139,7 +139,7 @@ def test_stop_all_takes_the_text_of_a_way_to_stop(line, bus, drive):
     assert not line.drives[0].motor.running
 
 
-def test_awaited_stop_all_takes_the_text_of_a_way_to_stop(line):
+def test_async_stop_all_accepts_the_text_of_a_way_to_stop(line):
     async def stopped():
         async with drivecomm.open_bus_async(line.port) as bus:
             bus.drive("vabus", 1, model="agile")
@@ -148,33 +148,33 @@ def test_awaited_stop_all_takes_the_text_of_a_way_to_stop(line):
     assert {each.how for each in asyncio.run(stopped())} == {Stop.COAST}
 
 
-def test_stop_all_refuses_a_word_that_is_not_a_way_to_stop(bus, drive):
+def test_stop_all_refuses_an_unknown_way_to_stop(bus, drive):
     with pytest.raises(drivecomm.UsageError, match="did you mean 'coast'"):
         bus.stop_all("caost")
     assert drive.status().state is DriveState.NOT_READY
 
 
-def test_data_set_that_cannot_be_read_is_answered_with_the_one_that_can(drive):
+def test_unreadable_data_set_error_names_the_readable_one(drive):
     with pytest.raises(drivecomm.ParameterAddressError, match="read data set 4") as caught:
         drive.read("481", dataset=9)
     assert "did you mean" not in str(caught.value)
 
 
-def test_value_beyond_its_type_is_answered_in_its_unit():
+def test_value_beyond_its_type_is_refused_with_the_limit_in_its_unit():
     line = VirtualLine([virtual_drive("modbus", 1, model="optidrive-plus")])
     with drivecomm.open_bus(line.port) as bus, pytest.raises(drivecomm.ValueRefusedError) as caught:
         bus.drive("modbus", 1, model="eaton-dc1").set_reference(hz=-500)
     assert str(caught.value) == "-500 for parameter 2 is below 0.0 Hz, the lowest value that u16 holds"
 
 
-def test_modules_of_drivecomm_are_reached_by_their_names():
+def test_modules_are_attributes_of_drivecomm():
     code = "import drivecomm; print(drivecomm.bus.__name__); drivecomm.buss"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60)
     assert done.stdout == "drivecomm.bus\n"
     assert "AttributeError" in done.stderr
 
 
-def test_help_says_what_a_maker_and_a_decorator_are_for():
+def test_help_describes_a_maker_and_a_decorator():
     assert new_reading.__doc__.startswith("Return a Reading")
     assert "parameter: its address" in new_reading.__doc__
     assert needs_answer.__name__ == "needs_answer"

@@ -1,4 +1,4 @@
-"""The bus and its drives, over virtual lines."""
+"""The bus and its drives on virtual lines."""
 
 from dataclasses import replace
 from decimal import Decimal
@@ -47,7 +47,7 @@ def bus(line, face):
 # Making drives
 
 
-def test_a_drive_is_named_as_the_command_line_names_it(bus):
+def test_drive_has_the_name_of_the_command_line(bus):
     drive = bus.drive("vabus", 1)
     assert drive.name == "vabus:1"
     assert "vabus:1" in repr(drive)
@@ -56,7 +56,7 @@ def test_a_drive_is_named_as_the_command_line_names_it(bus):
     assert Stop.RAMP in drive.capabilities.stops
 
 
-def test_a_drive_with_a_model_of_its_own(bus, tmp_path):
+def test_drive_takes_a_packaged_model_or_the_file_of_a_user(bus, tmp_path):
     assert bus.drive("vabus", 1, model="act").model.name == "act"
     path = tmp_path / "own.toml"
     path.write_text('format = 1\nprotocol = "vabus"\nname = "own"\n', encoding="utf-8")
@@ -80,7 +80,7 @@ def test_options_come_from_model_bus_and_call_in_this_order(line, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["baudrate", "bytesize", "parity", "stopbits", "reply_timeout_s", "attempts"])
-def test_what_open_bus_sets_for_all_drives(line, name):
+def test_option_of_open_bus_applies_to_all_drives(line, name):
     value = {"baudrate": 2400, "bytesize": 8, "parity": "O", "stopbits": 2, "reply_timeout_s": 0.25, "attempts": 2}[
         name
     ]
@@ -90,12 +90,12 @@ def test_what_open_bus_sets_for_all_drives(line, name):
 
 
 @pytest.mark.parametrize("address", [0, 31, 32, -1, 999, "1", 1.0, True, None])
-def test_addresses_that_no_drive_has(bus, address):
+def test_invalid_drive_address_is_refused(bus, address):
     with pytest.raises(AddressError, match=r"vabus has no drive at address .*; addresses are 1 to 30"):
         bus.drive("vabus", address)
 
 
-def test_options_that_do_not_exist(bus):
+def test_unknown_or_impossible_option_of_a_drive_is_refused(bus):
     with pytest.raises(UsageError, match=r"vabus drives have no option 'colour'; they have .*baudrate.*sys"):
         bus.drive("vabus", 1, colour="red")
     with pytest.raises(UsageError, match="vabus drives have no option 'colour'"):
@@ -106,14 +106,14 @@ def test_options_that_do_not_exist(bus):
         bus.drive("vabus", 1, sys=99)
 
 
-def test_a_model_with_an_option_that_does_not_exist(bus, tmp_path):
+def test_model_with_an_unknown_option_is_refused(bus, tmp_path):
     path = tmp_path / "own.toml"
     path.write_text('format = 1\nprotocol = "vabus"\nname = "own"\n[options]\ncolour = "red"\n', encoding="utf-8")
     with pytest.raises(UsageError, match="model own sets 'colour', which vabus does not have"):
         bus.drive("vabus", 1, model=path)
 
 
-def test_names_that_nobody_knows(bus):
+def test_unknown_protocol_or_model_is_refused(bus):
     with pytest.raises(UnknownProtocolError):
         bus.drive("profibus", 1)
     with pytest.raises(UnknownProtocolError):
@@ -127,7 +127,7 @@ def test_names_that_nobody_knows(bus):
 # Verbs
 
 
-def test_reading_and_writing(bus, line):
+def test_drive_reads_and_writes_parameters(bus, line):
     drive = bus.drive("vabus", 1, model="agile")
     reading = drive.read("fixed_frequency_2")
     assert (reading.parameter, reading.value, reading.unit) == ("481", Decimal("10.00"), "Hz")
@@ -138,7 +138,7 @@ def test_reading_and_writing(bus, line):
     assert bus.drive("vabus", 2, model="agile").read("481").value == Decimal("10.00")
 
 
-def test_nothing_is_sent_for_a_call_that_cannot_work(line):
+def test_invalid_call_sends_nothing(line):
     events = []
     with drivecomm.open_bus(line.port, trace=events.append) as bus:
         drive = bus.drive("vabus", 1, model="agile")
@@ -161,12 +161,12 @@ def test_nothing_is_sent_for_a_call_that_cannot_work(line):
     assert not [event for event in events if event.what == "sent"]
 
 
-def test_unknown_options_of_a_verb_are_listed(bus):
+def test_unknown_option_of_a_verb_is_refused_with_the_known_ones(bus):
     with pytest.raises(UsageError, match="read has no option 'colour' here; it has type, dataset"):
         bus.drive("vabus", 1).read("481", colour="red")
 
 
-def test_driving(bus, line):
+def test_drive_starts_stops_and_resets_its_motor(bus, line):
     drive = bus.drive("vabus", 1, model="agile")
     drive.set_reference(hz=20)
     drive.start()
@@ -187,21 +187,21 @@ def test_driving(bus, line):
     assert drive.identify()
 
 
-def test_a_drive_that_says_no(bus):
+def test_refused_read_raises_refused_error(bus):
     with pytest.raises(RefusedError) as caught:
         bus.drive("vabus", 1).read("1599")
     assert caught.value.parameter == "1599"
     assert bus.drive("vabus", 1).read("481").raw
 
 
-def test_a_drive_that_is_not_there(bus):
+def test_missing_drive_raises_no_reply_error(bus):
     with pytest.raises(NoReplyError, match="vabus:9 did not answer within 500 ms"):
         bus.drive("vabus", 9).read("481")
     assert bus.counters["vabus:9"]["timeouts"] == 3
     assert bus.drive("vabus", 1).read("481").raw
 
 
-def test_broadcasts_reach_all_and_wait_for_nobody(bus, line):
+def test_broadcast_reaches_all_drives_and_waits_for_no_reply(bus, line):
     everybody = bus.broadcast("vabus", model="agile")
     before = line.time
     everybody.write("481", "7.00")
@@ -223,20 +223,20 @@ def test_broadcasts_reach_all_and_wait_for_nobody(bus, line):
 # Scanning
 
 
-def test_a_scan_finds_who_is_there(bus):
+def test_scan_finds_the_drives_on_the_line(bus):
     progress = []
     found = list(bus.scan(only=["vabus"], addresses=[0, 1, 2, 3, 99], progress=lambda *step: progress.append(step)))
     assert [drive.name for drive in found] == ["vabus:1", "vabus:2"]
     assert all(drive.sound and drive.identity for drive in found)
-    # Addresses that the protocol does not have are not asked.
+    # Invalid addresses of the protocol are not probed.
     assert progress == [("vabus", 0, 3), ("vabus", 1, 3), ("vabus", 2, 3), ("vabus", 3, 3)]
 
 
-def test_a_scan_of_everything():
+def test_scan_finds_one_drive_of_every_protocol():
     plugins = list(installed.working())
-    # A model may have line settings of its own; a scan asks with the usual ones of the protocol. A drive knows by some
-    # characters of silence that a telegram begins, though it was in the middle of what passed for one of its own.
-    # Some telegrams of Huanyang drives are Modbus ones: these two never have the same number.
+    # A model may have its own line settings; a scan uses the usual ones of the protocol. A virtual drive recognises the
+    # start of a telegram by some characters of silence, even within bytes that looked like a telegram of its own.
+    # Some telegrams of Huanyang drives are also Modbus ones: the two protocols must not share an address here.
     addresses = {each.name: each.addresses[2 if each.name == "huanyang" else 1] for each in plugins}
     drives = [
         virtual_drive(each.name, addresses[each.name], parity=each.facts.settings.parity, gap_s=0.006)
@@ -250,19 +250,19 @@ def test_a_scan_of_everything():
     assert not any(drive.motor.running for drive in line.drives)
 
 
-def test_a_scan_of_the_usual_addresses(bus):
+def test_scan_without_addresses_tries_the_usual_ones(bus):
     found = list(bus.scan(only=["vabus"], reply_timeout_s=0.05))
     assert [drive.address for drive in found] == [1, 2]
 
 
-def test_a_scan_for_nobody(bus):
+def test_scan_of_no_address_or_an_invalid_one_finds_nothing(bus):
     assert list(bus.scan(only=["vabus"], addresses=[])) == []
     assert list(bus.scan(only=["vabus"], addresses=[99], progress=lambda *_: None)) == []
     with pytest.raises(UnknownProtocolError):
         list(bus.scan(only=["profibus"]))
 
 
-def test_a_scan_meets_a_drive_that_answers_with_damage():
+def test_scan_reports_a_drive_that_answers_with_damaged_telegrams():
     class Spoilt(FaultPlan):
         def reply(self, data):
             return [(0.0, data[:-1] + bytes([data[-1] ^ 1]))]
@@ -275,7 +275,7 @@ def test_a_scan_meets_a_drive_that_answers_with_damage():
     assert "damaged" in found.detail
 
 
-def test_a_scan_meets_a_drive_that_stops_answering():
+def test_scan_reports_a_drive_that_stops_answering():
     class Once(FaultPlan):
         left = 1
 
@@ -294,7 +294,7 @@ def test_a_scan_meets_a_drive_that_stops_answering():
 # Port and lock
 
 
-def test_a_closed_bus_says_so(face, line):
+def test_closed_bus_refuses_calls(face, line):
     bus = open_on(face, line.port)
     drive = bus.drive("vabus", 1)
     drive.probe()
@@ -304,14 +304,14 @@ def test_a_closed_bus_says_so(face, line):
         drive.read("481")
 
 
-def test_leaving_the_context_closes_it_also_after_an_error(face, line):
+def test_leaving_the_context_closes_the_bus_after_an_error(face, line):
     with pytest.raises(ZeroDivisionError), open_on(face, line.port) as bus:
         raise ZeroDivisionError
     with pytest.raises(UsageError):
         bus.drive("vabus", 1).probe()
 
 
-def test_a_port_that_is_lost_is_opened_again(face, line):
+def test_lost_port_is_closed_and_reopened(face, line):
     opened, closed = [], []
 
     def port():
@@ -334,7 +334,7 @@ def test_a_port_that_is_lost_is_opened_again(face, line):
         assert len(opened) == 2
 
 
-def test_an_exchange_that_is_interrupted_is_closed_at_once(line):
+def test_interrupted_exchange_is_closed_immediately(line):
     closed = []
 
     def interrupt(*_):
@@ -347,14 +347,14 @@ def test_an_exchange_that_is_interrupted_is_closed_at_once(line):
             closed.append(True)
 
     with drivecomm.open_bus(lambda: Port(line.port(), wait=interrupt)) as bus:
-        # Whoever catches it holds the traceback, and with it all that was under way.
+        # The caught exception holds the traceback, and with it the frames of the exchange.
         with pytest.raises(KeyboardInterrupt) as caught:
             bus.run(Job(bus.drive("vabus", 1).peer, exchange()))
         assert closed == [True]
         assert caught.value.__traceback__ is not None
 
 
-def test_a_port_that_cannot_be_opened_again_is_tried_each_time(face, line):
+def test_lost_port_is_reopened_at_each_call_until_it_succeeds(face, line):
     answers = [line.port, None, line.port]
 
     def port():
@@ -375,7 +375,7 @@ def test_a_port_that_cannot_be_opened_again_is_tried_each_time(face, line):
         drive.probe()
 
 
-def test_a_port_that_cannot_be_opened_at_all(face):
+def test_opening_a_bus_on_a_missing_port_raises_port_error(face):
     def port():
         raise PortError("the port does not exist")
 
@@ -383,7 +383,7 @@ def test_a_port_that_cannot_be_opened_at_all(face):
         open_on(face, port)
 
 
-def test_drives_with_other_settings_share_a_line(face):
+def test_drives_with_different_line_settings_share_a_line(face):
     line = VirtualLine([virtual_drive("vabus", 1, baudrate=9600), virtual_drive("vabus", 2)])
     configured = []
 
@@ -406,14 +406,14 @@ def test_drives_with_other_settings_share_a_line(face):
     assert configured == [9600, 19200, 9600]
 
 
-def test_an_adapter_that_echoes_needs_the_option(face):
+def test_echoing_adapter_works_with_the_echo_option(face):
     line = VirtualLine([virtual_drive("vabus", 1)], echo=True)
     with open_on(face, line.port, echo=True) as bus:
         assert bus.drive("vabus", 1).read("481").raw
         assert bus.counters["vabus:1"]["echo bytes"] > 0
 
 
-def test_a_drive_that_answers_garbage_for_ever(face):
+def test_drive_that_sends_endless_garbage_does_not_block_the_line(face):
     class Garbage(FaultPlan):
         def reply(self, data):
             return [(0.0, b"\x41\x02\x30\x7f" * 5000)] if self.rate else [(0.0, data)]
@@ -429,7 +429,7 @@ def test_a_drive_that_answers_garbage_for_ever(face):
         assert bus.drive("vabus", 2).read("481").raw
 
 
-def test_a_bad_drive_does_not_spoil_the_line(face):
+def test_silent_drive_does_not_disturb_other_drives(face):
     line = VirtualLine(
         [virtual_drive("vabus", 1), virtual_drive("vabus", 2)],
         faults=FaultPlan(rate=1.0, kinds=[Fault.DROP], requests=False),
@@ -442,7 +442,7 @@ def test_a_bad_drive_does_not_spoil_the_line(face):
         assert bus.counters["vabus:2"]["retries"] == 0
 
 
-def test_verbs_of_one_protocol_only(line):
+def test_call_carries_out_verbs_of_one_protocol_only(line):
     calls = []
 
     def jog(*, number):
@@ -466,7 +466,7 @@ def test_verbs_of_one_protocol_only(line):
     assert calls == [2]
 
 
-def test_a_protocol_without_broadcast(bus):
+def test_protocol_without_broadcast_refuses_broadcasts(bus):
     take_away = installed.register(replace(installed["vabus"], name="lonely", broadcast_address=None))
     try:
         with pytest.raises(NotSupported, match="lonely has no broadcast"):
@@ -476,7 +476,7 @@ def test_a_protocol_without_broadcast(bus):
         take_away()
 
 
-def test_line_facts_for_all_drives(line):
+def test_line_options_apply_to_all_drives(line):
     with drivecomm.open_bus(line.port, turnaround_s=0.2, gap_s=None) as bus:
         assert bus.drive("vabus", 1).facts.turnaround_s == 0.2
         assert bus.drive("vabus", 1).facts.gap_s == 0.05

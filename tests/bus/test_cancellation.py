@@ -1,4 +1,4 @@
-"""Cut off at every step: whatever an exchange was doing, the next one gets its own answer."""
+"""Calls cancelled at every step: after each cancellation, the next exchange gets its own reply."""
 
 import asyncio
 
@@ -22,7 +22,7 @@ MOST_STEPS = 400
 
 
 class Site:
-    """A line with one drive, and what it holds."""
+    """A line with one virtual drive, and the values that the drive holds."""
 
     def __init__(self, protocol):
         self.protocol = protocol
@@ -33,11 +33,11 @@ class Site:
         return [self.virtual.peek(parameter, self.line.time) for parameter in READABLE[self.protocol]]
 
 
-# Tasks: the virtual time runner lets others go on between any two effects
+# Tasks: the virtual time runner lets other tasks run between any two effects
 
 
 async def cut_off(call, steps, times=1):
-    """Start a call, let it make so many steps, cancel it; returns whether it had come to its end by then."""
+    """Start a call, let it make `steps` steps and cancel it; return whether it was finished before that."""
     task = asyncio.create_task(call)
     for _ in range(steps):
         await asyncio.sleep(0)
@@ -58,7 +58,7 @@ async def cut_off(call, steps, times=1):
 
 @pytest.mark.parametrize(("verb", "times"), [*((verb, 1) for verb in VERBS), ("read", 2), ("write", 2)])
 @EACH_PROTOCOL
-def test_a_task_is_cancelled_at_every_step(protocol, verb, times):
+def test_task_cancelled_at_every_step_leaves_the_line_usable(protocol, verb, times):
     async def main():
         site = Site(protocol)
         async with drivecomm.open_bus_async(site.line.port) as bus:
@@ -80,7 +80,7 @@ def test_a_task_is_cancelled_at_every_step(protocol, verb, times):
                     await drive.status()
                     await drive.read(READABLE[protocol][0])
                     site.line.advance(1.0)
-                    # What was not sent is not made up for by asking; a stop that held before may be repeated.
+                    # An unsent start is not sent later by a status request; a stop that held before may be repeated.
                     assert before or not running(site.line, site.virtual)
                     await drive.stop()
                     site.line.advance(5.0)
@@ -91,7 +91,7 @@ def test_a_task_is_cancelled_at_every_step(protocol, verb, times):
 
 
 @EACH_PROTOCOL
-def test_others_who_wait_get_their_turn_when_one_is_cancelled(protocol):
+def test_waiting_tasks_get_their_turn_after_a_cancellation(protocol):
     async def main():
         site = Site(protocol)
         async with drivecomm.open_bus_async(site.line.port) as bus:
@@ -117,7 +117,7 @@ def test_others_who_wait_get_their_turn_when_one_is_cancelled(protocol):
 
 
 class Interrupting:
-    """A port that is interrupted once, at its call with this number, before or after it is carried out."""
+    """A port that raises KeyboardInterrupt once, before or after its call number `left`."""
 
     def __init__(self, port, *, after):
         self._port, self._after, self.left = port, after, None
@@ -143,7 +143,7 @@ class Interrupting:
 @pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
 @EACH_VERB
 @EACH_PROTOCOL
-def test_ctrl_c_at_every_call_of_the_port(protocol, verb, after):
+def test_ctrl_c_at_every_call_of_the_port_leaves_the_line_usable(protocol, verb, after):
     site = Site(protocol)
     port = Interrupting(site.line.port(), after=after)
     with drivecomm.open_bus(lambda: port) as bus:
@@ -172,7 +172,7 @@ def test_ctrl_c_at_every_call_of_the_port(protocol, verb, after):
         assert call > 8
 
 
-def test_ctrl_c_while_a_drive_is_silent_counts_for_nothing():
+def test_ctrl_c_during_silence_is_not_counted_as_a_failed_call():
     virtual = Mortal("vabus")
     line = VirtualLine([virtual])
 

@@ -1,4 +1,4 @@
-"""A command that its caller looks at once more when its turn on the line has come."""
+"""Commands with a check of the caller that runs again when their turn on the line has come."""
 
 import asyncio
 from types import SimpleNamespace
@@ -14,7 +14,7 @@ from drivecomm.virtual import VirtualLine
 
 
 class Looker:
-    """A check that counts how often it is asked, and raises from one time on."""
+    """A check that counts its calls, and raises from call number `raises_from` on."""
 
     def __init__(self, raises_from=None):
         self.asked = 0
@@ -31,7 +31,7 @@ def commanded(recorder):
 
 
 @pytest.mark.parametrize("traced", [False, True])
-def test_what_the_check_raises_keeps_it_from_being_sent(traced):
+def test_failing_check_prevents_the_command(traced):
     line = VirtualLine([Mortal("danfoss-fc", 1)])
     with drivecomm.open_bus(line.port, trace=Recorder() if traced else None) as bus:
         fan = bus.drive("danfoss-fc", 1, model="fc300")
@@ -45,20 +45,20 @@ def test_what_the_check_raises_keeps_it_from_being_sent(traced):
         assert fan.status().running
 
 
-def test_it_is_looked_at_until_something_that_acts_is_sent():
+def test_check_runs_before_each_telegram_until_one_that_acts_is_sent():
     recorder = Recorder()
     line = VirtualLine([Mortal("danfoss-fc", 1)])
     with drivecomm.open_bus(line.port, trace=recorder) as bus:
         fan = bus.drive("danfoss-fc", 1, model="fc300")
         looker = Looker(2)
-        # The drive is asked first, and commanded then.
+        # The drive is read first, and commanded then.
         with pytest.raises(LeaseError):
             fan.checked(looker).set_reference(percent=50)
         assert looker.asked == 2
         assert commanded(recorder) == []
 
 
-def test_what_was_begun_is_not_broken_off():
+def test_retries_of_a_sent_command_are_not_checked_again():
     line = VirtualLine([Mortal("danfoss-fc", 1)])
     with drivecomm.open_bus(line.port) as bus:
         fan = bus.drive("danfoss-fc", 1, model="fc300")
@@ -71,7 +71,7 @@ def test_what_was_begun_is_not_broken_off():
         line.drives[0].hear = hear
 
 
-def test_reading_and_stopping_are_not_looked_at():
+def test_reads_and_stops_are_not_checked():
     line = VirtualLine([Mortal("danfoss-fc", 1)])
     with drivecomm.open_bus(line.port) as bus:
         fan = bus.drive("danfoss-fc", 1, model="fc300").checked(Looker(1))
@@ -79,7 +79,7 @@ def test_reading_and_stopping_are_not_looked_at():
         fan.stop()
 
 
-def test_all_drives_at_once():
+def test_failing_check_prevents_a_broadcast():
     line = VirtualLine([Mortal("danfoss-fc", 1)])
     with drivecomm.open_bus(line.port) as bus:
         everybody = bus.broadcast("danfoss-fc", model="fc300", broadcast_parameters=True)
@@ -87,7 +87,7 @@ def test_all_drives_at_once():
             everybody.checked(Looker(1)).write("3-41", 5)
 
 
-def test_no_check_can_be_sent_to_a_server():
+def test_checked_refuses_a_drive_on_a_line_of_a_server():
     class FromAfar(DriveVerbs, Sent):
         pass
 
@@ -95,7 +95,7 @@ def test_no_check_can_be_sent_to_a_server():
         FromAfar(None, SimpleNamespace(name="vabus:1"), None, None).checked(Looker())
 
 
-def test_it_is_looked_at_when_its_turn_has_come():
+def test_check_runs_when_the_turn_of_the_command_has_come():
     async def program():
         line = VirtualLine([Mortal("danfoss-fc", 1)])
         async with open_bus_async(line.port) as bus:

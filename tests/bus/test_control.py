@@ -1,4 +1,4 @@
-"""Verbs that mean the same everywhere, waiting, reading back, and the guard of stored writes."""
+"""Common verbs of all protocols, waiting for a state, reading back, and the guard of stored writes."""
 
 from decimal import Decimal
 
@@ -33,7 +33,7 @@ def drive(virtual, request):
         yield bus.drive(protocol, 1, **DRIVES[protocol])
 
 
-def test_run_turn_round_stop(drive, virtual):
+def test_drive_starts_reverses_and_stops(drive, virtual):
     virtual.motor.ramp_up_s = virtual.motor.ramp_down_s = 2
     drive.set_reference(percent=30)
     drive.start()
@@ -52,7 +52,7 @@ def test_run_turn_round_stop(drive, virtual):
 
 
 @pytest.mark.parametrize("protocol", ["danfoss-fc", "fuji"])
-def test_a_reference_of_zero_is_one(protocol):
+def test_zero_is_a_valid_reference(protocol):
     virtual, bus = one(protocol, **DRIVES[protocol])
     with bus:
         drive = bus.drive(protocol, 1, **DRIVES[protocol])
@@ -63,7 +63,7 @@ def test_a_reference_of_zero_is_one(protocol):
         assert virtual.motor.output_hz == 0
 
 
-def test_waiting_leaves_the_line_to_others(drive, virtual):
+def test_wait_for_leaves_the_line_free_between_requests(drive, virtual):
     virtual.motor.ramp_up_s = 4
     drive.set_reference(percent=50)
     drive.start()
@@ -74,7 +74,7 @@ def test_waiting_leaves_the_line_to_others(drive, virtual):
     assert asked <= (drive.bus.now() - began) / 0.1 + 2
 
 
-def test_waiting_ends_in_time_and_at_a_fault(drive, virtual):
+def test_wait_for_raises_at_its_timeout_and_at_a_fault(drive, virtual):
     began = drive.bus.now()
     with pytest.raises(StateError, match=r"did not reach 'running' within 1 s; it is (not_)?ready"):
         drive.wait_for(DriveState.RUNNING, timeout_s=1)
@@ -89,20 +89,20 @@ def told(**facts):
     return DriveStatus(**{"word": 0, "state": DriveState.READY, "running": False, "fault": False, **facts})
 
 
-def test_a_motor_that_stands_is_at_no_reference():
+def test_standing_motor_is_not_at_its_reference():
     waiting = Waiting("fan", "at_reference", 10.0, now=0.0)
     assert not waiting.over(told(at_reference=True), 1.0)
     assert waiting.over(told(at_reference=True, running=True), 1.0)
 
 
-def test_a_status_without_the_reference_cannot_be_waited_for():
+def test_wait_for_at_reference_needs_a_status_that_shows_it():
     waiting = Waiting("fan", "at_reference", 10.0, now=0.0)
     assert not waiting.over(told(at_reference=None), 1.0)
     with pytest.raises(NotSupported, match="does not say whether the reference is reached"):
         waiting.over(told(at_reference=None, running=True), 1.0)
 
 
-def test_a_stop_that_overtakes_a_question_ends_no_waiting_before_its_time():
+def test_overtaking_stop_does_not_end_a_wait_before_its_timeout():
     now, overtaken = [0.0], OvertakenError("a stop went first")
     waiting = reaching("fan", DriveState.READY, 10.0, lambda: now[0])
     next(waiting)
@@ -121,12 +121,12 @@ def test_a_stop_that_overtakes_a_question_ends_no_waiting_before_its_time():
 
 
 @pytest.mark.parametrize(("goal", "seconds"), [("somewhere", 1), (DriveState.READY, -1), ("at_reference", "soon")])
-def test_what_cannot_be_waited_for(drive, goal, seconds):
+def test_wait_for_refuses_unknown_goals_and_invalid_times(drive, goal, seconds):
     with pytest.raises((UsageError, TypeError)):
         drive.wait_for(goal, timeout_s=seconds)
 
 
-def test_capabilities_say_which_common_verbs_there_are(drive):
+def test_verbs_missing_from_the_capabilities_are_refused(drive):
     for verb, arguments in {
         "jog": {},
         "hold": {},
@@ -143,7 +143,7 @@ def one(protocol, **options):
     return virtual, drivecomm.open_bus(VirtualLine([virtual]).port)
 
 
-def test_jog_hold_and_set_up_of_an_fc():
+def test_danfoss_drive_jogs_holds_and_selects_setups_and_relays():
     virtual, bus = one("danfoss-fc", model="fc300")
     with bus:
         drive = bus.drive("danfoss-fc", 1, model="fc300")
@@ -160,18 +160,18 @@ def test_jog_hold_and_set_up_of_an_fc():
             drive.set_relay(3, on=True)
 
 
-def test_a_value_is_written_by_its_text_and_read_back():
+def test_value_is_written_by_its_text_and_read_back():
     _, bus = one("vabus", model="agile")
     with bus:
         drive = bus.drive("vabus", 1, model="agile")
         held = drive.write_and_read("10", "9600 baud")
         assert (held.value, held.text) == (3, "9600 baud")
         assert drive.write_and_read("481", 12.5).value == Decimal("12.50")
-        with pytest.raises(ValueRefusedError, match="is no number"):
+        with pytest.raises(ValueRefusedError, match="is not a number"):
             drive.write("10", "9601 baud")
 
 
-def test_the_text_of_an_option_is_found_in_any_capitals_and_never_guessed(tmp_path):
+def test_option_text_ignores_case_and_must_be_unambiguous(tmp_path):
     own = tmp_path / "own.toml"
     own.write_text(
         'format = 1\nprotocol = "vabus"\nname = "own"\nextends = "agile"\n'
@@ -182,12 +182,12 @@ def test_the_text_of_an_option_is_found_in_any_capitals_and_never_guessed(tmp_pa
     with bus:
         drive = bus.drive("vabus", 1, model=str(own))
         assert drive.write_and_read("baud_rate", "9600 BAUD").value == 3
-        with pytest.raises(ValueRefusedError, match="is no number"):
+        with pytest.raises(ValueRefusedError, match="is not a number"):
             drive.check_write("twofold", "on")
 
 
 class Deaf:
-    """A drive's operations whose writes are confirmed and forgotten."""
+    """Operations of a drive whose writes are confirmed and not carried out."""
 
     def __init__(self, inner):
         self._inner = inner
@@ -199,7 +199,7 @@ class Deaf:
         yield from ()
 
 
-def test_a_drive_that_holds_something_else_is_told_from_one_that_obeys():
+def test_write_and_read_detects_a_drive_that_holds_another_value():
     model = load_model("drivecomm_vabus", "vabus", "agile")
     virtual, bus = one("vabus", model="agile")
     with bus:
@@ -210,7 +210,7 @@ def test_a_drive_that_holds_something_else_is_told_from_one_that_obeys():
         assert virtual.peek("481", 0)
 
 
-def test_stored_writes_in_a_cycle_are_refused_and_nothing_is_sent():
+def test_eleventh_stored_write_within_an_hour_is_refused_unsent():
     _, bus = one("vabus", model="agile")
     with bus:
         drive = bus.drive("vabus", 1, model="agile")
@@ -230,7 +230,7 @@ def test_stored_writes_in_a_cycle_are_refused_and_nothing_is_sent():
         drive.write("481", 3, store=True)
 
 
-def test_what_a_drive_always_stores_counts_too(tmp_path):
+def test_parameters_that_a_drive_always_stores_are_counted(tmp_path):
     own = tmp_path / "own.toml"
     own.write_text(
         'format = 1\nprotocol = "vlt3500"\nname = "own"\n'
@@ -251,7 +251,7 @@ def test_what_a_drive_always_stores_counts_too(tmp_path):
         assert not is_stored(drive.capabilities, drive.model, "216[2]", store=False)
 
 
-def test_a_reference_in_revolutions(tmp_path):
+def test_reference_in_rpm_is_converted_by_the_name_plate(tmp_path):
     own = tmp_path / "own.toml"
     own.write_text(
         'format = 1\nprotocol = "vabus"\nname = "own"\nextends = "agile"\n[quantities]\n'

@@ -1,7 +1,7 @@
-"""A line full of drives of which nearly all are dead: what the live ones get, and how soon a dead one is used again.
+"""A line with mostly dead drives: the rate of the live ones, and the time until a returned drive is used again.
 
-All with the default line facts of each protocol, in virtual time. Every drive is asked on and on, as a loop does that
-knows nothing of the health of drives; refusing a dead one costs the line nothing.
+All with the default line facts of each protocol, in virtual time. Every drive is polled in a loop that ignores the
+health of drives; refusing a call to a dead drive takes no time on the line.
 """
 
 from dataclasses import dataclass
@@ -33,30 +33,30 @@ RETURN_S = {
     "ls-bus": 60.0,
     "toshiba": 60.0,
 }
-"""How soon a drive is used again with 28 dead ones on the line.
+"""Longest time in seconds until a returned drive is used again, with 28 dead drives on the line.
 
-At 9600 baud a probe and its reply take some 50 ms on the wire for fuji and vlt3500, so that asking 28 dead drives once
-in ten seconds alone needs more than the 5 % of the line that they may have; there the limit is longer, and with half as
-many dead ones it is twelve seconds. Before each probe of USS comes a telegram that nobody answers, and its pause.
+At 9600 baud a probe and its reply take some 50 ms on the wire for fuji and vlt3500. To probe 28 dead drives once in ten
+seconds takes more than the 5 % of the line that dead drives may use, so the limit is longer there; with half as many
+dead drives it is twelve seconds. Each probe of USS follows a telegram that no drive answers, and its pause.
 """
 MANY, FEW = 28, 14
 RETURNING = 3
 
 
 def addresses(protocol):
-    """Return as many as there are, 31 at most: VABus has 30."""
+    """Return the first 31 addresses of a protocol; VABus has only 30."""
     return list(installed[protocol].addresses)[:DRIVES]
 
 
 class Site:
-    """A line with drives of one protocol, some of them dead, and the objects for all that are configured.
+    """A line with drives of one protocol, some of them dead, and objects for all configured drives.
 
-    Those of the dead that may return are on the line, mute; the others are not there at all.
+    Dead drives that will return are on the line but mute; the other dead drives are missing.
     """
 
     def __init__(self, protocol, *, dead, returning=0):
         places = addresses(protocol)[: LIVE + dead]
-        # The live ones are spread over the addresses.
+        # The live drives are spread over the addresses.
         self.live = [places[index * (len(places) - 1) // (LIVE - 1)] for index in range(LIVE)]
         self.dead = [address for address in places if address not in self.live]
         self.returning = self.dead[:: max(1, len(self.dead) // max(1, returning))][:returning]
@@ -70,7 +70,7 @@ class Site:
         }
 
     def ask(self, address):
-        """Ask one drive; returns whether it answered."""
+        """Read the status of one drive; return whether it answered."""
         try:
             self.drives[address].status()
         except NoReplyError:
@@ -78,22 +78,22 @@ class Site:
         return True
 
     def round(self):
-        """Ask all; returns how many answered."""
+        """Read the status of all drives; return the number of answers."""
         return sum([self.ask(address) for address in self.drives])
 
     def rate(self, seconds):
-        """Ask all on and on; returns how many answers there were in a second."""
+        """Poll all drives for this time in seconds; return the answers per second."""
         began, answers = self.line.time, 0
         while self.line.time < began + seconds:
             answers += self.round()
         return answers / (self.line.time - began)
 
     def probes(self):
-        """Return how often each dead drive was probed."""
+        """Return the number of probes of each dead drive."""
         return [self.bus.counters[self.drives[address].name]["probes"] for address in self.dead]
 
     def time_to_return(self, address):
-        """Let a drive live, and ask all until it answers; returns how long that took."""
+        """Revive a drive and poll all drives until it answers; return the time in seconds, infinite after a minute."""
         began = self.line.time
         self.virtual[address].alive = True
         while not self.ask(address):
@@ -105,7 +105,7 @@ class Site:
 
 @dataclass
 class Story:
-    """What came of a site: rates in answers a second, probes of each dead drive in 30 s, times to return in seconds."""
+    """Results of a site: rates in answers per second, probes of each dead drive in 30 s, times to return in seconds."""
 
     dead: int
     alone: float
@@ -133,14 +133,14 @@ def tell(protocol, dead):
         trouble=sum(counters["timeouts"] + counters["retries"] + counters["damaged"] for counters in trouble),
     )
     for address in site.returning:
-        # Each returns at another moment of its pause, long after the one before it.
+        # Each drive returns at another moment of its pause, long after the previous one.
         story.returns.append(site.time_to_return(address))
         site.virtual[address].alive = False
         site.rate(10.7)
     return story
 
 
-# The slowest and the quickest to return are the sample.
+# The quick tests take the protocols that return slowest and quickest.
 EACH = [pytest.param(name, marks=[] if name in {"vabus", "vlt3500"} else [pytest.mark.soak]) for name in PROTOCOLS]
 
 
@@ -154,44 +154,44 @@ def story(protocol):
     return tell(protocol, MANY)
 
 
-def test_the_live_ones_get_nearly_all_of_the_line(story, protocol):
-    """31 drives of which 28 are dead: after the first minute at least 95 % of the rate without them."""
+def test_live_drives_get_95_percent_of_the_line(story, protocol):
+    """With 28 of 31 drives dead, the rate after the first minute is at least 95 % of the rate without them."""
     assert story.dead == min(MANY, len(addresses(protocol)) - LIVE)
     assert LEAST_SHARE <= story.afterwards / story.alone <= 1.0
     assert story.trouble == 0
 
 
-def test_the_first_minute_has_one_call_or_two_to_each_and_no_more(story, protocol):
+def test_first_minute_spends_at_most_two_calls_on_each_dead_drive(story, protocol):
     timing = installed[protocol].facts.timing
-    # A call that takes less than a second is made twice before a drive is given up.
+    # A drive is given up after two calls if a call takes less than a second, otherwise after one.
     call = timing.attempts * (timing.reply_timeout_s + 0.05)
     calls = story.dead * call * (1 if call > 1 else 2)
     assert story.first_minute >= LEAST_SHARE * story.alone * (FIRST_MINUTE_S - calls) / FIRST_MINUTE_S
     assert story.first_minute < story.afterwards
 
 
-def test_every_dead_drive_is_asked_again_and_again(story):
+def test_every_dead_drive_is_probed_repeatedly(story):
     assert min(story.probes) >= 1
     assert max(story.probes) <= 3 * min(story.probes)
 
 
-def test_a_drive_that_comes_back_is_used_again(story, protocol):
-    """Within 10 s; with 28 dead drives at 9600 baud and long telegrams within 20 s (see RETURN_S)."""
+def test_returning_drive_is_used_again_within_its_limit(story, protocol):
+    """The limit is 10 s; it is longer with long telegrams at 9600 baud (see RETURN_S)."""
     assert len(story.returns) == RETURNING
     assert max(story.returns) <= RETURN_S[protocol], [f"{each:.1f} s" for each in story.returns]
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("slow", some(3, [name for name, limit in RETURN_S.items() if limit > 10]))
-def test_among_half_as_many_it_takes_twelve_seconds_everywhere(slow):
+def test_returning_drive_is_used_within_12_s_among_14_dead_ones(slow):
     story = tell(slow, FEW)
     assert story.afterwards >= LEAST_SHARE * story.alone
     assert max(story.returns) <= 12.0, [f"{each:.1f} s" for each in story.returns]
 
 
 @pytest.mark.soak
-def test_all_that_come_back_at_once_are_used_as_soon_as_one(protocol):
-    """Such as all drives of a cabinet whose mains is switched on again."""
+def test_drives_that_return_together_are_used_as_soon_as_a_single_one(protocol):
+    """This happens to all drives of a cabinet whose mains is switched on again."""
     site = Site(protocol, dead=MANY, returning=MANY)
     site.rate(35.0)
     for drive in site.virtual.values():
@@ -199,5 +199,5 @@ def test_all_that_come_back_at_once_are_used_as_soon_as_one(protocol):
     began = site.line.time
     while (used := site.round()) < len(site.drives):
         took = site.line.time - began
-        # With all of them back a round takes more than a second of its own.
+        # With all drives alive, a round itself takes more than a second.
         assert took <= RETURN_S[protocol] + 1.5, f"{used} of {len(site.drives)} are used after {took:.0f} s"

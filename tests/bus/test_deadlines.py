@@ -1,4 +1,4 @@
-"""How long a call may take in all, and the pauses that a drive or a line asks for."""
+"""The deadline of a call, and the pauses that a drive or a line requires."""
 
 from itertools import pairwise
 
@@ -43,19 +43,19 @@ def sent_at(recorder):
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 @pytest.mark.parametrize("deadline_s", [0.3, 1.0, 4.0])
-def test_a_call_ends_in_its_time_whatever_the_attempts(protocol, deadline_s, recorder):
+def test_call_ends_by_its_deadline_for_any_number_of_attempts(protocol, deadline_s, recorder):
     line = VirtualLine([])
     with drivecomm.open_bus(line.port, trace=recorder) as bus:
         drive = bus.drive(protocol, ADDRESS, attempts=100, deadline_s=deadline_s)
         with pytest.raises((DeadlineError, NoReplyError)):
             drive.status()
-        # A request that was begun in time is sent to its end.
+        # A request that was begun in time is sent completely.
         assert deadline_s - 0.26 <= line.time <= deadline_s + 0.03
         assert all(event.time < deadline_s for event in recorder.sent())
 
 
 @pytest.mark.parametrize("call", [lambda drive: drive.read("481"), lambda drive: drive.stop()], ids=["read", "stop"])
-def test_between_attempts(line, virtual, bus, recorder, call):
+def test_deadline_ends_a_call_between_attempts(line, virtual, bus, recorder, call):
     virtual.alive = False
     drive = bus.drive("vabus", ADDRESS, attempts=100, reply_timeout_s=0.1, deadline_s=1.0)
     with pytest.raises((DeadlineError, NoReplyError)):
@@ -64,8 +64,8 @@ def test_between_attempts(line, virtual, bus, recorder, call):
     assert 8 <= len(sent_at(recorder)) <= 10
 
 
-def test_a_reply_time_that_was_cut_short_is_not_called_silence(line, virtual, bus):
-    """Nobody waited for the 500 ms that a message about them would speak of, and the drive may be there."""
+def test_deadline_during_a_reply_wait_is_not_counted_as_silence(line, virtual, bus):
+    """The reply timeout of 500 ms was not waited for, so the drive may be there."""
     virtual.alive = False
     drive = bus.drive("vabus", ADDRESS, deadline_s=0.05)
     with pytest.raises(DeadlineError, match=r"vabus:3 did not answer before the call's time \(0\.05 s\) was over"):
@@ -74,7 +74,7 @@ def test_a_reply_time_that_was_cut_short_is_not_called_silence(line, virtual, bu
     assert not bus.health[drive.name].given_up
 
 
-def test_in_a_pause_of_an_exchange(line, bus):
+def test_deadline_ends_a_pause_of_an_exchange(line, bus):
     drive = bus.drive("vabus", ADDRESS, deadline_s=2.0)
     reached = []
 
@@ -93,7 +93,7 @@ def test_in_a_pause_of_an_exchange(line, bus):
     assert isinstance(error, TimeoutError)
 
 
-def test_an_exchange_that_goes_on_after_its_deadline_sends_nothing(line, bus, recorder):
+def test_exchange_that_ignores_its_deadline_sends_nothing(line, bus, recorder):
     drive = bus.drive("vabus", ADDRESS, deadline_s=2.0)
 
     def stubborn():
@@ -110,7 +110,7 @@ def test_an_exchange_that_goes_on_after_its_deadline_sends_nothing(line, bus, re
     assert sent_at(recorder) == []
 
 
-def test_an_exchange_of_many_telegrams_has_one_deadline(line, bus, recorder):
+def test_exchange_of_many_telegrams_has_one_deadline(line, bus, recorder):
     drive = bus.drive("vabus", ADDRESS, deadline_s=0.1)
 
     def many():
@@ -119,14 +119,14 @@ def test_an_exchange_of_many_telegrams_has_one_deadline(line, bus, recorder):
 
     with pytest.raises((DeadlineError, NoReplyError)):
         bus.run(Job(drive.peer, many()))
-    # The reply that was cut off is let to its end: the drive's gap.
+    # The gap of the drive is added, in which the interrupted reply may end.
     assert line.time <= 0.1 + drive.facts.gap_s + 0.003
     assert 3 <= len(sent_at(recorder)) <= 5
-    # The next call has its own.
+    # The next call has its own deadline.
     assert drive.read("481").raw == "000003E8"
 
 
-def test_a_request_interval_longer_than_the_deadline(line, bus, recorder):
+def test_request_interval_beyond_the_deadline_raises_deadline_error(line, bus, recorder):
     drive = bus.drive("vabus", ADDRESS, request_interval_s=5.0, deadline_s=1.0)
     drive.read("481")
     before, sent = line.time, len(sent_at(recorder))
@@ -136,7 +136,7 @@ def test_a_request_interval_longer_than_the_deadline(line, bus, recorder):
     assert len(sent_at(recorder)) == sent
 
 
-def test_a_late_reply_that_is_waited_for_longer_than_the_deadline(line, virtual, bus, recorder):
+def test_wait_for_a_late_reply_ends_at_the_deadline(line, virtual, bus, recorder):
     drive = bus.drive("vabus", ADDRESS, model="agile", late_s=5.0, deadline_s=1.0, attempts=1)
     drive.read("481")
     virtual.alive = False
@@ -148,7 +148,7 @@ def test_a_late_reply_that_is_waited_for_longer_than_the_deadline(line, virtual,
         drive.write("481", 2)
     assert line.time - before <= 1.001
     assert len(sent_at(recorder)) == sent
-    # What could still come is not forgotten for that.
+    # The possible late reply is still waited for.
     began = line.time
     while True:
         try:
@@ -170,14 +170,14 @@ def test_each_drive_has_its_own_deadline(line, virtual, bus):
         assert line.time - before <= deadline_s + 0.001
 
 
-def test_the_default_is_long(bus):
+def test_default_deadline_is_30_s(bus):
     assert bus.drive("vabus", ADDRESS).facts.timing.deadline_s == 30.0
     with pytest.raises(drivecomm.UsageError, match="deadline_s of -1 is negative"):
         bus.drive("vabus", ADDRESS, deadline_s=-1)
 
 
-def test_time_spent_waiting_for_the_turn_counts(line, recorder):
-    """A call that gets the line when its time is over sends nothing, and the drive is not blamed."""
+def test_time_in_the_line_queue_counts_towards_the_deadline(line, recorder):
+    """A call that gets the line after its deadline sends nothing, and does not count as a failure of the drive."""
     with drivecomm.open_bus(line.port, trace=recorder) as bus:
         drive = bus.drive("vabus", ADDRESS, deadline_s=1.0)
         drive.read("481")
@@ -202,8 +202,8 @@ def test_time_spent_waiting_for_the_turn_counts(line, recorder):
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_a_request_interval(protocol, recorder):
-    """From the start of one request to the start of the next; a telegram that only ends an exchange is none."""
+def test_request_interval_separates_the_starts_of_requests(protocol, recorder):
+    """A telegram that only ends an exchange is not a request."""
     line = VirtualLine([Mortal(protocol)])
     with drivecomm.open_bus(line.port, trace=recorder) as bus:
         drive = bus.drive(protocol, ADDRESS, request_interval_s=1.0)
@@ -213,7 +213,7 @@ def test_a_request_interval(protocol, recorder):
     assert [later - earlier for earlier, later in pairwise(times)] == pytest.approx([1.0] * 4)
 
 
-def test_a_request_interval_counts_repetitions_and_other_objects(virtual, bus, recorder):
+def test_request_interval_includes_retries_and_other_objects_of_a_drive(virtual, bus, recorder):
     virtual.alive = False
     first = bus.drive("vabus", ADDRESS, request_interval_s=0.3, reply_timeout_s=0.05)
     second = bus.drive("vabus", ADDRESS, request_interval_s=0.3, reply_timeout_s=0.05)
@@ -226,7 +226,7 @@ def test_a_request_interval_counts_repetitions_and_other_objects(virtual, bus, r
     assert min(later - earlier for earlier, later in pairwise(times)) >= 0.3 - 1e-9
 
 
-def test_a_request_interval_holds_nobody_else_up(recorder):
+def test_request_interval_of_one_drive_does_not_delay_others(recorder):
     line = VirtualLine([Mortal("vabus", address) for address in (3, 4)])
     with drivecomm.open_bus(line.port, trace=recorder) as bus:
         slow = bus.drive("vabus", 3, request_interval_s=2.0)
@@ -240,7 +240,7 @@ def test_a_request_interval_holds_nobody_else_up(recorder):
         assert line.time >= 2.0
 
 
-def test_nobody_speaks_in_the_pause_after_a_broadcast(line, recorder):
+def test_line_is_silent_in_the_pause_after_a_broadcast(line, recorder):
     with drivecomm.open_bus(line.port, trace=recorder, broadcast_pause_s=0.7) as bus:
         drive = bus.drive("vabus", ADDRESS)
         everybody = bus.broadcast("vabus", model="agile")
@@ -251,20 +251,20 @@ def test_nobody_speaks_in_the_pause_after_a_broadcast(line, recorder):
         broadcast, after = sent_at(recorder)[-2:]
         (told,) = recorder.sent("vabus:*")
         assert after - broadcast >= 0.7 + drive.facts.settings.wire_s(len(told.data)) - 1e-9
-        # Only who comes next waits for it.
+        # Only the next request waits for the pause.
         assert returned - broadcast < 0.1
         assert drive.read("481").raw == "00000064"
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_a_reply_that_begins_in_time_is_heard_to_its_end(protocol):
-    """The reply time is that of its first character; from then on only the gap between two of them counts."""
+def test_reply_that_begins_in_time_is_received_completely(protocol):
+    """The reply timeout covers the first character; after it, only the gap between two characters counts."""
     line = VirtualLine([Mortal(protocol)])
     with drivecomm.open_bus(line.port) as bus:
         drive = bus.drive(protocol, ADDRESS)
         drive.probe()
         quickest = bus.statistics[drive.name].reply_times.shortest_s
-        # As short as can be: from a time in which nothing comes to one in which all does, in tenths of a character.
+        # From a timeout too short for any reply to one that suffices, in steps of a tenth of a character.
         step = drive.facts.settings.character_s / 10
         outcomes = []
         for number in range(1, 1 + int(quickest / step) + 20):
@@ -278,5 +278,5 @@ def test_a_reply_that_begins_in_time_is_heard_to_its_end(protocol):
             line.advance(3.0)
     first = outcomes.index(True)
     assert all(outcomes[first:])
-    # The first character alone decides, though the last one comes long after.
+    # Only the first character has to be in time, though the last one arrives long after.
     assert first * step < quickest - 4 * drive.facts.settings.character_s

@@ -1,4 +1,4 @@
-"""Drives of one model share what is known of it."""
+"""Drives of one model share the loaded model."""
 
 import tracemalloc
 
@@ -12,7 +12,7 @@ PLUGINS = list(installed.working())
 
 
 @pytest.mark.parametrize("plugin", PLUGINS, ids=lambda plugin: plugin.name)
-def test_a_second_drive_has_the_same_model_on_every_line(plugin):
+def test_drives_of_one_model_share_it_on_every_line(plugin):
     line = Roster()
     models = [
         line.member(plugin.name, address, plugin.default_model, None, {}).model for address in plugin.addresses[:2]
@@ -25,7 +25,7 @@ def test_a_second_drive_has_the_same_model_on_every_line(plugin):
 
 
 @pytest.mark.parametrize("plugin", PLUGINS, ids=lambda plugin: plugin.name)
-def test_a_drive_of_a_known_model_takes_little_memory(plugin):
+def test_additional_drive_of_a_known_model_takes_little_memory(plugin):
     line = Roster()
     line.member(plugin.name, plugin.addresses[0], plugin.default_model, None, {})
     tracemalloc.start()

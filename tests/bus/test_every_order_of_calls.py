@@ -1,9 +1,9 @@
-"""After a stop that returned no motor runs until somebody starts it: calls in every order, on virtual time.
+"""A stopped motor stays stopped until a caller starts it: calls in every order, in virtual time.
 
-The first call goes its way on the line; at one of its steps (whatever it does with the port) the second is called, from
-another thread or task, and at a step of either the third. All steps are tried. What another master does, a dip of the
-mains and a lost port count as calls, too. Whatever the calls return, the motor must stand at the end if the last that
-was asked for was to stop it; and nothing that only asks may have made it run.
+The first call runs on the line; at one of its steps (any call of the port) the second is made, from another thread or
+task, and at a step of either the third. All steps are tried. A stop by another master, a dip of the mains and a lost
+port count as calls, too. Whatever the calls return, the motor must stand at the end if the last command was a stop; and
+a call that only reads must not make it run.
 """
 
 import asyncio
@@ -64,7 +64,7 @@ STOPS = ("stop", "stop by another object", "stop all")
 ASKS = ("read", "status", "status by another object", "reference", "function", "set-up", "lost port")
 OUTSIDE = ("another master's stop", "dip")
 REPEATS = ("status", "status by another object", "reference", "function")
-"""What may send a command again, right after a status that allows it."""
+"""Calls that may repeat a command, right after a status that allows it."""
 HAPPENS = (*OUTSIDE, "lost port")
 CALLS = (*STARTS, *STOPS, *ASKS, *OUTSIDE)
 
@@ -75,7 +75,7 @@ def kind_of_drive(protocol):
 
 
 class SteppedPort(PortProxy):
-    """A port of a virtual line that tells before each of its steps; nothing happens outside in the middle of one."""
+    """A port of a virtual line that calls `step` before each operation; outside events never occur within one."""
 
     def __init__(self, port, step, alone):
         super().__init__(port)
@@ -104,7 +104,7 @@ class SteppedPort(PortProxy):
 
 
 class Story:
-    """What was called, in order, and how it ended: who may expect what of the motor."""
+    """Calls in order and their ends, and the resulting expectation about the motor."""
 
     def __init__(self, running):
         self.events = ["start called", "start done"] if running else []
@@ -125,12 +125,12 @@ class Story:
         self.repeating -= name in REPEATS
 
     def happened(self):
-        """Take note of what happens outside; nobody can see it between a status and the command that it allows."""
+        """Record an event outside; it is invisible between a status and the command that the status allows."""
         self.events.append("outside, unseen" if self.repeating else "outside done")
 
     @property
     def must_stand(self):
-        """Whether a stop was called after the last start was; what happens outside comes when it comes."""
+        """Whether a stop was called after the last start; an outside event counts at the moment when it occurs."""
         started = max((at for at, event in enumerate(self.events) if event == "start called"), default=-1)
         finished = max((at for at, event in enumerate(self.events) if event == "start done"), default=-1)
         stopped = max((at for at, event in enumerate(self.events) if event == "confirmed stop called"), default=-1)
@@ -140,7 +140,10 @@ class Story:
 
 
 def refusals(name):
-    """What a call may raise; a function of the control word is for those only who command the drive already."""
+    """Return the errors that a call may raise.
+
+    A function of the control word is refused unless its caller commands the drive already.
+    """
     return (DriveError, LinkError, ReplyError, *([UsageError] if name == "function" else []))
 
 
@@ -149,12 +152,12 @@ def kind_of(name):
 
 
 class Scene:
-    """A virtual drive on a line, and another master that now and then stops it."""
+    """A virtual drive on a line, and another master that stops it at some steps."""
 
     def __init__(self, protocol, step):
         self.protocol = protocol
         self.virtual = kind_of_drive(protocol).new()
-        # A stop shows in the status at once; how a motor is known that ramps down is the packages' own test.
+        # A stop shows in the status immediately; the packages themselves test the status of a motor that ramps down.
         self.virtual.motor.ramp_down_s = 0.0
         self.line = VirtualLine([self.virtual])
         self.step = step
@@ -168,7 +171,7 @@ class Scene:
 
     def another_masters_stop(self):
         if self.line.broken:
-            # What was on its way when the port was lost arrives before anybody else speaks.
+            # Bytes under way when the port was lost arrive before another master sends.
             self.line.advance(0.1)
         plugin = drivecomm.protocol.installed[self.protocol]
         kind = kind_of_drive(self.protocol)
@@ -201,7 +204,7 @@ class Scene:
 
 
 def objects(bus, protocol):
-    """Three objects for the drive; the last one sets it up after it was away."""
+    """Return three objects for the drive; the last one has a set-up to write after an absence."""
     kind = kind_of_drive(protocol)
     first, second = (bus.drive(protocol, kind.address, model=kind.model) for _ in range(2))
     return first, second, bus.drive(protocol, kind.address, model=kind.model, set_up=SET_UP[protocol])
@@ -213,7 +216,7 @@ def set_reference(protocol, drive):
 
 
 def switch_a_function(protocol, drive):
-    """Switch what goes out in the same telegram as the run command."""
+    """Switch a function that is sent in the same telegram as the run command."""
     if protocol in ("vabus", "modbus"):
         return drive.status()
     if protocol == "fuji":
@@ -222,14 +225,14 @@ def switch_a_function(protocol, drive):
 
 
 def everybody(bus, protocol, third):
-    """Return what stops all drives at once, another object for the drive where a protocol has none."""
+    """Return an object that stops all drives; another object for the drive if the protocol has no broadcast."""
     if installed[protocol].broadcast_address is None:
         return third
     return bus.broadcast(protocol, model=kind_of_drive(protocol).model)
 
 
 def verbs(protocol, first, second, third, everybody):
-    """The calls on these objects for the drive; each may have to be awaited."""
+    """Return the calls on these objects for the drive; a call may have to be awaited."""
     return {
         "start": first.start,
         "start by another object": second.start,
@@ -249,7 +252,7 @@ AFTERWARDS = ("read", "status", "status by another object", "set-up")
 
 
 def by_threads(protocol, running, plan):
-    """Carry out a plan of (call, step at which it is called); returns the story, and whether the motor runs."""
+    """Carry out a plan of (call, step of the call); return the story, whether the motor runs, and the steps taken."""
     waiting = list(plan)
     taken = [0]
     threads = []
@@ -282,7 +285,7 @@ def by_threads(protocol, running, plan):
         over, queued = threading.Event(), len(bus.line.queue.waiting)
         threads.append(threading.Thread(target=work))
         threads[-1].start()
-        # Whoever waits for the line has begun; without anybody on the line it is over at once.
+        # A call that waits for the line has begun; with the line free, it ends immediately.
         until = time.monotonic() + 10
         while not over.is_set() and len(bus.line.queue.waiting) <= queued:
             assert time.monotonic() < until
@@ -394,7 +397,7 @@ def check(face, protocol, running, plan):
 
 
 def worth_trying(names, running):
-    """Whether something stops, and something could make the motor run."""
+    """Return whether a call stops the motor, and another call could make it run."""
     kinds = {kind_of(name) for name in names}
     return kinds & {"stop", "outside"} and (running or "start" in kinds)
 
@@ -403,13 +406,13 @@ def worth_trying(names, running):
 @pytest.mark.parametrize("face", [by_threads, by_tasks])
 @pytest.mark.parametrize("running", [False, True], ids=["standing", "running"])
 @pytest.mark.parametrize(("protocol", "extent"), protocol_extents(PROTOCOLS, 37, 1 if LONG else 3))
-def test_two_calls_in_every_order(protocol, running, face, extent):
-    """All orders; a sample is of every so many steps."""
+def test_motor_stays_stopped_after_two_calls_in_every_order(protocol, running, face, extent):
+    """All orders; a sample takes every n-th step."""
     tried, chance = 0, random.Random(protocol)
     for names in itertools.product(CALLS, repeat=2):
         if names[0] in HAPPENS or not worth_trying(names, running):
             continue
-        # Threads take some time to begin, so of their steps some are chosen; tasks go through all of them.
+        # Threads are slow to begin, so only some of their steps are tried; tasks go through all steps.
         every = extent * (1 if LONG or face is by_tasks else chance.randrange(2, 5))
         for at in range(chance.randrange(every), MOST_STEPS, every):
             tried += 1
@@ -420,7 +423,7 @@ def test_two_calls_in_every_order(protocol, running, face, extent):
 
 @pytest.mark.parametrize("face", [by_threads, by_tasks])
 @pytest.mark.parametrize(("protocol", "extent"), protocol_extents(PROTOCOLS, 15, 20_000 if LONG else 150))
-def test_three_calls_in_many_orders(protocol, face, extent):
+def test_motor_stays_stopped_after_three_calls_in_random_orders(protocol, face, extent):
     chance = random.Random(protocol)
     for _ in range(extent):
         running = chance.random() < 0.5

@@ -1,12 +1,11 @@
-"""Many exchanges on a line where every tenth transmission is disturbed, in every way that there is.
+"""Many exchanges on a line where every tenth transmission is disturbed, by every kind of fault.
 
-Transmissions are late, cut, changed, doubled or gone; others speak on the line; drives lose power and come back, some
-with other line settings; on a second line the adapter echoes, and its echo is incomplete or changed.
+Transmissions are late, cut, changed, doubled or lost; others send on the line; drives lose power and return, some with
+other line settings; on a second line the adapter echoes, and its echo is incomplete or changed.
 
-A reading may fail, and then with an error of the tree. What it may never do is show a value that the drive did not
-hold for that parameter at a time when it could have been asked for it. And it may fail only where it had to: when none
-of its attempts had a chance. DRIVECOMM_EXCHANGES sets the number of exchanges for each protocol, DRIVECOMM_SEED another
-course of events.
+A read may fail, and then only with an error of drivecomm. It must never return a value that the drive did not hold for
+that parameter at a time when it could have been requested. And it may fail only if none of its attempts could succeed.
+DRIVECOMM_EXCHANGES sets the number of exchanges for each protocol, DRIVECOMM_SEED the random course of events.
 """
 
 import os
@@ -36,13 +35,13 @@ SEED = int(os.environ.get("DRIVECOMM_SEED", "20"))
 RATE = 0.10
 DELAY_S = 1.0
 
-# A request and its reply can both be late, and the link asks up to three times.
+# A request and its reply can both be late, and the link makes up to three attempts.
 HORIZON_S = 2 * DELAY_S + 2.0
 
-# The longest that one call may take, in the line's time.
+# Longest duration of one call, in the line's time.
 DEADLINE_S = 30.0
 
-# Both lines of a protocol, with and without echo.
+# Two lines per protocol: with and without echo.
 LINES = 2
 
 SILENT = [*TRANSMISSION_FAULTS, Fault.FOREIGN]
@@ -54,7 +53,7 @@ EXTENTS = protocol_extents(PLUGINS, 800, EXCHANGES, all_of_them=LONG or "DRIVECO
 
 
 class Course:
-    """One line with three drives of a protocol, what was asked on it, and what came of it."""
+    """One line with three drives of a protocol, the requests on it, and their outcomes."""
 
     def __init__(self, plugin, seed, *, echo, traced=True):
         self.plugin = plugin
@@ -81,7 +80,7 @@ class Course:
         }
         self.line = VirtualLine(self.virtual.values(), faults=self.faults, echo=echo)
         self.line.monitors.append(self._on_the_wire)
-        # A traced exchange goes the long way of the link; what goes over the port tells nearly as much.
+        # A traced exchange takes the longer path in the link; otherwise the bytes at the port are recorded.
         port, trace = (self.line.port, self._traced) if traced else (lambda: Overheard(self.line.port(), self), None)
         self.bus = drivecomm.open_bus(port, echo=echo, trace=trace, stored_writes_per_hour=10**9)
         self.drives = {address: self.bus.drive(plugin.name, address, model=self.model) for address in self.addresses}
@@ -100,7 +99,7 @@ class Course:
         self._whole = []
 
     def exchange(self):
-        """Read or write something somewhere; an AssertionError says what is wrong with what came of it."""
+        """Read or write a random quantity of a random drive; an AssertionError describes a wrong outcome."""
         self.number += 1
         random = self.random
         address = random.choice(self.addresses)
@@ -154,7 +153,7 @@ class Course:
         except Exception as error:
             raise AssertionError(self.report(f"writing {name} raised {error!r}")) from error
         if result is not None and result.raw != raw:
-            # A drive that reports something else than was written: the reading is what it says, and says so.
+            # The drive reports a value other than the written one: the reading holds the reported value and has a note.
             assert result.note, self.report(f"{name} := {raw!r} came back as {result.raw!r} without a word")
             possible = virtual.could_answer(name)
             self.must_be(result.raw in possible, address, f"{name} is {result.raw!r}, the drive held {possible}")
@@ -164,10 +163,10 @@ class Course:
         return "written"
 
     def must_be(self, right, address, what):
-        """Raise for what is wrong, unless no drive ever said what was believed.
+        """Raise for a wrong result, unless the telegram behind it was forged by a collision on the wire.
 
-        Of the telegrams in which characters met others on the wire, an eight-bit check lets one in 256 pass. Nobody can
-        tell those who does not hear of framing errors; they are counted, and their number has a limit.
+        Of telegrams in which characters collided on the wire, an eight-bit check accepts one in 256. A master that
+        cannot see framing errors cannot detect them; they are counted, and their number has a limit.
         """
         if right:
             return
@@ -180,11 +179,11 @@ class Course:
         self.forged.append(self.report(what))
 
     def failed(self, address, error):
-        """Note down a failure, and whether it had to be one."""
+        """Record a failure, and whether it was avoidable."""
         kind = type(error).__name__
         assert isinstance(error, ReplyError | DriveError), self.report(f"the line works, the call was right: {error!r}")
         if not self._sent or kind == "NotAnsweringError":
-            # A drive that is known not to answer is not asked, or only whether it is there again.
+            # A drive that does not answer gets no request, or only a probe.
             return kind
         if isinstance(error, DriveError) and self.heard_as_sent(address):
             return "refused"
@@ -194,14 +193,14 @@ class Course:
         return kind
 
     def heard_as_sent(self, address):
-        """Whether the drive answered nothing but what was sent to it, so that its refusal is the truth."""
+        """Return whether the drive answered only requests as they were sent, so that its refusal is right."""
         sent = {data for _, data in self._sent}
         return all(answer.request in sent for answer in self.virtual[address].answers)
 
     def had_a_chance(self, address):
-        """Whether the drive heard one of the attempts at the last request, and its answer came whole and in time.
+        """Return whether the drive received one attempt of the last request, and its answer came whole and in time.
 
-        An attempt that was allowed and not made is a chance as well.
+        An attempt that was allowed and not made counts as well.
         """
         wire_s = self.drives[address].facts.settings.wire_s
         patience_s = self.drives[address].facts.timing.reply_timeout_s
@@ -226,12 +225,12 @@ class Course:
         return False
 
     def allowed(self, address):
-        """Return how often the question may be put; a write may be one that must not be repeated."""
+        """Return the number of attempts allowed for the request; a write may be one that must not be repeated."""
         return 1 if self._writing else self.drives[address].facts.timing.attempts
 
     @property
     def good(self):
-        """Exchanges with an answer; that the drive refuses is one."""
+        """Number of exchanges with an answer, refusals included."""
         return sum(self.outcomes[what] for what in ("read", "written", "refused", "write refused"))
 
     @property
@@ -270,7 +269,7 @@ class Course:
 
 
 class Overheard(PortProxy):
-    """A port that tells a course what goes over it."""
+    """A port that reports its bytes to a `Course`."""
 
     def __init__(self, port, course):
         super().__init__(port)
@@ -288,7 +287,7 @@ class Overheard(PortProxy):
 
 
 def line_of(happened):
-    """Return what was traced, heard on the wire or noted down, as a line of text."""
+    """Return a trace event, a transmission or a note as a line of text."""
     if isinstance(happened, TraceEvent):
         return f"{happened.time:12.4f} {happened.drive} {happened.what} {happened.data.hex(' ')} {happened.detail}"
     if isinstance(happened, Transmission):
@@ -312,7 +311,7 @@ def traffic(plugin, addresses):
     line.monitors.append(lambda sent: foreign.append(sent.data))
     with drivecomm.open_bus(line.port) as bus:
         drive = bus.drive(plugin.name, neighbour, model=plugin.default_model)
-        with suppress(NotSupported):  # a model may know no status
+        with suppress(NotSupported):  # a model may have no status
             drive.status()
         for name in plugin.parameter_examples:
             # A refusal is traffic as well.
@@ -320,12 +319,12 @@ def traffic(plugin, addresses):
                 drive.read(name)
     codec = plugin.codec(plugin.options())
     ours = {*addresses, plugin.broadcast_address}
-    # A single character confirms whatever was asked: nothing tells whose it is.
+    # A single character confirms any request: its sender cannot be recognised.
     return [data for data in foreign if len(data) > 1 and not speaks_for(codec, ours, data)]
 
 
 def speaks_for(codec, addresses, data):
-    """Whether a telegram of this protocol with one of these addresses is in it, all bits or seven of each."""
+    """Return whether the data holds a telegram of this protocol with one of these addresses, at 8 or 7 bits a byte."""
     for heard in (data, bytes(byte & 0x7F for byte in data)):
         for direction in ("request", "reply"):
             framer = Framer(codec, direction)
@@ -336,7 +335,7 @@ def speaks_for(codec, addresses, data):
 
 
 def can_be_written(model):
-    """Whether some parameter is written that is no command; commands go to no drive that is monitored only."""
+    """Return whether a parameter other than a command can be written; a monitored-only drive takes no commands."""
     return any("w" in info.access and info.kind != "command" for info in model.parameters.values())
 
 
@@ -356,19 +355,19 @@ def run(plugin, echo, extent, *, traced=True):
 @pytest.mark.soak
 @pytest.mark.parametrize("echo", [False, True])
 @pytest.mark.parametrize(("plugin", "extent"), EXTENTS)
-def test_no_wrong_value_and_no_failure_that_need_not_be(plugin, echo, extent):
+def test_disturbed_exchanges_return_no_wrong_value_and_rarely_fail(plugin, echo, extent):
     run(plugin, echo, extent)
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("echo", [False, True])
 @pytest.mark.parametrize(("plugin", "extent"), EXTENTS)
-def test_the_same_as_event_loops_and_the_engine_run_it(plugin, echo, extent, monkeypatch):
+def test_disturbed_exchanges_are_right_on_event_loops_and_the_engine(plugin, echo, extent, monkeypatch):
     monkeypatch.setattr("drivecomm.line.thread_line.run_steps", on_event_loops())
     run(plugin, echo, extent)
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize(("plugin", "extent"), EXTENTS)
-def test_the_same_where_nobody_traces(plugin, extent):
+def test_disturbed_exchanges_are_right_without_a_trace(plugin, extent):
     run(plugin, False, extent, traced=False)

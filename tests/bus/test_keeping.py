@@ -1,4 +1,4 @@
-"""Keeping a drive in hand: the watchdog fed, the motor stopped on every way out, and nothing swallowed."""
+"""Keeping a drive: its watchdog is fed, its motor is stopped on every way out, and errors are raised."""
 
 import asyncio
 import threading
@@ -24,7 +24,7 @@ class Bench:
         self.line = VirtualLine([self.virtual])
         self.bus = open_on(face, self.line.port)
         self.drive = self.bus.drive(protocol, 2, model=model)
-        # Another master, who looks at the watchdog and sets it.
+        # Another master, which reads and sets the watchdog.
         self._other = drivecomm.open_bus(self.line.port).drive(protocol, 2, model=model)
         self.drive.set_reference(percent=50)
 
@@ -60,7 +60,7 @@ def make(face):
 
 
 @pytest.mark.parametrize(("protocol", "model", "policy"), EVERYBODY)
-def test_the_motor_turns_as_long_as_the_block_lasts(make, protocol, model, policy):
+def test_motor_turns_until_the_keep_block_ends(make, protocol, model, policy):
     bench = make(protocol, model)
     statuses = []
     with keep_on(bench.drive, policy, watchdog_s=3, on_status=statuses.append) as kept:
@@ -75,7 +75,7 @@ def test_the_motor_turns_as_long_as_the_block_lasts(make, protocol, model, polic
 
 
 @pytest.mark.parametrize(("protocol", "model", "policy"), EVERYBODY)
-def test_silence_is_for_the_drive(make, protocol, model, policy):
+def test_watchdog_of_a_kept_drive_acts_on_silence(make, protocol, model, policy):
     bench = make(protocol, model)
     with keep_on(bench.drive, policy, watchdog_s=3):
         bench.drive.start()
@@ -88,7 +88,7 @@ def test_silence_is_for_the_drive(make, protocol, model, policy):
 
 
 @pytest.mark.parametrize("policy", ["ramp", "trip"])
-def test_a_watchdog_that_is_set_long_after_the_last_command_does_not_act_at_once(make, policy):
+def test_watchdog_set_long_after_the_last_command_does_not_trip_immediately(make, policy):
     bench = make()
     other = bench.bus.drive("danfoss-fc", 2, model="fc300")
     other.start()
@@ -103,7 +103,7 @@ def test_a_watchdog_that_is_set_long_after_the_last_command_does_not_act_at_once
         assert bench.after(0)[0]
 
 
-def test_a_motor_that_turns_already_is_not_stopped_by_entering(make):
+def test_entering_keep_does_not_stop_a_running_motor(make):
     bench = make("vabus", "agile")
     bench.drive.start()
     bench.line.advance(20)
@@ -112,14 +112,14 @@ def test_a_motor_that_turns_already_is_not_stopped_by_entering(make):
         assert bench.after(0)[:2] == (True, 25)
 
 
-def test_a_drive_that_has_tripped_is_let_in_and_refuses_the_start(make):
+def test_tripped_drive_can_be_kept_and_refuses_the_start(make):
     bench = make()
     bench.virtual.trip(13, bench.line.time)
     with pytest.raises(StateError, match="reset it first"), keep_on(bench.drive, "ramp"):
         bench.drive.start()
 
 
-def test_a_drive_that_has_tripped_is_told_nothing_by_entering(make):
+def test_entering_keep_sends_no_stop_to_a_tripped_drive(make):
     bench = make()
     bench.virtual.trip(13, bench.line.time)
     stops = []
@@ -128,7 +128,7 @@ def test_a_drive_that_has_tripped_is_told_nothing_by_entering(make):
         assert stops == []
 
 
-def test_what_was_set_before_is_set_again(make):
+def test_leaving_keep_restores_the_earlier_watchdog(make):
     bench = make()
     earlier = bench.set_watchdog("trip", 30)
     with keep_on(bench.drive, "ramp", watchdog_s=3):
@@ -136,7 +136,7 @@ def test_what_was_set_before_is_set_again(make):
     assert bench.watchdog() == earlier
 
 
-def test_an_error_in_the_block_stops_the_motor_too(make):
+def test_error_in_the_keep_block_stops_the_motor(make):
     bench = make()
 
     def program():
@@ -163,7 +163,7 @@ def test_an_error_in_the_block_stops_the_motor_too(make):
         ("hold", "ramp", "ramps"),
     ],
 )
-def test_what_is_done_on_leaving(make, policy, on_leaving, expected):
+def test_leaving_keep_stops_the_motor_as_chosen(make, policy, on_leaving, expected):
     bench = make()
     with keep_on(bench.drive, policy, on_leaving=on_leaving):
         bench.drive.start()
@@ -177,7 +177,7 @@ def test_what_is_done_on_leaving(make, policy, on_leaving, expected):
         assert bench.after(1000)[0]
 
 
-def test_hold_makes_sure_that_the_watchdog_is_off(make):
+def test_keep_with_hold_refuses_an_active_watchdog(make):
     bench = make()
     bench.set_watchdog("ramp", 7)
     with pytest.raises(StateError, match=r"on .ramp after 7.0 s., which is not hold"), keep_on(bench.drive, "hold"):
@@ -185,7 +185,7 @@ def test_hold_makes_sure_that_the_watchdog_is_off(make):
 
 
 @pytest.mark.parametrize(("protocol", "model"), [("vabus", None), ("vlt3500", "vlt3500"), ("fuji", "g11s")])
-def test_hold_without_a_known_watchdog_looks_at_nothing(face, protocol, model):
+def test_keep_with_hold_and_no_known_watchdog_sends_nothing(face, protocol, model):
     line = VirtualLine([])
     with open_on(face, line.port) as bus, keep_on(bus.drive(protocol, 2, model=model), "hold") as kept:
         assert kept.watchdog is None
@@ -201,10 +201,10 @@ def test_hold_without_a_known_watchdog_looks_at_nothing(face, protocol, model):
         (("fuji", "frenic"), {"policy": "trip", "on_leaving": "coast"}, NotSupported, "it can by ramp"),
         (("fuji", "frenic"), {"policy": "trip", "on_leaving": "fall"}, UsageError, "unknown policy 'fall'"),
         (("vabus", "agile"), {"policy": "trip", "watchdog_s": 0.5}, UsageError, "steps of 1 s"),
-        (("vabus", "agile"), {"policy": "trip", "watchdog_s": "x"}, UsageError, "no number"),
+        (("vabus", "agile"), {"policy": "trip", "watchdog_s": "x"}, UsageError, "not a number"),
     ],
 )
-def test_what_cannot_be_is_refused_before_anything_is_sent(face, drive, options, error, sentence):
+def test_keep_refuses_impossible_options_before_sending(face, drive, options, error, sentence):
     line = VirtualLine([])
     protocol, model = drive
     with open_on(face, line.port) as bus:
@@ -214,7 +214,7 @@ def test_what_cannot_be_is_refused_before_anything_is_sent(face, drive, options,
     assert line.time == 0
 
 
-def test_a_failed_refresh_is_raised_at_the_end_and_the_motor_is_stopped_all_the_same(make):
+def test_failed_refresh_is_raised_at_the_end_after_stopping_the_motor(make):
     bench = make()
 
     def program():
@@ -229,7 +229,7 @@ def test_a_failed_refresh_is_raised_at_the_end_and_the_motor_is_stopped_all_the_
     assert bench.after(60) == (False, 0, False)
 
 
-def test_sleep_raises_it_as_soon_as_it_is_known_and_once(make):
+def test_sleep_raises_a_failed_refresh_immediately_and_once(make):
     bench = make()
     with keep_on(bench.drive, "ramp", watchdog_s=60) as kept:
         with bench.line_cut(), pytest.raises(NoReplyError, match="1 of 1 refreshes"):
@@ -237,7 +237,7 @@ def test_sleep_raises_it_as_soon_as_it_is_known_and_once(make):
         kept.sleep(1)
 
 
-def test_a_callback_is_told_at_once_and_nothing_is_raised(make):
+def test_on_failure_callback_gets_the_error_immediately_instead_of_a_raise(make):
     bench = make()
     failures = []
     with keep_on(bench.drive, "ramp", watchdog_s=6, on_failure=failures.append) as kept:
@@ -247,7 +247,7 @@ def test_a_callback_is_told_at_once_and_nothing_is_raised(make):
     assert [type(failure) for failure in failures] == [NoReplyError]
 
 
-def test_what_a_callback_raises_is_not_swallowed(make):
+def test_error_of_a_callback_is_raised_at_the_end(make):
     def fall(_):
         raise ZeroDivisionError
 
@@ -264,7 +264,7 @@ def test_what_a_callback_raises_is_not_swallowed(make):
     assert not bench.after(60)[0]
 
 
-def test_what_a_callback_raises_does_not_end_the_feeding(make):
+def test_error_of_a_callback_does_not_end_the_feeding(make):
     told = []
 
     def fall(_):
@@ -280,7 +280,7 @@ def test_what_a_callback_raises_does_not_end_the_feeding(make):
         assert bench.after(0)[0]
 
 
-def test_an_error_of_the_block_goes_before_one_of_a_refresh(make):
+def test_error_of_the_block_takes_precedence_over_a_failed_refresh(make):
     bench = make()
 
     def program():
@@ -293,7 +293,7 @@ def test_an_error_of_the_block_goes_before_one_of_a_refresh(make):
         program()
 
 
-def test_a_motor_that_the_watchdog_has_stopped_is_not_started_again_by_a_repeated_command(make):
+def test_motor_stopped_by_its_watchdog_is_not_restarted_by_a_refresh(make):
     bench = make()
     failures = []
     with keep_on(bench.drive, "ramp", watchdog_s=3, on_failure=failures.append) as kept:
@@ -310,7 +310,7 @@ def test_a_motor_that_the_watchdog_has_stopped_is_not_started_again_by_a_repeate
         assert bench.after(0)[:2] == (True, 25), "until somebody starts it"
 
 
-def test_a_silence_that_outlasts_the_watchdog_is_told_once(make):
+def test_silence_beyond_the_watchdog_time_is_reported_once(make):
     bench = make()
     failures = []
     with keep_on(bench.drive, "ramp", watchdog_s=6, on_failure=failures.append) as kept:
@@ -326,7 +326,7 @@ def test_a_silence_that_outlasts_the_watchdog_is_told_once(make):
     assert len(told) == 2, "each time anew"
 
 
-def test_a_stop_without_an_answer_is_tried_again(make):
+def test_unanswered_stop_is_retried(make):
     bench = make()
     asked = []
 
@@ -341,7 +341,7 @@ def test_a_stop_without_an_answer_is_tried_again(make):
     assert asked == [Stop.RAMP] * 3
 
 
-def test_a_stop_that_fails_leaves_the_motor_to_the_watchdog(make):
+def test_failed_stop_leaves_the_motor_to_the_watchdog(make):
     bench = make()
 
     def program():
@@ -355,7 +355,7 @@ def test_a_stop_that_fails_leaves_the_motor_to_the_watchdog(make):
     assert bench.after(60) == (False, 0, True), "it is for the watchdog then"
 
 
-def test_a_stop_that_is_not_confirmed_leaves_the_watchdog_on(make):
+def test_unconfirmed_stop_leaves_the_watchdog_on(make):
     bench = make()
 
     def deaf(_):
@@ -372,7 +372,7 @@ def test_a_stop_that_is_not_confirmed_leaves_the_watchdog_on(make):
     assert bench.after(60) == (False, 0, True)
 
 
-def test_whoever_cancels_a_second_time_does_not_keep_the_motor_from_being_stopped():
+def test_second_cancellation_does_not_prevent_the_stop():
     bench = Bench("threads")
 
     async def program():
@@ -410,14 +410,14 @@ def test_whoever_cancels_a_second_time_does_not_keep_the_motor_from_being_stoppe
     assert bench.watchdog().time_s is None, "as it was before"
 
 
-def test_a_drive_that_refuses_its_watchdog_is_not_started(make):
+def test_drive_that_refuses_its_watchdog_is_not_started(make):
     bench = make()
     bench.virtual.store.factory_set_up = True
     with pytest.raises(RefusedError), keep_on(bench.drive, "ramp"):
         pytest.fail("the block was entered")
 
 
-def test_until_an_event_is_set():
+def test_kept_until_returns_when_the_event_is_set():
     bench = Bench("threads")
     done = threading.Event()
     bench.line.call_at(bench.line.time + 30, done.set)
@@ -427,7 +427,7 @@ def test_until_an_event_is_set():
     assert 30 < bench.line.time < 40
 
 
-# In real time: a thread, a task
+# In real time: a thread and a task
 
 
 @pytest.fixture
@@ -438,7 +438,7 @@ def served(serving):
 
 
 @pytest.mark.soak
-def test_a_thread_feeds_it(served):
+def test_thread_feeds_the_watchdog(served):
     virtual, port = served
     statuses = []
     before = set(threading.enumerate())
@@ -460,7 +460,7 @@ def test_a_thread_feeds_it(served):
 
 
 @pytest.mark.soak
-def test_a_thread_goes_on_feeding_whatever_a_callback_raises(served):
+def test_thread_keeps_feeding_after_an_error_of_a_callback(served):
     virtual, port = served
     told, late, often = [], [], threading.Event()
 
@@ -474,7 +474,7 @@ def test_a_thread_goes_on_feeding_whatever_a_callback_raises(served):
         drive = bus.drive("danfoss-fc", 2, model="fc300")
 
         def program():
-            # On a busy machine a refresh may be late; that is not what is asked here.
+            # On a busy machine a refresh may be late; the test does not judge that.
             with keep(drive, "ramp", watchdog_s=0.6, on_status=fall, on_failure=late.append):
                 assert often.wait(5), "the thread has ended"
 
@@ -484,7 +484,7 @@ def test_a_thread_goes_on_feeding_whatever_a_callback_raises(served):
 
 
 @pytest.mark.soak
-def test_the_block_does_not_end_before_its_thread(served):
+def test_keep_block_waits_for_the_end_of_its_thread(served):
     _, port = served
     entered, go_on, told, late = threading.Event(), threading.Event(), [], []
 
@@ -502,7 +502,7 @@ def test_the_block_does_not_end_before_its_thread(served):
 
 
 @pytest.mark.soak
-def test_a_thread_tells_what_fails(served):
+def test_thread_reports_a_failed_refresh(served):
     virtual, port = served
     with drivecomm.open_bus(port, reply_timeout_s=0.05, attempts=1) as bus:
         drive = bus.drive("danfoss-fc", 2, model="fc300")
@@ -517,7 +517,7 @@ def test_a_thread_tells_what_fails(served):
 
 
 @pytest.mark.soak
-def test_a_task_feeds_it(served):
+def test_task_feeds_the_watchdog(served):
     virtual, port = served
     statuses = []
 
@@ -540,7 +540,7 @@ def test_a_task_feeds_it(served):
 
 
 @pytest.mark.soak
-def test_a_drive_is_fed_although_many_read_on_its_line(served):
+def test_watchdog_is_fed_while_200_tasks_read_on_the_line(served):
     virtual, port = served
 
     async def program():
@@ -564,7 +564,7 @@ def test_a_drive_is_fed_although_many_read_on_its_line(served):
     asyncio.run(program())
 
 
-def test_a_task_that_is_cancelled_stops_the_motor(served):
+def test_cancelled_task_stops_the_motor(served):
     virtual, port = served
 
     async def program():

@@ -1,4 +1,4 @@
-"""A reference in the unit of the machine is one in hertz, with all the limits of hertz."""
+"""A reference in the unit of the machine equals one in hertz, with all the limits of hertz."""
 
 import asyncio
 from decimal import Decimal
@@ -16,7 +16,7 @@ SHAFT = MachineUnit(unit="rpm", poles=4, gear="5.2")
 
 
 class Bench:
-    """A drive on a virtual line, and the telegrams that its master has sent."""
+    """A drive on a virtual line, and the telegrams sent by its master."""
 
     def __init__(self, name="vabus", model="agile", machine=BELT, **options):
         self.line = VirtualLine([virtual_drive(name, 1, model=model)])
@@ -26,7 +26,7 @@ class Bench:
         self.line.monitors.append(lambda sent: self.sent.append(sent.data) if sent.sender is None else None)
 
     def after(self, **reference):
-        """Return what was sent to set a reference."""
+        """Set a reference and return all telegrams sent so far."""
         self.drive.set_reference(**reference)
         return self.sent
 
@@ -36,7 +36,7 @@ def test_machine_reference_sends_what_its_hertz_would_send(value):
     assert Bench().after(machine=value) == Bench().after(hz=10)
 
 
-def test_reference_of_a_geared_shaft_is_the_nearest_hundredth_of_a_hertz():
+def test_reference_of_a_geared_shaft_is_rounded_to_a_hundredth_of_a_hertz():
     # 100 rpm behind a gear of 5.2 is 520 rpm of a motor with 4 poles: 17.333 Hz.
     assert Bench(machine=SHAFT).after(machine=100) == Bench().after(hz="17.33")
 
@@ -62,7 +62,7 @@ def test_machine_reference_in_another_unit_sends_nothing(value):
     assert bench.sent == []
 
 
-def test_drive_without_a_machine_says_where_to_write_it():
+def test_drive_without_a_machine_unit_refuses_with_a_hint_to_the_plant_file():
     bench = Bench(machine=None)
     with pytest.raises(NotSupported, match=r'write machine = \{ unit = "m/min", .* in its \[\[drive\]\]'):
         bench.drive.set_reference(machine=10)
@@ -70,12 +70,12 @@ def test_drive_without_a_machine_says_where_to_write_it():
     assert bench.drive.machine is None
 
 
-def test_machine_and_hertz_exclude_each_other():
+def test_machine_and_hz_references_exclude_each_other():
     with pytest.raises(UsageError, match="one of percent, hz, rpm and machine"):
         Bench().drive.set_reference(machine=10, hz=10)
 
 
-def test_drive_in_percent_takes_the_machine_by_the_range_of_its_options():
+def test_drive_in_percent_converts_machine_references_by_reference_maximum_hz():
     assert Bench("danfoss-fc", "fc300", reference_maximum_hz=50).after(machine=12.5) == Bench(
         "danfoss-fc", "fc300", reference_maximum_hz=50
     ).after(hz=10)
@@ -100,12 +100,12 @@ def test_read_only_drive_takes_no_machine_reference():
 
 
 @pytest.mark.parametrize("machine", ["1.25", {"unit": "m/min", "per_hz": 1}, 1.25])
-def test_machine_that_is_none_is_refused(machine):
+def test_invalid_machine_unit_is_refused(machine):
     with pytest.raises(UsageError, match=r"machine of vabus:1 cannot be .*; give a drivecomm.MachineUnit"):
         Bench(machine=machine)
 
 
-def test_awaited_drive_takes_a_machine_reference():
+def test_async_drive_takes_a_machine_reference():
     async def sent(**reference):
         line = VirtualLine([virtual_drive("vabus", 1, model="agile")])
         telegrams = []
@@ -117,7 +117,7 @@ def test_awaited_drive_takes_a_machine_reference():
     assert asyncio.run(sent(machine=12.5)) == asyncio.run(sent(hz=10))
 
 
-def test_drive_of_a_plant_has_the_machine_of_its_table():
+def test_drive_of_a_plant_has_the_machine_unit_of_its_table():
     line = VirtualLine([virtual_drive("vabus", 1, model="agile")])
     config = DriveConfig(protocol="vabus", address=1, options={"model": "agile"}, machine=BELT)
     with drivecomm.open_bus(line.port) as bus:

@@ -1,4 +1,4 @@
-"""Whatever a caller gives: an error of the tree, at once, and nothing on the line that commands."""
+"""Odd arguments of any kind raise an error of drivecomm immediately, and send no command."""
 
 import time
 from contextlib import closing
@@ -69,7 +69,7 @@ VERBS = {
 
 
 def polled(drive, ends=None, **said):
-    """Take the first result of a plan of one item."""
+    """Return the first result of a plan with one item."""
     plan = [PollItem(**{"drive": drive, "parameter": "480", **said})]
     with closing(drive.bus.poll(plan, **(ends or {"cycles": 1}))) as results:
         next(results, None)
@@ -86,7 +86,7 @@ def line():
 
 @pytest.fixture(scope="module")
 def heard(line):
-    """What the masters of the line have sent."""
+    """Return a list of the telegrams sent by the masters of the line."""
     sent, transmit = [], line.transmit
     line.transmit = lambda data: (sent.append(data), transmit(data))
     return sent
@@ -94,13 +94,13 @@ def heard(line):
 
 @pytest.fixture
 def bus(line):
-    """A bus that has not heard of its drives yet: what can never be done is refused before they are asked."""
+    """Return a bus with no contact to its drives yet: impossible calls are refused before any request."""
     with drivecomm.open_bus(line.port) as opened:
         yield opened
 
 
 def attempt(call, heard):
-    """Make a call with all that is odd in it; only errors of the tree come of it, and within a second."""
+    """Make a call with each odd value; it may raise only errors of drivecomm, within a second."""
 
     def tried(odd):
         heard.clear()
@@ -118,9 +118,9 @@ def attempt(call, heard):
     settings(max_examples=15, deadline=None, derandomize=True)(given(odd=BY_CHANCE)(tried))()
 
 
-# Of three, so that each verb and each protocol are among them: there are four protocols.
+# A third of the combinations; each verb and each protocol is among them.
 @pytest.mark.parametrize(("verb", "protocol"), every_choice(3, VERBS, MODELS))
-def test_verbs(verb, protocol, bus, heard, line):
+def test_verbs_refuse_odd_arguments(verb, protocol, bus, heard, line):
     drive = bus.drive(protocol, 1, model=MODELS[protocol])
     motor = line.drives[list(MODELS).index(protocol)].motor
 
@@ -133,7 +133,7 @@ def test_verbs(verb, protocol, bus, heard, line):
 
 
 @pytest.mark.parametrize(("option", "protocol"), every_choice(3, OPTIONS, MODELS))
-def test_options_of_a_drive(option, protocol, bus, heard):
+def test_drive_options_refuse_odd_values(option, protocol, bus, heard):
     attempt(lambda odd: bus.drive(protocol, 1, **{option: odd}), heard)
 
 
@@ -149,7 +149,7 @@ def test_options_of_a_drive(option, protocol, bus, heard):
         lambda bus, odd: bus.drive("vabus", 1, read_only=odd),
     ],
 )
-def test_drives_and_scans(call, bus, heard):
+def test_drives_broadcasts_and_scans_refuse_odd_arguments(call, bus, heard):
     attempt(lambda odd: call(bus, odd), heard)
 
 
@@ -160,7 +160,7 @@ OPENING = [
 
 
 @pytest.mark.parametrize("name", OPENING)
-def test_opening_a_line(name, line, heard):
+def test_line_options_refuse_odd_values(name, line, heard):
     def opened(odd):
         with drivecomm.open_bus(line.port, **{name: odd}) as bus:
             bus.drive("vabus", 1).probe()
@@ -175,6 +175,6 @@ PORTS = [
 
 
 @pytest.mark.parametrize("port", PORTS)
-def test_ports(port):
+def test_odd_ports_are_refused(port):
     with pytest.raises(DriveCommError):
         drivecomm.open_bus(port)

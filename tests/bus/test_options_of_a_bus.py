@@ -1,4 +1,4 @@
-"""The options of a line: in the signatures, in the type checks of a program, and in the error for a misspelt one."""
+"""Line options: in the signatures, in type checks, and in the error for a misspelt name."""
 
 from inspect import Parameter, signature
 from pathlib import Path
@@ -35,7 +35,7 @@ def options_of(opens):
     return {each.name for each in signature(opens).parameters.values() if each.kind is Parameter.KEYWORD_ONLY}
 
 
-def test_line_options_are_all_that_a_line_takes():
+def test_line_options_annotations_match_all_accepted_options():
     taken = {*signature(Roster).parameters, *signature(port_opener).parameters} - {"facts", "port"}
     assert set(drivecomm.LineOptions.__annotations__) == LINE_FACT_NAMES | taken | {"record"}
 
@@ -47,33 +47,33 @@ def test_signature_of_an_opening_function_lists_each_option(opens):
     assert (shown["guard_s"].default, shown["echo"].default, shown["baudrate"].default) == (0.005, "off", None)
 
 
-def test_signature_of_open_plant_lists_each_option_and_its_own():
+def test_signature_of_open_plant_lists_line_options_and_its_own():
     names = set(drivecomm.LineOptions.__annotations__)
     assert options_of(drivecomm.open_plant) == names | {"own_ports", "server"}
     assert options_of(drivecomm.OpenPlant) > names
 
 
-def test_help_says_what_each_option_means():
+def test_docstring_of_line_options_describes_each_option():
     for name in drivecomm.LineOptions.__annotations__:
         assert name in drivecomm.LineOptions.__doc__
 
 
 @pytest.mark.parametrize("opens", [drivecomm.open_bus, drivecomm.open_bus_async])
-def test_misspelt_option_of_a_line_is_named_with_the_right_one(opens):
+def test_misspelt_line_option_error_suggests_the_right_name(opens):
     with pytest.raises(drivecomm.UsageError, match="did you mean 'trace'") as caught:
         opens(VirtualLine([virtual_drive("vabus", 1)]).port, tracee=print)
     for name in drivecomm.LineOptions.__annotations__:
         assert name in str(caught.value)
 
 
-def test_misspelt_option_of_a_plant_is_refused_before_any_line_is_opened(plant):
+def test_misspelt_plant_option_is_refused_before_any_line_is_opened(plant):
     with pytest.raises(drivecomm.UsageError, match="did you mean 'server'"):
         drivecomm.open_plant(plant, serverr=True)
     with pytest.raises(drivecomm.UsageError, match="did you mean 'trace'"):
         drivecomm.OpenPlant(read_plant(plant), tracee=print)
 
 
-def test_misspelt_model_of_a_drive_is_named_with_the_right_word():
+def test_misspelt_drive_option_error_suggests_the_right_name():
     with (
         drivecomm.open_bus(VirtualLine([virtual_drive("vabus", 1)]).port) as bus,
         pytest.raises(drivecomm.UsageError, match="did you mean 'model'"),

@@ -20,7 +20,7 @@ EVERY = [(name, model) for name in sorted(installed) for model in model_names(in
 
 
 class Running:
-    """A motor that runs at half its reference, and the telegrams that the master sends from then on."""
+    """A motor that runs at half its maximum reference, and the telegrams that the master sends after that."""
 
     def __init__(self, bus, line, name, model):
         self.name, self.line = name, line
@@ -44,7 +44,7 @@ class Running:
         return round(self.virtual.motor.output_hz, 2)
 
     def commands(self):
-        """Return what was sent that does more than ask, or prepare that."""
+        """Return the telegrams sent that do more than read or prepare a read."""
         protocol = installed[self.name]
         codec = self.virtual.codec
         return [data for data in self.sent if not protocol.intent(codec.decode(data, "request")).moves_nothing]
@@ -101,7 +101,7 @@ def test_frequency_just_above_the_maximum_of_the_drive_is_refused(running):
 
 
 @pytest.mark.parametrize("name", ["danfoss-fc", "uss"])
-def test_reference_limit_raises_the_limit_and_is_named(name):
+def test_reference_limit_option_raises_the_limit_and_is_named_in_the_error(name):
     line = VirtualLine([virtual_drive(name, 1)])
     with drivecomm.open_bus(line.port) as bus:
         drive = bus.drive(name, 1, reference_limit=120)
@@ -114,7 +114,7 @@ def test_reference_limit_raises_the_limit_and_is_named(name):
                 bus.drive(name, 2, reference_limit=wrong)
 
 
-def test_maximum_is_read_once_and_again_before_a_refusal():
+def test_maximum_frequency_is_read_once_and_again_before_a_refusal():
     line = VirtualLine([virtual_drive("vabus", 1, model="agile")])
     with drivecomm.open_bus(line.port) as bus:
         drive = bus.drive("vabus", 1, model="agile")
@@ -128,7 +128,7 @@ def test_maximum_is_read_once_and_again_before_a_refusal():
         line.drives[0].poke("419", 6000)
         drive.set_reference(hz=55)
         assert len(asked) == 2
-        # What is written to the drive may lower it.
+        # A write to the drive may lower its maximum.
         drive.write("419", 40)
         with pytest.raises(ValueRefusedError, match=r"50 Hz is above 40\.00 Hz"):
             drive.set_reference(hz=50)

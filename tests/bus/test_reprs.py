@@ -1,4 +1,4 @@
-"""What is shown of the objects that a person meets at the prompt: what each is, and where."""
+"""The repr of objects that users meet at the prompt: their kind and their place."""
 
 import asyncio
 from decimal import Decimal
@@ -28,7 +28,7 @@ def line():
     return VirtualLine([virtual_drive("vabus", 1), virtual_drive("danfoss-fc", 3)])
 
 
-def test_bus_shows_its_drives_and_whether_it_is_open(line):
+def test_repr_of_a_bus_shows_its_drives_and_state(line):
     with drivecomm.open_bus(line.port) as bus:
         bus.drive("vabus", 1)
         assert repr(bus) == "<Bus on a port object, 1 drive, open>"
@@ -39,12 +39,12 @@ def test_bus_shows_its_drives_and_whether_it_is_open(line):
     assert repr(bus) == "<Bus on a port object, 1 drive, closed>"
 
 
-def test_bus_shows_the_name_of_its_port():
+def test_repr_of_a_bus_shows_its_port():
     with drivecomm.open_bus("loop://") as bus:
         assert repr(bus) == "<Bus loop://, 0 drives, open>"
 
 
-def test_awaited_bus_shows_whether_it_is_open(line):
+def test_repr_of_an_async_bus_shows_whether_it_is_open(line):
     async def shown():
         bus = drivecomm.open_bus_async(line.port)
         before = repr(bus)
@@ -57,21 +57,21 @@ def test_awaited_bus_shows_whether_it_is_open(line):
     )
 
 
-def test_plant_shows_its_file_and_its_lines(tmp_path):
+def test_repr_of_a_plant_shows_its_file_and_lines(tmp_path):
     file = tmp_path / "plant.toml"
     file.write_text(PLANT, encoding="utf-8")
     assert repr(drivecomm.open_plant(file)) == f"<OpenPlant {file}, 1 drive on 1 line, 0 of them open>"
     assert repr(VirtualPlant(read_plant(file))) == f"<VirtualPlant {file}, 1 drive on 1 line>"
 
 
-def test_virtual_line_shows_its_drives_and_its_time(line):
+def test_repr_of_a_virtual_line_shows_its_drives_and_time(line):
     line.advance(2.5)
     assert repr(line) == "<VirtualLine with 2 drives, at 2.5 s>"
     assert repr(line.port()) == f"<VirtualPort of {line!r}>"
 
 
 @pytest.mark.parametrize("plugin", list(installed.working()), ids=lambda plugin: plugin.name)
-def test_virtual_drive_shows_its_address_and_its_motor(plugin):
+def test_repr_of_a_virtual_drive_shows_its_address_and_motor(plugin):
     address = plugin.addresses[0]
     drive = virtual_drive(plugin.name, address)
     assert repr(drive) == f"<{type(drive).__name__} at address {address}, stopped>"
@@ -82,12 +82,12 @@ def test_virtual_drive_shows_its_address_and_its_motor(plugin):
     assert repr(drive) == f"<{type(drive).__name__} at address {address}, fault 7>"
 
 
-def test_stand_in_shows_the_drive_behind_it():
+def test_repr_of_a_drive_proxy_shows_its_drive():
     drive = virtual_drive("vabus", 1)
     assert repr(DriveProxy(drive)) == f"<DriveProxy of {drive!r}>"
 
 
-def test_protocols_and_models_show_their_names(line):
+def test_repr_of_protocols_and_models_shows_their_names(line):
     assert repr(installed) == f"<Protocols {', '.join(installed)}>"
     assert repr(installed["vabus"]) == "<Protocol vabus: Bonfiglioli VABus>"
     with drivecomm.open_bus(line.port) as bus:
@@ -95,7 +95,7 @@ def test_protocols_and_models_show_their_names(line):
     assert repr(model) == f"<Model agile of vabus, {len(model.parameters)} parameters>"
 
 
-def test_health_shows_whether_a_drive_answers():
+def test_repr_of_health_shows_whether_the_drive_answers():
     with drivecomm.open_bus(VirtualLine([virtual_drive("vabus", 1)]).port) as bus:
         bus.drive("vabus", 1).status()
         silent = bus.drive("vabus", 2)
@@ -144,5 +144,5 @@ def test_health_shows_whether_a_drive_answers():
         ),
     ],
 )
-def test_status_is_shown_in_a_few_words(status, shown):
+def test_str_of_a_status_is_short(status, shown):
     assert str(status) == shown

@@ -1,4 +1,4 @@
-"""A drive shows that it is of its model's series before it is first written or commanded, and never before a stop."""
+"""A drive proves to be of its model's series before its first write or command, but never before a stop."""
 
 import logging
 from dataclasses import replace
@@ -52,7 +52,7 @@ def test_refusal_names_the_series_that_fit():
     assert "delta-vfd-b" not in no.value.candidates
 
 
-def test_drive_is_asked_once_on_each_opened_port():
+def test_series_is_checked_once_per_opened_port():
     drive = virtual_drive("modbus", 1, model="delta-vfd-b")
     bus, sent, line = opened(drive)
     with bus:
@@ -65,7 +65,7 @@ def test_drive_is_asked_once_on_each_opened_port():
         del sent[:]
         one.write("0x2001", 30)
         bus.drive("modbus", 1, model="delta-vfd-b").write("0x2001", 40)
-        # The second object looks once more whether its write was echoed.
+        # The second object checks again whether its write is echoed.
         assert [each[3:5] for each in telegrams(sent)] == ["06", "06", "03"]
     with drivecomm.open_bus(line.port, trace=sent.append) as again:
         del sent[:]
@@ -73,7 +73,7 @@ def test_drive_is_asked_once_on_each_opened_port():
     assert [each[3:5] for each in telegrams(sent)][:3] == ["03", "03", "06"]
 
 
-def test_drive_that_was_away_is_asked_again():
+def test_series_is_checked_again_after_an_absence_of_the_drive():
     drive = virtual_drive("modbus", 1, model="delta")
     bus, sent, line = opened(drive)
     with bus:
@@ -99,7 +99,7 @@ def test_stop_is_the_first_telegram_to_an_unproven_drive(model):
     assert telegrams(sent)[0][3:5] in ("06", "10")
 
 
-def test_stop_goes_out_although_the_drive_was_found_to_be_another_or_is_confirmed_as_another():
+def test_stop_is_sent_to_a_drive_of_another_series():
     for confirmed, error in (({"confirmed": "gs2"}, UsageError), ({}, WrongDriveError)):
         bus, sent, _ = opened(virtual_drive("modbus", 1, model="invt"))
         with bus:
@@ -111,7 +111,7 @@ def test_stop_goes_out_although_the_drive_was_found_to_be_another_or_is_confirme
         assert telegrams(sent)[0] == "01 06 20 00 00 01"
 
 
-def test_confirmed_model_is_commanded_without_evidence():
+def test_confirmed_model_is_commanded_without_a_check():
     drive = virtual_drive("modbus", 1, model="delta-vfd-e")
     bus, sent, _ = opened(drive)
     with bus:
@@ -129,7 +129,7 @@ def test_set_up_is_not_written_to_a_drive_of_another_series():
     assert {each[3:5] for each in telegrams(sent)} == {"03"}
 
 
-def test_danfoss_drive_that_tells_another_type_is_refused_even_if_confirmed():
+def test_danfoss_drive_of_another_type_is_refused_even_if_confirmed():
     bus, _, _ = opened(virtual_drive("danfoss-fc", 1, model="fc101"))
     with bus:
         for confirmed in ({}, {"confirmed": "fc202"}):
@@ -138,7 +138,7 @@ def test_danfoss_drive_that_tells_another_type_is_refused_even_if_confirmed():
         bus.drive("danfoss-fc", 1, model="fc202").stop()
 
 
-def test_danfoss_model_of_a_whole_family_commands_the_series_that_build_on_it():
+def test_danfoss_family_model_commands_series_that_extend_it():
     drive = virtual_drive("danfoss-fc", 1, model="fc302")
     bus, _, _ = opened(drive)
     with bus:
@@ -148,7 +148,7 @@ def test_danfoss_model_of_a_whole_family_commands_the_series_that_build_on_it():
     assert drive.motor.command is Command.RUN
 
 
-def test_identity_of_a_model_is_compulsory_where_its_words_are_its_own():
+def test_confirmed_model_with_its_own_identity_rules_is_still_checked():
     model = replace(load_model("drivecomm_modbus", "modbus", "yaskawa"), identified_by={"product": "A1"})
     drive = virtual_drive("modbus", 1, model="yaskawa")
     bus, _, _ = opened(drive)
@@ -160,7 +160,7 @@ def test_identity_of_a_model_is_compulsory_where_its_words_are_its_own():
         one.set_reference(hz=20)
 
 
-def test_drive_that_says_nothing_of_itself_needs_to_be_confirmed():
+def test_drive_without_an_identity_needs_a_confirmed_model():
     named = replace(load_model("drivecomm_modbus", "modbus", "gs2"), identified_by={"vendor": "X.*"})
     bus, _, _ = opened(virtual_drive("modbus", 1, model="gs2"))
     with bus:
@@ -169,7 +169,7 @@ def test_drive_that_says_nothing_of_itself_needs_to_be_confirmed():
         bus.drive("modbus", 1, model=named, confirmed="gs2").set_reference(hz=20)
 
 
-def test_file_of_a_user_is_held_against_the_status_register_only(tmp_path):
+def test_user_model_is_checked_by_its_status_register_only(tmp_path):
     (tmp_path / "mine.toml").write_text(
         'format = 1\nprotocol = "modbus"\nname = "mine"\nextends = "delta"\n', encoding="utf-8"
     )
@@ -184,7 +184,7 @@ def test_file_of_a_user_is_held_against_the_status_register_only(tmp_path):
                     one.set_reference(hz=20)
 
 
-def test_unproven_drive_on_a_real_port_is_warned_of_once(caplog, serving):
+def test_unproven_drive_on_a_real_port_is_logged_once(caplog, serving):
     with serving([virtual_drive("modbus", 1, model="gs2")], "tcp") as server, caplog.at_level(logging.WARNING):
         with drivecomm.open_bus(server.address) as bus:
             bus.drive("modbus", 1, model="gs2").set_reference(hz=20)
@@ -197,7 +197,7 @@ def test_unproven_drive_on_a_real_port_is_warned_of_once(caplog, serving):
 
 
 @pytest.mark.parametrize("read_only", [True, False])
-def test_drive_is_asked_for_nothing_before_a_verb_that_only_asks(read_only):
+def test_verb_that_only_reads_needs_no_series_check(read_only):
     bus, sent, _ = opened(virtual_drive("danfoss-fc", 1, model="fc302"))
     with bus:
         drive = bus.drive("danfoss-fc", 1, model="fc202", read_only=read_only)
@@ -205,7 +205,7 @@ def test_drive_is_asked_for_nothing_before_a_verb_that_only_asks(read_only):
     assert all("0E 81 4" in each for each in telegrams(sent)), "nothing but descriptions is asked for"
 
 
-def test_models_to_compare_with_are_read_before_the_drive_has_the_line():
+def test_models_to_compare_with_are_loaded_before_the_line_is_taken():
     bus, _, _ = opened(virtual_drive("modbus", 1, model="invt"))
     with bus:
         right_drive._packaged.cache_clear()

@@ -1,4 +1,4 @@
-"""What is written to a drive before anything else, and again whenever it or its line was away."""
+"""The set-up of a drive: written before anything else, and again after an absence of the drive or its line."""
 
 import pytest
 from benches import ADDRESS, PROTOCOLS, READABLE, WRITABLE, Mortal, model_of
@@ -12,7 +12,7 @@ EACH_PROTOCOL = pytest.mark.parametrize("protocol", PROTOCOLS)
 
 
 class Refusing(Mortal):
-    """A VABus drive that refuses to be written as long as it is told to."""
+    """A VABus drive that refuses writes while `refuses` is set."""
 
     refuses = False
 
@@ -46,7 +46,7 @@ def drive(bus):
 
 
 def kinds(virtual):
-    """Return what the drive was asked since the last time, without the telegrams that only end an exchange."""
+    """Return the requests to the drive since the last call, without telegrams that only end an exchange."""
     heard = [
         (message.kind, getattr(message, "parameter", None)) for _, message in virtual.heard if message.kind != "eot"
     ]
@@ -62,7 +62,7 @@ def test_making_a_drive_sends_nothing(drive, line, virtual):
     assert (line.time, virtual.heard) == (0.0, [])
 
 
-def test_it_is_written_before_anything_else_and_once(drive, virtual):
+def test_set_up_is_written_once_before_the_first_read(drive, virtual):
     assert drive.read("481").raw == "000004D2"
     assert kinds(virtual) == [*SET_UP, ("enquiry", 481)]
     drive.write("480", 1)
@@ -71,7 +71,7 @@ def test_it_is_written_before_anything_else_and_once(drive, virtual):
 
 
 @EACH_PROTOCOL
-def test_every_protocol_sets_up_at_first_contact_and_after_being_away(protocol):
+def test_set_up_is_written_at_first_contact_and_after_an_absence(protocol):
     parameter, value, raw = WRITABLE[protocol]
     virtual = Mortal(protocol)
     line = VirtualLine([virtual])
@@ -92,13 +92,13 @@ def test_every_protocol_sets_up_at_first_contact_and_after_being_away(protocol):
         assert virtual.peek(parameter, line.time) == raw
 
 
-def test_it_is_not_stored(drive, virtual):
+def test_set_up_is_written_to_ram_only(drive, virtual):
     drive.status()
     selects = [message for _, message in virtual.heard if message.kind == "select"]
     assert [message.dataset for message in selects] == [5, 5]
 
 
-def test_after_being_away(drive, virtual, line, bus):
+def test_set_up_is_written_again_after_an_absence(drive, virtual, line, bus):
     drive.status()
     virtual.alive = False
     while not bus.health[drive.name].given_up:
@@ -109,12 +109,12 @@ def test_after_being_away(drive, virtual, line, bus):
     line.advance(10)
     drive.read("480")
     heard = kinds(virtual)
-    # First the probe, then all that is to be set up, then what was asked for.
+    # First the probe, then the set-up, then the requested parameter.
     assert heard[0][0] == "enquiry"
     assert heard[1:] == [*SET_UP, ("enquiry", 480)]
 
 
-def test_a_call_that_failed_once_is_no_absence(drive, virtual):
+def test_single_failed_call_does_not_repeat_the_set_up(drive, virtual):
     drive.status()
     virtual.alive = False
     with pytest.raises(NoReplyError):
@@ -125,7 +125,7 @@ def test_a_call_that_failed_once_is_no_absence(drive, virtual):
     assert kinds(virtual) == [("enquiry", 480)]
 
 
-def test_after_the_port_was_opened_again(drive, virtual, line, bus):
+def test_set_up_is_written_again_after_the_port_was_reopened(drive, virtual, line, bus):
     other = bus.drive("vabus", ADDRESS, model="agile")
     drive.status()
     kinds(virtual)
@@ -134,15 +134,15 @@ def test_after_the_port_was_opened_again(drive, virtual, line, bus):
         drive.status()
     line.broken = False
     line.advance(1)
-    # Whichever object comes first.
+    # The first object to use the drive writes the set-up.
     other.read("480")
     assert kinds(virtual) == [*SET_UP, ("enquiry", 480)]
     drive.read("480")
     assert kinds(virtual) == [("enquiry", 480)]
 
 
-def test_whoever_comes_first_sets_up_as_it_was_given(drive, virtual, bus):
-    """The values were given to an object that knows the parameters; another one for the same drive does not."""
+def test_object_without_a_model_writes_the_set_up_of_another_object(drive, virtual, bus):
+    """The set-up belongs to an object that has the model; the object that uses the drive first has none."""
     plain = bus.drive("vabus", ADDRESS)
     plain.read("480", type="long")
     assert kinds(virtual) == [*SET_UP, ("enquiry", 480)]
@@ -150,7 +150,7 @@ def test_whoever_comes_first_sets_up_as_it_was_given(drive, virtual, bus):
     assert kinds(virtual) == [("enquiry", 480)]
 
 
-def test_stop_and_probe_do_not_wait_for_it(drive, virtual):
+def test_stop_and_probe_do_not_wait_for_the_set_up(drive, virtual):
     drive.probe()
     assert ("select", 481) not in kinds(virtual)
     drive.stop()
@@ -159,7 +159,7 @@ def test_stop_and_probe_do_not_wait_for_it(drive, virtual):
     assert kinds(virtual) == [*SET_UP, ("enquiry", 480)]
 
 
-def test_one_that_is_refused_raises_and_is_tried_again(drive, virtual):
+def test_refused_set_up_raises_and_is_retried(drive, virtual):
     virtual.refuses = True
     for _ in range(3):
         with pytest.raises(RefusedError) as caught:
@@ -174,7 +174,7 @@ def test_one_that_is_refused_raises_and_is_tried_again(drive, virtual):
     assert heard[-3:] == [*SET_UP, ("enquiry", 480)]
 
 
-def test_a_refused_one_does_not_keep_anybody_from_stopping(drive, virtual):
+def test_refused_set_up_does_not_prevent_a_stop(drive, virtual):
     virtual.refuses = True
     with pytest.raises(RefusedError) as caught:
         drive.read("480")
@@ -184,8 +184,8 @@ def test_a_refused_one_does_not_keep_anybody_from_stopping(drive, virtual):
     assert ("select", 410) in kinds(virtual)
 
 
-def test_one_that_was_cut_off_is_begun_anew(drive, virtual):
-    """The drive falls silent behind the first of two writes."""
+def test_interrupted_set_up_is_repeated_from_its_beginning(drive, virtual):
+    """The drive falls silent after the first of two writes."""
     answers = [True, False]
     hear = virtual._drive.hear
 
@@ -211,7 +211,7 @@ def test_one_that_was_cut_off_is_begun_anew(drive, virtual):
     assert kinds(virtual)[-3:] == [*SET_UP, ("enquiry", 480)]
 
 
-def test_what_is_said_last_of_a_drive_holds_for_all_its_objects(bus, virtual):
+def test_latest_set_up_applies_to_all_objects_of_a_drive(bus, virtual):
     first = bus.drive("vabus", ADDRESS, model="agile", set_up={"481": "12.34"})
     first.read("480")
     kinds(virtual)
@@ -223,8 +223,8 @@ def test_what_is_said_last_of_a_drive_holds_for_all_its_objects(bus, virtual):
 
 
 @pytest.mark.parametrize("given_first", [True, False])
-def test_a_dead_drive_that_is_to_be_set_up_is_given_up_all_the_same(bus, line, virtual, given_first):
-    """Nobody may hold up the line because a watchdog is to be written to a drive that is not there."""
+def test_dead_drive_with_a_set_up_is_given_up(bus, line, virtual, given_first):
+    """An unwritten set-up of a missing drive must not hold up the line."""
     if given_first:
         drive = bus.drive("vabus", ADDRESS, model="agile", set_up={"481": "12.34"})
     else:
@@ -243,7 +243,7 @@ def test_a_dead_drive_that_is_to_be_set_up_is_given_up_all_the_same(bus, line, v
 
 
 @pytest.mark.parametrize("live", [True, False])
-def test_asking_at_other_line_settings_does_not_take_it_off_the_list(bus, virtual, live):
+def test_probe_at_other_line_settings_leaves_the_set_up_pending(bus, virtual, live):
     drive = bus.drive("vabus", ADDRESS, model="agile", set_up={"481": "12.34", "482": "5.00"})
     if live:
         drive.status()
@@ -251,7 +251,7 @@ def test_asking_at_other_line_settings_does_not_take_it_off_the_list(bus, virtua
         while not bus.health[drive.name].given_up:
             with pytest.raises(NoReplyError):
                 drive.read("480")
-    # Such as a scan for a drive whose settings are not known.
+    # A scan for a drive with unknown settings does the same.
     with pytest.raises(NoReplyError):
         bus.drive("vabus", ADDRESS, baudrate=9600).probe()
     virtual.alive = True
@@ -261,7 +261,7 @@ def test_asking_at_other_line_settings_does_not_take_it_off_the_list(bus, virtua
     assert kinds(virtual)[-3:] == [*SET_UP, ("enquiry", 480)]
 
 
-def test_a_scan_leaves_it_to_be_done(bus, virtual):
+def test_scan_leaves_the_set_up_pending(bus, virtual):
     drive = bus.drive("vabus", ADDRESS, model="agile", set_up={"481": "12.34", "482": "5.00"})
     assert [found.name for found in bus.scan(only=["vabus"], addresses=[ADDRESS])] == [drive.name]
     kinds(virtual)
@@ -269,7 +269,7 @@ def test_a_scan_leaves_it_to_be_done(bus, virtual):
     assert kinds(virtual) == [*SET_UP, ("enquiry", 480)]
 
 
-def test_broadcasts_are_never_set_up(bus, virtual):
+def test_broadcasts_write_no_set_up(bus, virtual):
     bus.drive("vabus", ADDRESS, model="agile", set_up={"481": "12.34"})
     bus.broadcast("vabus").stop()
     bus.sleep_until(bus.now() + 1)

@@ -1,4 +1,4 @@
-"""A start of a motor at a reference: what is sent in which order, and what keeps each telegram from being sent."""
+"""Starting a motor at a reference: the order of the telegrams, and the check before each of them."""
 
 from decimal import Decimal
 from types import SimpleNamespace
@@ -13,7 +13,7 @@ STANDING, RUNNING = ["status", "reference", "start"], ["status", "start", "refer
 
 
 class Drive:
-    """Notes what is done with it. overtaken: a stop comes before its status is read."""
+    """A drive that records its calls. overtaken: reading its status raises OvertakenError."""
 
     def __init__(self, *, running, overtaken=False):
         self.running, self.overtaken, self.done = running, overtaken, []
@@ -33,13 +33,13 @@ class Drive:
 
 
 @pytest.mark.parametrize(("running", "order"), [(False, STANDING), (True, RUNNING)])
-def test_a_motor_that_runs_is_commanded_before_it_gets_its_reference(running, order):
+def test_running_motor_is_started_before_it_gets_its_reference(running, order):
     drive = Drive(running=running)
     carry_out(drive, starting(**HALF))
     assert drive.done == order
 
 
-def test_without_a_reference_nothing_is_asked():
+def test_start_without_a_reference_reads_no_status():
     drive = Drive(running=True)
     carry_out(drive, starting(reverse=True, percent=None, hz=None))
     assert drive.done == ["start reversed"]
@@ -47,7 +47,7 @@ def test_without_a_reference_nothing_is_asked():
 
 @pytest.mark.parametrize(("running", "order"), [(False, STANDING), (True, RUNNING)])
 @pytest.mark.parametrize("commands", [0, 1])
-def test_what_the_check_raises_keeps_the_next_command_from_being_sent(running, order, commands):
+def test_failing_check_prevents_the_next_command_of_a_start(running, order, commands):
     drive, left = Drive(running=running), commands
 
     def check():
@@ -61,13 +61,13 @@ def test_what_the_check_raises_keeps_the_next_command_from_being_sent(running, o
     assert drive.done == order[: 1 + commands]
 
 
-def test_the_check_comes_right_before_each_command():
+def test_check_runs_right_before_each_command_of_a_start():
     drive = Drive(running=False)
     carry_out(drive, starting(**HALF, check=lambda: drive.done.append("check")))
     assert drive.done == ["status", "check", "reference", "check", "start"]
 
 
-def test_a_stop_that_overtakes_the_status_is_what_the_caller_hears_of():
+def test_overtaking_stop_raises_the_error_of_the_check():
     def check():
         raise CommandCancelledError("stopped")
 

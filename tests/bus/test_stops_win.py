@@ -1,4 +1,4 @@
-"""A stop goes before all else, what it replaces is never brought back, and what is old is not believed."""
+"""Stops come before everything else, a stopped motor is never restarted, and old data is not trusted."""
 
 import asyncio
 import threading
@@ -30,10 +30,10 @@ def served(serving):
 
 
 class TestInterrupting:
-    """A drive is slow, or not there; the stop of another one does not wait for it."""
+    """A slow or missing drive does not delay the stop of another drive."""
 
-    def test_whoever_answers_in_time_is_heard(self):
-        """A reading that is on the wire while a stop is called gets its value, where its drive is as quick as usual."""
+    def test_reply_in_time_is_returned_although_a_stop_waits(self):
+        """A read on the wire when a stop is called returns its value if the drive answers as quickly as usual."""
         line = VirtualLine([Mortal("danfoss-fc", 1)])
         sent = []
         with drivecomm.open_bus(line.port, trace=lambda event: sent.append(event.what)) as bus:
@@ -44,7 +44,7 @@ class TestInterrupting:
 
 
 class TestCancelling:
-    def test_a_task_that_was_made_before_and_has_not_begun(self, served):
+    def test_start_task_that_has_not_begun_is_cancelled_by_a_stop(self, served):
         virtual, port = served
 
         async def program():
@@ -60,7 +60,7 @@ class TestCancelling:
         asyncio.run(program())
         assert virtual.motor.target_hz == 0
 
-    def test_commands_for_other_drives_go_on(self):
+    def test_stop_does_not_cancel_commands_for_other_drives(self):
         line = VirtualLine([Mortal("danfoss-fc", 1), Mortal("danfoss-fc", 2)])
         with drivecomm.open_bus(line.port) as bus:
             first, second = bus.drive("danfoss-fc", 1), bus.drive("danfoss-fc", 2)
@@ -90,7 +90,7 @@ class Bench:
             self.told(event)
 
     def words(self):
-        """The valid control words that were sent so far."""
+        """Return the valid control words sent so far."""
         messages = [event.message for event in self.recorder.events if event.what == "sent"]
         return [message.control_word for message in messages if message.control_word & 0x0400]
 
@@ -109,7 +109,7 @@ class Bench:
 class TestNothingIsBroughtBack:
     @pytest.mark.parametrize("watched", [None, 20.0])
     @pytest.mark.parametrize("dip_s", [0.5, 5.0])
-    def test_a_dip_of_the_mains_between_two_readings(self, watched, dip_s):
+    def test_dip_of_the_mains_between_two_reads_restarts_nothing(self, watched, dip_s):
         bench = Bench()
         bench.drive.watched(watched)
         bench.run()
@@ -121,7 +121,7 @@ class TestNothingIsBroughtBack:
         bench.drive.status()
         assert bench.hz() == 0
 
-    def test_a_stop_of_all_that_one_drive_did_not_hear_ends_the_feeding_of_its_watchdog(self):
+    def test_unheard_broadcast_stop_ends_the_feeding_of_the_watchdog(self):
         bench = Bench()
         bench.drive.watched(60)
         bench.run()
@@ -136,7 +136,7 @@ class TestNothingIsBroughtBack:
         assert bench.drive.status().running
         assert bench.words() == before
 
-    def test_what_was_confirmed_while_a_stop_of_all_waited_is_not_repeated_after_it(self):
+    def test_start_confirmed_while_a_broadcast_stop_waits_is_not_repeated(self):
         bench = Bench()
         everybody = bench.bus.broadcast("danfoss-fc")
         bench.drive.watched(60)
@@ -161,8 +161,8 @@ class TestNothingIsBroughtBack:
         bench.drive.status()
         assert bench.words() == before
 
-    def test_a_refresh_that_comes_after_the_watchdog_has_acted(self):
-        """It was asked for in time, and waited for the line; the motor still ramps down, so its status says running."""
+    def test_refresh_after_the_watchdog_has_acted_restarts_nothing(self):
+        """The refresh was due in time but waited for the line; the motor still ramps down and reports running."""
         bench = Bench()
         failures = []
         with keep(bench.drive, "ramp", watchdog_s=1, on_failure=failures.append) as kept:
@@ -174,7 +174,7 @@ class TestNothingIsBroughtBack:
             assert bench.hz() == 0
         assert any("longer than its watchdog waits" in str(failure) for failure in failures)
 
-    def test_a_reference_for_a_motor_whose_watchdog_has_acted(self):
+    def test_reference_after_the_watchdog_has_acted_restarts_nothing(self):
         bench = Bench()
         drivecomm.set_watchdog(bench.drive, "ramp", 1)
         bench.drive.stop()
@@ -184,7 +184,7 @@ class TestNothingIsBroughtBack:
             bench.drive.set_reference(percent=80)
         assert bench.hz() == 0
 
-    def test_a_read_only_drive_is_sent_no_word_of_a_refused_verb(self):
+    def test_refused_verb_of_a_read_only_drive_sends_no_control_word(self):
         bench = Bench(read_only=True)
         for verb, arguments in (
             ("control_word", {"word": 0x0474}),
@@ -209,8 +209,8 @@ class TestNothingIsBroughtBack:
         bench.drive.read("16-13")
         assert bench.words() == [0x043C], "nor is its stop repeated, with which another master's motor would be stopped"
 
-    def test_what_another_master_has_stopped_stays_so(self):
-        """We set a reference and never start; somebody else starts and stops; then we ask, and choose a set-up."""
+    def test_motor_stopped_by_another_master_stays_stopped(self):
+        """We set a reference and never start; another master starts and stops; then we read, and select a set-up."""
         bench = Bench()
         bench.drive.set_reference(percent=50)
         other = drivecomm.open_bus(bench.line.port).drive("danfoss-fc", 2, model="fc300")
@@ -226,7 +226,7 @@ class TestNothingIsBroughtBack:
         assert bench.hz() == 0
 
     @each_face
-    def test_a_run_command_is_not_repeated_after_the_port_was_lost_and_the_lost_one_is_closed(self, face):
+    def test_run_command_is_not_repeated_after_the_port_was_lost(self, face):
         virtual, closed = Mortal("danfoss-fc"), []
         line = VirtualLine([virtual])
 
@@ -251,7 +251,7 @@ class TestNothingIsBroughtBack:
 
 
 class TestLateReplies:
-    def test_a_write_is_not_confirmed_by_the_reply_to_one_that_a_trace_function_broke_off(self):
+    def test_late_reply_to_an_aborted_write_does_not_confirm_the_next_one(self):
         drive = Mortal("vabus")
         line = VirtualLine([drive])
         broken = []
@@ -274,8 +274,8 @@ class TestLateReplies:
             assert noise, "the confirmation of the first write was thrown away"
             assert (drive.peek("481", 0), drive.peek("480", 0)) == ("000004B0", "0000012C")
 
-    def test_the_surplus_reply_of_a_repetition_does_not_answer_the_next_question(self):
-        """A drive that is slower than its reply time, and quicker than late replies are waited for."""
+    def test_surplus_reply_of_a_retry_does_not_answer_the_next_request(self):
+        """The drive answers after its reply timeout, but before the wait for late replies ends."""
         line = VirtualLine([Mortal("vabus")])
         with drivecomm.open_bus(line.port) as bus:
             slow = bus.drive("vabus", 3, reply_timeout_s=0.05, late_s=1.0, model="agile")
@@ -285,8 +285,8 @@ class TestLateReplies:
             line.drives[0].poke("481", 2500)
             assert slow.read("481").value == 25, f"not {first}, which an earlier attempt had asked for"
 
-    def test_what_was_not_waited_for_confirms_nothing_else(self):
-        """Overtaken while its confirmation was under way: the next write to that drive lets it pass."""
+    def test_late_confirmation_of_an_overtaken_write_confirms_nothing_else(self):
+        """The write is overtaken before its confirmation arrives; the next write to that drive lets it pass."""
         line = VirtualLine([Mortal("vabus"), Mortal("vabus", 4)])
         with drivecomm.open_bus(line.port) as bus:
             first = bus.drive("vabus", 3, model="agile", reply_timeout_s=2.0)
@@ -302,7 +302,7 @@ class TestLateReplies:
 
 
 class Delayed:
-    """Faults that do nothing but to hold replies back."""
+    """Faults that only delay replies."""
 
     rate = 0.0
 
@@ -317,7 +317,7 @@ class Delayed:
 
 
 @pytest.mark.soak
-def test_a_task_that_is_cancelled_has_left_before_the_bus_is_closed(served):
+def test_cancelled_task_leaves_the_bus_before_it_is_closed(served):
     virtual, port = served
     unhandled = []
 

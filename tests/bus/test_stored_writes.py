@@ -1,4 +1,4 @@
-"""The guard of EEPROM cells counts by the parameter, however it is spelled, and for each drive."""
+"""The guard of EEPROM cells counts stored writes per parameter, in any spelling, and per drive."""
 
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -23,7 +23,7 @@ def one(protocol, model):
 
 
 @pytest.mark.parametrize("protocol", SPELLINGS)
-def test_all_spellings_are_one_parameter(protocol):
+def test_all_spellings_count_as_one_parameter(protocol):
     _, bus = one(protocol, model=MODELS[protocol])
     with bus:
         drive = bus.drive(protocol, 1, model=MODELS[protocol])
@@ -38,7 +38,7 @@ def test_all_spellings_are_one_parameter(protocol):
         assert bus.counters[f"{protocol}:1"]["requests"] == sent
 
 
-def test_with_a_model_and_without_it_is_one_parameter():
+def test_writes_with_and_without_a_model_count_as_one_parameter():
     _, bus = one("danfoss-fc", model="fc300")
     with bus:
         known, plain = bus.drive("danfoss-fc", 1, model="fc300"), bus.drive("danfoss-fc", 1)
@@ -50,7 +50,7 @@ def test_with_a_model_and_without_it_is_one_parameter():
                 drive.write("0303", 50, store=True, type="int32")
 
 
-def test_each_element_has_cells_of_its_own_and_an_index_may_be_given_apart():
+def test_each_element_of_a_parameter_is_counted_separately():
     _, bus = one("danfoss-fc", model="fc300")
     with bus:
         drive = bus.drive("danfoss-fc", 1, model="fc300")
@@ -64,7 +64,7 @@ def test_each_element_has_cells_of_its_own_and_an_index_may_be_given_apart():
 
 
 @each_face
-def test_a_write_to_all_drives_counts_for_each_of_them(face):
+def test_broadcast_write_counts_for_each_drive(face):
     line = VirtualLine([virtual_drive("vabus", 1), virtual_drive("vabus", 2)])
     with open_on(face, line.port) as bus:
         everyone, first, second = bus.broadcast("vabus"), bus.drive("vabus", 1), bus.drive("vabus", 2)

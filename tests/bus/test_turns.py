@@ -1,4 +1,4 @@
-"""Whose turn it is on a line: one at a time, the more urgent first, otherwise in the order of coming."""
+"""Turns on a line: one call at a time, the more urgent first, otherwise in the order of arrival."""
 
 import gc
 import random
@@ -24,7 +24,7 @@ INTERRUPTS = 3000
 
 
 class QuickPort:
-    """Drives that answer at once whatever they are asked, and that no interrupt can confuse."""
+    """A port with drives that answer immediately, and that no interrupt can confuse."""
 
     paced, real_time, descriptor = False, True, None
     now = wall_time = staticmethod(time.monotonic)
@@ -101,7 +101,7 @@ def test_ctrl_c_at_any_instruction_loses_no_turn(extent):
                         drive.read("481")
                 except KeyboardInterrupt:
                     interrupted += 1
-                    # Handled where the interrupted call is still known, as a program does that stops its motors.
+                    # Handled where the interrupted call is still known, as a program does to stop its motors.
                     drive.stop()
         finally:
             signal.setitimer(signal.ITIMER_REAL, 0)
@@ -116,7 +116,7 @@ def test_ctrl_c_at_any_instruction_loses_no_turn(extent):
 
 @pytest.fixture
 def _often_interrupted():
-    """Let threads be switched as often as can be."""
+    """Switch between threads as often as possible."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(1e-5)
     yield
@@ -125,14 +125,14 @@ def _often_interrupted():
 
 class TestBus:
     def crowd(self, work, number=THREADS):
-        """Let threads begin together; returns what they raised."""
+        """Run `work` in many threads that begin together; return the errors raised."""
         raised, gate = [], threading.Barrier(number)
 
         def run(name):
             gate.wait(10)
             try:
                 work(name)
-            except BaseException as error:  # noqa: BLE001 - the test asks for it
+            except BaseException as error:  # noqa: BLE001 - the test checks any error
                 raised.append(error)
 
         threads = [threading.Thread(target=run, args=(name,)) for name in range(number)]
@@ -143,8 +143,8 @@ class TestBus:
             assert not thread.is_alive()
         return raised
 
-    def test_a_reading_has_the_time_of_its_own_reply(self):
-        """However long it takes until its thread goes on, and whoever has the line by then."""
+    def test_reading_has_the_time_of_its_own_reply(self):
+        """The time is right although the thread continues late, and another caller has the line by then."""
         line = VirtualLine([Mortal("danfoss-fc", address) for address in (1, 2)])
         recorder = Recorder()
         with drivecomm.open_bus(line.port, trace=recorder) as bus:
@@ -166,7 +166,7 @@ class TestBus:
         assert reading.time_s == own.time
 
     @pytest.mark.usefixtures("_often_interrupted")
-    def test_drives_may_be_made_while_others_are_commanded(self):
+    def test_drives_can_be_made_while_others_are_commanded(self):
         line = VirtualLine([Mortal("danfoss-fc", address) for address in (1, 2)])
         with drivecomm.open_bus(line.port) as bus:
             kept = [bus.drive("danfoss-fc", 1 + number % 126) for number in range(300)]
@@ -182,8 +182,8 @@ class TestBus:
 
             assert self.crowd(work, 8) == []
 
-    def test_drives_may_be_added_while_the_counters_are_gone_through(self):
-        """Python may collect garbage whenever an object is made, and others go on meanwhile."""
+    def test_drives_can_be_added_while_the_counters_are_read(self):
+        """Python may collect garbage whenever an object is made, and other code runs during the collection."""
         with drivecomm.open_bus(VirtualLine([]).port) as bus:
             to_add = iter(range(1, 127))
 
@@ -197,7 +197,7 @@ class TestBus:
             gc.callbacks.append(add_one)
             try:
                 for read in (lambda: bus.counters, lambda: bus.health, lambda: bus.statistics) * 12:
-                    # Python keeps pairs that were thrown away for use again; what it has to make anew counts.
+                    # Python keeps discarded tuples for reuse; only newly allocated ones trigger a collection.
                     hoard.append([(number, hoard) for number in range(2100)])
                     gc.set_threshold(1)
                     seen.append(len(read()))

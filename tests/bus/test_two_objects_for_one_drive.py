@@ -1,4 +1,4 @@
-"""What one object commands, another one must not bring back."""
+"""Two objects for one drive: a command by one must not be undone by the other."""
 
 import pytest
 from addresses import address_of
@@ -58,7 +58,7 @@ def read_something(drive, protocol):
 
 @each_face
 @pytest.mark.parametrize("how", [Stop.RAMP, Stop.COAST])
-def test_a_stop_by_another_object_is_not_undone_by_reading(face, line, how):
+def test_stop_by_another_object_is_not_undone_by_reading(face, line, how):
     protocol, virtual = line
     with open_on(face, virtual.port) as bus:
         first = set_off(bus, protocol)
@@ -74,7 +74,7 @@ def test_a_stop_by_another_object_is_not_undone_by_reading(face, line, how):
 
 
 @each_face
-def test_a_broadcast_stop_is_not_undone_by_reading(face, line):
+def test_broadcast_stop_is_not_undone_by_reading(face, line):
     protocol, virtual = line
     with open_on(face, virtual.port) as bus:
         first = set_off(bus, protocol)
@@ -90,7 +90,7 @@ def test_a_broadcast_stop_is_not_undone_by_reading(face, line):
 
 @each_face
 @pytest.mark.parametrize("who", ["another object", "all"])
-def test_a_stop_that_is_written_as_a_parameter_is_not_undone(face, who):
+def test_stop_written_as_a_parameter_is_not_undone(face, who):
     virtual = VirtualLine([virtual_drive("fuji", 3)])
     with open_on(face, virtual.port) as bus:
         first = set_off(bus, "fuji")
@@ -103,10 +103,10 @@ def test_a_stop_that_is_written_as_a_parameter_is_not_undone(face, who):
         assert not running(virtual)
 
 
-def test_a_second_program_starts_with_the_reference_that_is_set(line):
+def test_second_program_starts_with_the_reference_already_set(line):
     protocol, virtual = line
     if protocol in ("uss", "movilink"):
-        # No page says which parameter shows the reference from the bus, so that nothing is started with a guess.
+        # No manual page says which parameter shows the reference from the bus, so no start uses a guess.
         with drivecomm.open_bus(virtual.port) as bus, pytest.raises(StateError, match="no reference was set"):
             bus.drive(
                 protocol, address_of(protocol, 3), **({"model": "movidrive-b"} if protocol == "movilink" else {})
@@ -125,7 +125,7 @@ def test_a_second_program_starts_with_the_reference_that_is_set(line):
     with drivecomm.open_bus(virtual.port) as bus:
         third = bus.drive(protocol, address_of(protocol, 3), model=installed[protocol].default_model)
         if protocol == "danfoss-fc":
-            # Its reference goes out with a control word, and no word is sent that was not commanded by who sends it.
+            # Its reference is sent with a control word, and a program repeats only control words of its own.
             with pytest.raises(StateError, match="came from another program"):
                 third.set_reference(percent=20)
             third.start()

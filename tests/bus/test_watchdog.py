@@ -1,4 +1,4 @@
-"""The helper that reads and sets a drive's own watchdog: what is written, in which order, and what is refused."""
+"""Reading and setting a drive's own watchdog: the values written, their order, and refusals."""
 
 import asyncio
 from dataclasses import replace
@@ -23,11 +23,11 @@ KNOWN = [
     ("fuji", "frenic", "trip", 5, {"y08": 5, "y02": 0}),
     ("fuji", "vg", "trip", Decimal("0.5"), {"H38": 5, "H32": 0}),
 ]
-"""A model, a policy that its watchdog has, a time, and what the drive then holds."""
+"""Protocol, model, a policy of its watchdog, its time in seconds, and the parameter values the drive then holds."""
 
 
 class Bench:
-    """A virtual drive on a line, its master's end, and what is said."""
+    """A virtual drive on a line, its bus, and the messages sent."""
 
     def __init__(self, protocol, model):
         self.virtual = virtual_drive(protocol, 2, **({"model": model} if model else {}))
@@ -51,7 +51,7 @@ class Bench:
 
 
 @pytest.mark.parametrize(("protocol", "model", "policy", "time_s", "held"), KNOWN, ids=str)
-def test_what_is_set_is_what_the_drive_holds_and_says(protocol, model, policy, time_s, held):
+def test_set_watchdog_writes_the_drive_and_returns_its_state(protocol, model, policy, time_s, held):
     bench = Bench(protocol, model)
     before = read_watchdog(bench.drive)
     assert (before.policy, before.time_s, str(before)) == ("hold", None, "off")
@@ -62,7 +62,7 @@ def test_what_is_set_is_what_the_drive_holds_and_says(protocol, model, policy, t
     assert {parameter: bench.holds(parameter) for parameter in held} == held
 
 
-def test_a_watchdog_that_is_set_as_it_was_is_switched_off_before_its_time_is_changed():
+def test_keep_switches_the_watchdog_off_before_changing_its_time():
     bench = Bench("danfoss-fc", "fc300")
     bench.drive.write("8-03", 1)
     with keep(bench.drive, "ramp", watchdog_s=5):
@@ -70,7 +70,7 @@ def test_a_watchdog_that_is_set_as_it_was_is_switched_off_before_its_time_is_cha
     assert [message.pnu for message in bench.writes[-2:]] == [804, 803]
 
 
-def test_how_long_it_waits_is_known_to_the_drive_from_then_on():
+def test_drive_object_learns_the_watchdog_time():
     bench = Bench("danfoss-fc", "fc300")
     known = []
     bench.drive.watched = known.append
@@ -81,7 +81,7 @@ def test_how_long_it_waits_is_known_to_the_drive_from_then_on():
     assert known == [5, 5, None, None]
 
 
-def test_no_time_is_sent_that_is_below_what_its_parameter_can_hold():
+def test_time_below_the_minimum_of_its_parameter_is_not_sent():
     bench = Bench("danfoss-fc", "fc300")
     info = bench.drive.model.find("8-03")
     model = replace(
@@ -94,7 +94,7 @@ def test_no_time_is_sent_that_is_below_what_its_parameter_can_hold():
     assert set_watchdog(drive, "ramp", 2).time_s == 2
 
 
-def test_no_watchdog_waits_for_no_time_at_all_whatever_its_parameter_takes():
+def test_zero_or_negative_watchdog_time_is_refused():
     model = load_model("drivecomm_danfoss_fc", "danfoss-fc", "fc300")
     model = replace(model, parameters={**model.parameters, "8-03": replace(model.find("8-03"), minimum=None)})
     bench = Bench("danfoss-fc", "fc300")
@@ -106,7 +106,7 @@ def test_no_watchdog_waits_for_no_time_at_all_whatever_its_parameter_takes():
 
 
 @pytest.mark.parametrize(("protocol", "model", "policy", "time_s", "held"), KNOWN, ids=str)
-def test_off_again(protocol, model, policy, time_s, held):
+def test_hold_switches_the_watchdog_off(protocol, model, policy, time_s, held):
     bench = Bench(protocol, model)
     set_watchdog(bench.drive, policy, time_s)
     off = set_watchdog(bench.drive, "hold")
@@ -115,7 +115,7 @@ def test_off_again(protocol, model, policy, time_s, held):
 
 
 @pytest.mark.parametrize(("protocol", "model", "policy", "time_s"), [case[:4] for case in KNOWN], ids=str)
-def test_what_is_there_already_is_not_written_again(protocol, model, policy, time_s):
+def test_unchanged_watchdog_is_not_written_again(protocol, model, policy, time_s):
     bench = Bench(protocol, model)
     set_watchdog(bench.drive, policy, time_s)
     bench.sent.clear()
@@ -124,7 +124,7 @@ def test_what_is_there_already_is_not_written_again(protocol, model, policy, tim
     assert not bench.writes
 
 
-def test_what_switches_it_on_comes_last_and_what_switches_it_off_first():
+def test_watchdog_is_switched_on_last_and_off_first():
     bench = Bench("danfoss-fc", "fc300")
     set_watchdog(bench.drive, "ramp", 7)
     set_watchdog(bench.drive, "hold")
@@ -136,14 +136,14 @@ def test_what_switches_it_on_comes_last_and_what_switches_it_off_first():
 
 
 @pytest.mark.parametrize(("model", "survives"), [("agile", False), ("act", True)])
-def test_volatile_where_the_drive_can(model, survives):
+def test_watchdog_is_written_to_ram_if_the_drive_has_it(model, survives):
     bench = Bench("vabus", model)
     set_watchdog(bench.drive, "trip", 9)
     bench.virtual.power_cycle(bench.line.time)
     assert (bench.holds("413") == 9) is survives
 
 
-def test_an_action_that_is_no_policy_is_said_in_the_drives_words():
+def test_action_that_is_not_a_policy_is_shown_in_the_words_of_the_drive():
     bench = Bench("danfoss-fc", "fc300")
     bench.virtual.poke("8-04", 3)
     found = read_watchdog(bench.drive)
@@ -164,32 +164,32 @@ def test_an_action_that_is_no_policy_is_said_in_the_drives_words():
         (("vabus", "agile"), "trip", 10001, ValueRefusedError, "cannot wait 10001 s"),
         (("vabus", "agile"), "trip", 0, ValueRefusedError, "cannot wait 0 s"),
         (("vabus", "agile"), "trip", -1, ValueRefusedError, "cannot wait -1 s"),
-        (("vabus", "agile"), "trip", "soon", ValueRefusedError, "no number"),
+        (("vabus", "agile"), "trip", "soon", ValueRefusedError, "not a number"),
         (("danfoss-fc", "fc300"), "ramp", "0.25", ValueRefusedError, "steps of 0.1 s"),
     ],
 )
-def test_what_cannot_be_is_refused_before_anything_is_sent(drive, policy, time_s, error, sentence):
+def test_impossible_watchdog_is_refused_before_sending(drive, policy, time_s, error, sentence):
     bench = Bench(*drive)
     with pytest.raises(error, match=sentence):
         set_watchdog(bench.drive, policy, time_s)
     assert not bench.sent
 
 
-def test_a_drive_that_does_not_keep_what_it_confirms():
+def test_drive_that_does_not_hold_the_written_watchdog_raises_state_error():
     bench = Bench("danfoss-fc", "fc300")
     bench.virtual.store.write = lambda *_, **__: (1, 0)
     with pytest.raises(StateError, match="do not rely on the watchdog"):
         set_watchdog(bench.drive, "ramp", 3)
 
 
-def test_a_parameter_that_reads_no_number(tmp_path):
+def test_watchdog_parameter_that_is_not_a_number_is_refused(tmp_path):
     model = own_model(tmp_path, '[watchdog]\ntime = "029"\noff = 0\nactions = { trip = 0 }\n', type="string")
     bench = Bench("vabus", model)
     with pytest.raises(UnexpectedReplyError, match="not a number"):
         read_watchdog(bench.drive)
 
 
-def test_a_model_whose_watchdog_is_none_of_its_parameters(tmp_path):
+def test_watchdog_of_a_model_must_be_one_of_its_parameters(tmp_path):
     model = own_model(tmp_path, '[watchdog]\ntime = "999"\noff = 0\nactions = { trip = 0 }\n')
     bench = Bench("vabus", model)
     with pytest.raises(UsageError, match="'999', not one of its parameters"):
@@ -206,7 +206,7 @@ def own_model(folder, text, type="uint"):
     return read_model(path, "vabus", "drivecomm_vabus")
 
 
-def test_the_same_for_those_who_await():
+def test_async_set_watchdog_reads_back_and_refuses_alike():
     virtual = virtual_drive("danfoss-fc", 2, model="fc300")
     line = VirtualLine([virtual])
 
@@ -223,7 +223,7 @@ def test_the_same_for_those_who_await():
     assert (virtual.peek("8-03", line.time), virtual.peek("8-04", line.time)) == (40, 2)
 
 
-def test_what_a_model_can():
+def test_policies_are_those_of_the_model():
     assert policies(None) == ()
     assert policies(load_model("drivecomm_vlt3500", "vlt3500", "vlt3500")) == ()
     assert policies(load_model("drivecomm_vabus", "vabus", "agile")) == ("hold", "trip")
@@ -232,7 +232,7 @@ def test_what_a_model_can():
 
 @settings(max_examples=30, deadline=None)
 @given(time_s=st.decimals("0.01", "20000", places=2))
-def test_a_time_is_set_exactly_or_refused(time_s):
+def test_watchdog_time_is_set_exactly_or_refused(time_s):
     bench = Bench("danfoss-fc", "fc300")
     try:
         after = set_watchdog(bench.drive, "ramp", time_s)
@@ -240,7 +240,7 @@ def test_a_time_is_set_exactly_or_refused(time_s):
         assert time_s * 10 % 1
         assert not bench.sent
     except drivecomm.RefusedError:
-        # The drive has a limit that its model does not know; what switches the watchdog on was not written.
+        # The drive has a limit that its model lacks; the parameter that switches it on was not written.
         assert bench.holds("8-04") == 0
     else:
         assert after.time_s == time_s

@@ -1,4 +1,4 @@
-"""Which calls and writes may start a motor: by their effect, on every protocol."""
+"""Calls and writes that may start a motor, judged by their effect, on every protocol."""
 
 import pytest
 from addresses import address_of
@@ -64,7 +64,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("protocol", "model", "verb", "arguments", "starts"), CASES)
-def test_may_start_tells_what_turns_a_motor(protocol, model, verb, arguments, starts):
+def test_may_start_recognises_calls_that_turn_a_motor(protocol, model, verb, arguments, starts):
     line = VirtualLine([virtual_drive(protocol, 1, model=model)])
     sent = []
     line.monitors.append(sent.append)
@@ -76,14 +76,14 @@ def test_may_start_tells_what_turns_a_motor(protocol, model, verb, arguments, st
 
 
 @pytest.mark.parametrize("verb", ["start", "reverse", "jog"])
-def test_verbs_of_every_drive_start_it(verb):
+def test_start_reverse_and_jog_may_start_every_drive(verb):
     line = VirtualLine([virtual_drive("vabus", 1)])
     with drivecomm.open_bus(line.port) as bus:
         assert bus.drive("vabus", 1).may_start(verb)
         assert not bus.drive("vabus", 1).may_start("set_reference", percent=20)
 
 
-def test_read_only_drive_starts_nothing():
+def test_read_only_drive_never_may_start():
     line = VirtualLine([virtual_drive("danfoss-fc", 1)])
     with drivecomm.open_bus(line.port) as bus:
         assert not bus.drive("danfoss-fc", 1, read_only=True).may_start("call", verb="describe", parameter="3-41")
@@ -93,8 +93,8 @@ EVERY = [(name, model) for name in sorted(installed) for model in model_names(in
 
 
 @pytest.mark.parametrize(("name", "model"), EVERY)
-def test_no_other_parameter_starts_a_motor(name, model):
-    """Whatever a write to any parameter but those does, the virtual motor that stands does not turn by it."""
+def test_parameters_outside_may_start_turn_no_motor(name, model):
+    """After a write that `may_start` declares harmless, the standing virtual motor must not turn."""
     parameters = load_model(installed[name].package, name, model).parameters
     line = VirtualLine([virtual_drive(name, address_of(name), model=model)])
     with drivecomm.open_bus(line.port) as bus:

@@ -1,4 +1,4 @@
-"""A wide scan: drives at settings that nobody expected are found, the likely first, and no motor moves."""
+"""Wide scans find drives at unusual settings, try likely settings first, and move no motor."""
 
 import dataclasses
 
@@ -35,7 +35,7 @@ def odd_line(**options):
 
 
 class Sent:
-    """Keeps what is sent, and whose telegram it is."""
+    """A trace function that collects the sent telegrams."""
 
     def __init__(self):
         self.events = []
@@ -46,12 +46,12 @@ class Sent:
 
 
 @pytest.mark.soak
-def test_four_makers_at_odd_settings_are_found_and_nothing_moves():
+def test_wide_scan_finds_four_makers_at_odd_settings_and_moves_nothing():
     line, sent = odd_line(), Sent()
     before = [dataclasses.replace(drive.settings) for drive in line.drives]
     with drivecomm.open_bus(line.port, trace=sent) as bus:
         found = list(bus.scan(addresses=range(1, 8), choices=LineChoices()))
-    # A VABus drive answers what a scan asks drives of WEG, and both packages say that they look alike.
+    # A VABus drive answers the probes for WEG drives; both packages document that they look alike.
     assert {(one.protocol, one.address): one.settings for one in found if one.sound and one.protocol != "weg"} == {
         (name, address): settings for name, (address, settings) in ODD.items()
     }
@@ -62,7 +62,7 @@ def test_four_makers_at_odd_settings_are_found_and_nothing_moves():
         assert installed[event.drive.partition(":")[0]].intent(event.message).only_asks, event
 
 
-def test_what_was_found_can_be_spoken_to():
+def test_found_drive_can_be_used():
     line = odd_line()
     with drivecomm.open_bus(line.port) as bus:
         wanted = LineChoices(baudrates=(38400,), parities=("N",))
@@ -72,13 +72,13 @@ def test_what_was_found_can_be_spoken_to():
         assert drive.facts.settings == ODD["danfoss-fc"][1]
 
 
-def test_the_usual_settings_come_first():
+def test_wide_scan_tries_the_usual_settings_first():
     order = [(asking.protocol, asking.settings) for asking in Search(choices=LineChoices())]
     first = list(dict.fromkeys(order))[: len(installed)]
     assert first == [(name, installed[name].facts.settings) for name in installed]
 
 
-def test_the_likely_settings_of_all_come_before_the_unlikely_of_one():
+def test_likely_settings_of_all_protocols_come_before_unlikely_ones():
     search = Search(choices=LineChoices())
     place = {}
     for number, asking in enumerate(search):
@@ -87,11 +87,11 @@ def test_the_likely_settings_of_all_come_before_the_unlikely_of_one():
         own = [number for (protocol, _), number in place.items() if protocol == name]
         for other in installed:
             theirs = [number for (protocol, _), number in place.items() if protocol == other]
-            # Everybody's third-best setting comes before anybody's tenth.
+            # The third-best setting of each protocol comes before the tenth-best of any.
             assert sorted(own)[2] < sorted(theirs)[9]
 
 
-def test_speeds_that_a_model_names_come_before_those_that_nobody_names():
+def test_baud_rates_named_by_a_model_come_before_others():
     plugin = installed["vabus"]
     models = [packaged_model("vabus", "agile")]
     rates = list(dict.fromkeys(each.settings.baudrate for each in likely_settings(plugin, models)))
@@ -104,7 +104,7 @@ def packaged_model(protocol, name):
     return load_model(installed[protocol].package, protocol, name)
 
 
-def test_seven_bits_are_not_tried_where_telegrams_have_eight():
+def test_seven_bits_are_not_tried_for_eight_bit_telegrams():
     sizes = {
         name: {asking.settings.bytesize for asking in Search([name], [1], LineChoices())}
         for name in ("danfoss-fc", "vabus", "fuji")
@@ -122,7 +122,7 @@ def test_only_the_chosen_settings_are_tried():
         LineChoices(baudrates=(9600, 3))
 
 
-def test_who_answers_brings_its_like_forward():
+def test_found_drive_moves_its_settings_and_protocol_forward():
     search = Search(["vabus", "fuji"], range(1, 8), LineChoices())
     met = LineSettings(baudrate=4800, bytesize=7, parity="E")
     asked = []
@@ -142,7 +142,7 @@ def test_who_answers_brings_its_like_forward():
     )
 
 
-def test_damage_brings_the_other_settings_of_that_address_forward_and_is_told_at_the_end():
+def test_damaged_reply_moves_its_address_forward_and_is_reported_at_the_end():
     search = Search(["vabus"], [1, 2], LineChoices())
     first = next(iter(search))
     spoilt = Found(protocol="vabus", address=first.address, sound=False, detail="checksum")
@@ -167,17 +167,17 @@ class TestIdentification:
         plain = packaged_model("danfoss-fc", "fc101")
         return dataclasses.replace(plain, name=name, identified_by=rules)
 
-    def test_the_model_that_knows_itself_is_named(self):
+    def test_model_is_chosen_by_its_identity_rules(self):
         search = self.search(self.model("one", plate="FC-1.*"), self.model("two", plate="FC-2.*"), self.model("none"))
         assert search.model_of(self.found({"plate": "FC-202"})).model == "two"
         assert search.model_of(self.found({"plate": "FC-302"})).model == ""
         assert search.model_of(self.found({})).model == ""
 
-    def test_two_that_know_themselves_are_none(self):
+    def test_ambiguous_identity_names_no_model(self):
         search = self.search(self.model("one", plate="FC.*"), self.model("two", plate="FC-2.*"))
         assert search.model_of(self.found({"plate": "FC-202"})).model == ""
 
-    def test_a_model_file_that_is_none_does_not_end_a_scan(self, tmp_path, monkeypatch):
+    def test_invalid_model_file_does_not_end_a_scan(self, tmp_path, monkeypatch):
         folder = tmp_path / "vabus"
         folder.mkdir()
         (folder / "broken.toml").write_text("format = 9")
@@ -187,15 +187,15 @@ class TestIdentification:
             assert [one.name for one in bus.scan(["vabus"], [1])] == ["vabus:1"]
 
     @pytest.mark.parametrize("model", ["fc101", "fc102", "fc202", "fc302", "vlt5000", "vlt6000"])
-    def test_drives_with_a_name_plate(self, model):
+    def test_scan_recognises_models_by_the_name_plate(self, model):
         line = VirtualLine([virtual_drive("danfoss-fc", 3, model=model)])
         with drivecomm.open_bus(line.port) as bus:
             (found,) = bus.scan(["danfoss-fc"], [3])
         assert found.model == model
         assert found.drive.options["model"] == model
 
-    def test_a_model_of_the_users_own(self, tmp_path, monkeypatch):
-        # A name plate that no packaged model knows.
+    def test_scan_recognises_a_user_model(self, tmp_path, monkeypatch):
+        # A name plate that matches no packaged model.
         folder = tmp_path / "danfoss-fc"
         folder.mkdir()
         (folder / "mine.toml").write_text(
@@ -219,7 +219,7 @@ class TestModelsThatFit:
             ("delta-vfd-e", ["delta-vfd-e"], ["delta", "delta-vfd-b"]),
         ],
     )
-    def test_scan_names_all_models_that_the_registers_of_a_drive_fit(self, model, fits, fits_not):
+    def test_scan_names_all_models_that_fit_the_registers_of_a_drive(self, model, fits, fits_not):
         drive, sent = virtual_drive("modbus", 1, model=model), []
         with drivecomm.open_bus(VirtualLine([drive]).port, trace=sent.append) as bus:
             (found,) = bus.scan(["modbus"], [1])

@@ -1,10 +1,10 @@
-"""A small reader of pcapng, written from its specification alone, to judge the files that drivecomm writes."""
+"""A small pcapng reader, written from the specification alone, to check the files that drivecomm writes."""
 
 import struct
 
 
 def blocks_of(content):
-    """Yield type and body of each block; both lengths of each must agree, and all bytes must belong to one."""
+    """Yield byte order, type and body of each block; both lengths of a block must agree, and blocks cover all bytes."""
     place, order = 0, None
     while place < len(content):
         if content[place : place + 4] == b"\x0a\x0d\x0d\x0a":
@@ -18,7 +18,7 @@ def blocks_of(content):
 
 
 def options_of(order, data):
-    """Return options by code; the list must end with opt_endofopt and nothing behind it."""
+    """Return options by code; the list must end with opt_endofopt and nothing after it."""
     found, place = {}, 0
     while True:
         code, length = struct.unpack(order + "HH", data[place : place + 4])

@@ -1,4 +1,4 @@
-"""Capture files: what was written is read, in both formats, whole or cut off anywhere; what is wrong is named."""
+"""Capture files: read back as written in both formats, even if cut off; errors name their place."""
 
 import json
 import os
@@ -76,7 +76,7 @@ def written(path, provenance, pieces):
 @pytest.mark.soak
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @extents(50, 150)
-def test_what_was_written_is_read(tmp_path, suffix, extent):
+def test_written_capture_is_read_back_unchanged(tmp_path, suffix, extent):
     @settings(max_examples=extent, deadline=None)
     @given(provenance=provenances, pieces=st.lists(pieces, max_size=8))
     def read_as_written(provenance, pieces):
@@ -87,14 +87,14 @@ def test_what_was_written_is_read(tmp_path, suffix, extent):
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_the_name_does_not_say_what_it_is(tmp_path, suffix):
+def test_format_is_found_without_the_file_name(tmp_path, suffix):
     path = written(tmp_path / f"a{suffix}", ABOUT, PIECES)
     assert read_capture(path.rename(tmp_path / "renamed")) == Capture(provenance=ABOUT, pieces=PIECES)
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_cut_off_anywhere(tmp_path, suffix):
-    """Of a program that was killed at most the last piece is lost, and the reader says so."""
+def test_capture_cut_off_anywhere_is_read_up_to_the_cut(tmp_path, suffix):
+    """A killed program loses at most the last piece, and the reader reports the loss."""
     whole = written(tmp_path / f"whole{suffix}", ABOUT, PIECES).read_bytes()
     header = len(written(tmp_path / f"header{suffix}", ABOUT, []).read_bytes())
     ends = {
@@ -110,7 +110,7 @@ def test_cut_off_anywhere(tmp_path, suffix):
             continue
         found = read_capture(cut)
         kept = max((count for end, count in ends.items() if end <= length), default=0)
-        # A last line is whole without its end, too; an interface may be whole without its packet.
+        # The last JSON line may be complete without its line end, and a pcapng interface without its packet.
         assert found.pieces in (PIECES[:kept], PIECES[: kept + 1])
         assert found.provenance == ABOUT
         clean = length in ends or found.pieces != PIECES[:kept]
@@ -125,7 +125,7 @@ def test_cut_off_anywhere(tmp_path, suffix):
 
 @pytest.mark.skipif(os.name != "posix", reason="kills a process")
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a_killed_program_loses_nothing_that_was_added(tmp_path, suffix):
+def test_killed_program_loses_no_added_piece(tmp_path, suffix):
     path = tmp_path / f"killed{suffix}"
     program = (
         "import os, signal, sys\n"
@@ -149,17 +149,17 @@ def test_pieces_are_sorted_by_their_times(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a_piece_without_bytes_is_left_out(tmp_path, suffix):
+def test_piece_without_bytes_is_left_out(tmp_path, suffix):
     assert read_capture(written(tmp_path / f"a{suffix}", Provenance(), [Piece(time_s=0, data=b"")])).pieces == []
 
 
 @pytest.mark.parametrize("time_s", [-1e-9, float("nan"), float("inf"), 1e10])
-def test_times_that_cannot_be(tmp_path, time_s):
+def test_invalid_times_are_refused(tmp_path, time_s):
     with CaptureWriter(tmp_path / "a.jsonl", Provenance()) as writer, pytest.raises(UsageError, match="time of"):
         writer.add(Piece(time_s=time_s, data=b"a"))
 
 
-def test_places_that_cannot_be(tmp_path):
+def test_unusable_paths_provenances_and_closed_writers_are_refused(tmp_path):
     with pytest.raises(UsageError, match=r"name it \.jsonl, or \.pcapng"):
         CaptureWriter(tmp_path / "a.txt", Provenance())
     with pytest.raises(UsageError, match="cannot be written"):
@@ -178,7 +178,7 @@ def test_places_that_cannot_be(tmp_path):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a full disk")
-def test_a_full_disk(tmp_path):
+def test_full_disk_is_refused(tmp_path):
     path = tmp_path / "a.jsonl"
     path.symlink_to("/dev/full")
     with pytest.raises(UsageError, match="cannot be written"):
@@ -220,7 +220,7 @@ HEADER = '{"format": "drivecomm-capture", "version": 1}'
         ([HEADER, "[" * 100_000], 2, "not valid JSON"),
     ],
 )
-def test_wrong_lines_are_named(tmp_path, lines, number, what):
+def test_malformed_lines_are_reported_with_their_number(tmp_path, lines, number, what):
     path = tmp_path / "wrong.jsonl"
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     with pytest.raises(FileFormatError, match=what) as raised:
@@ -228,14 +228,14 @@ def test_wrong_lines_are_named(tmp_path, lines, number, what):
     assert f"{path}: line {number}: " in str(raised.value)
 
 
-def test_an_empty_file(tmp_path):
+def test_empty_file_is_refused(tmp_path):
     path = tmp_path / "empty.jsonl"
     path.write_bytes(b"")
     with pytest.raises(FileFormatError, match="empty"):
         read_capture(path)
 
 
-def test_pcapng_by_its_specification(tmp_path):
+def test_pcapng_file_follows_its_specification(tmp_path):
     content = written(tmp_path / "a.pcapng", ABOUT, PIECES).read_bytes()
     section, interfaces, packets = packets_of(content)
     header = json.loads(section[1])
@@ -260,14 +260,14 @@ def test_pcapng_by_its_specification(tmp_path):
 
 @given(pieces=st.lists(pieces, max_size=5), provenance=provenances)
 @settings(max_examples=60, deadline=None)
-def test_every_pcapng_is_one(tmp_path_factory, pieces, provenance):
+def test_every_pcapng_file_is_valid(tmp_path_factory, pieces, provenance):
     path = written(tmp_path_factory.getbasetemp() / "any.pcapng", provenance, pieces)
     _, _, packets = packets_of(path.read_bytes())
     assert [data[12:] for _, _, data, _ in packets] == [piece.data for piece in pieces]
 
 
 class Foreign:
-    """A pcapng file as another program may write it."""
+    """Pcapng file as another program may write it."""
 
     def __init__(self, order="<", section=b""):
         self.order = order
@@ -301,10 +301,10 @@ class Foreign:
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
-def test_files_of_other_programs(tmp_path, order):
+def test_pcapng_files_of_other_programs_are_read(tmp_path, order):
     noon = 1_777_888_000
     file = Foreign(order)
-    # Unknown blocks and unknown options are passed over; microseconds are the rule.
+    # Unknown blocks and options are skipped; times are in microseconds by default.
     file.add(0x80000001, b"whatever").interface(options=file.option(77, b"new") + file.option(2, b"COM3"))
     file.packet(noon * 10**6 + 500_000, b"ask").packet(noon * 10**6 + 600_000, b"tell", event=2)
     file.packet(noon * 10**6 + 650_000, b"", event=3).packet(noon * 10**6 + 700_000, b"?", event=7)
@@ -318,7 +318,7 @@ def test_files_of_other_programs(tmp_path, order):
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
-def test_clocks_of_other_programs(tmp_path, order):
+def test_time_resolution_and_offset_of_other_programs_are_applied(tmp_path, order):
     file = Foreign(order)
     file.interface(options=file.option(9, b"\x8a") + file.option(14, struct.pack(order + "q", 1000)))
     file.interface(options=file.option(9, b"\x03"))
@@ -328,14 +328,14 @@ def test_clocks_of_other_programs(tmp_path, order):
     assert [piece.time_s for piece in found.pieces] == [0, 0.25]
 
 
-def test_flags_say_more_than_events(tmp_path):
+def test_packet_flags_outrank_event_types(tmp_path):
     file = Foreign().interface()
     for number, flags in enumerate([0, 1, 2, 0xFFFF0001]):
         file.packet(number, b"x", event=2, options=file.option(2, struct.pack("<I", flags)))
     assert [piece.source for piece in file.read(tmp_path).pieces] == ["unknown", "drive", "master", "drive"]
 
 
-def test_what_is_left_out_is_said(tmp_path):
+def test_omitted_packets_are_listed_in_the_remarks(tmp_path):
     file = Foreign(section=b"\x01\x00\x05\x00hello\x00\x00\x00").interface().interface(link_type=1)
     file.packet(0, b"a").packet(1, b"b", number=1).add(3, struct.pack("<I", 4) + b"abcd")
     found = file.read(tmp_path)
@@ -345,14 +345,14 @@ def test_what_is_left_out_is_said(tmp_path):
     assert any("without a time" in remark for remark in found.remarks)
 
 
-def test_several_sections(tmp_path):
+def test_all_sections_of_a_file_are_read(tmp_path):
     first, second = Foreign("<").interface(), Foreign(">").interface().packet(2, b"b", event=2)
     first.packet(1, b"a")
     first.content += second.content
     assert [piece.data for piece in first.read(tmp_path).pieces] == [b"a", b"b"]
 
 
-def test_wrong_blocks_are_named(tmp_path):
+def test_malformed_blocks_are_reported_with_the_reason(tmp_path):
     def fails(file, what):
         with pytest.raises(FileFormatError, match=what) as raised:
             file.read(tmp_path)
@@ -389,14 +389,14 @@ def test_wrong_blocks_are_named(tmp_path):
     fails(wrong, "block at byte 0")
 
 
-def test_pcap_is_told_from_pcapng(tmp_path):
+def test_pcap_file_is_refused_with_advice(tmp_path):
     path = tmp_path / "old.pcap"
     path.write_bytes(b"\xd4\xc3\xb2\xa1" + bytes(20))
     with pytest.raises(FileFormatError, match="save it as pcapng"):
         read_capture(path)
 
 
-def test_times_of_day_that_have_no_room(tmp_path):
+def test_years_that_pcapng_cannot_store_are_refused(tmp_path):
     for year in (1969, 2401):
         about = Provenance(began=BEGAN.replace(year=year))
         with pytest.raises(UsageError, match="cannot store a capture of the year"):
@@ -409,7 +409,7 @@ def test_times_of_day_that_have_no_room(tmp_path):
 
 
 def _sample(kind):
-    """Return a file to be damaged: one of ours, or one of another program."""
+    """Return the file of another program to be damaged, or None for the formats of drivecomm."""
     if kind == "foreign":
         file = Foreign(">")
         options = file.option(9, b"\x06") + file.option(8, bytes(8)) + file.option(3, b"9600 8N1")
@@ -419,8 +419,8 @@ def _sample(kind):
 
 @pytest.mark.parametrize("kind", [*SUFFIXES, "foreign"])
 @extents(70, 200)
-def test_damage_raises_nothing_else(tmp_path, kind, extent):
-    """Whatever is in a file, it is a capture or a FileFormatError."""
+def test_damaged_file_raises_only_file_format_error(tmp_path, kind, extent):
+    """Any bytes are read as a capture or raise FileFormatError."""
     path = tmp_path / f"damaged{kind if kind in SUFFIXES else '.pcapng'}"
     whole = _sample(kind) or written(path, ABOUT, PIECES).read_bytes()
 
@@ -442,14 +442,14 @@ def test_damage_raises_nothing_else(tmp_path, kind, extent):
     read_or_refused()
 
 
-# Captures too large to be held
+# Captures too large for memory
 
 
 def _long(number, order=lambda number: number):
     return (Piece(time_s=order(each) / 100, data=b"%08d" % each, source="master") for each in range(number))
 
 
-# In an interpreter of its own, since the threads of other tests take memory, too.
+# In an interpreter of its own, because threads of other tests allocate memory, too.
 _GONE_THROUGH = """
 import sys, tracemalloc
 from drivecomm.capture import files
@@ -466,19 +466,19 @@ for path in sys.argv[1:]:
 
 @pytest.mark.soak
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a_larger_capture_takes_no_more_memory(tmp_path, suffix):
+def test_larger_capture_takes_no_more_memory(tmp_path, suffix):
     few, many = (written(tmp_path / f"{number}{suffix}", ABOUT, _long(number)) for number in (2_000, 20_000))
-    # The first way through pays for what is imported and compiled at first use.
+    # The first pass includes the memory for imports and compilation, so it does not count.
     course = [sys.executable, "-c", _GONE_THROUGH, few, few, many]
     told = subprocess.run(course, capture_output=True, text=True, check=True)
     _, (number, little), (larger, most) = ([int(word) for word in line.split()] for line in told.stdout.splitlines())
     assert (number, larger) == (2_000, 20_000)
-    # Ten times the pieces; what the garbage collector leaves for a while differs.
+    # For ten times the pieces; the factor allows for garbage that is not collected yet.
     assert most < 3 * little
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_neighbours_are_put_in_order_while_a_capture_is_read(tmp_path, monkeypatch, suffix):
+def test_neighbouring_pieces_are_sorted_while_reading(tmp_path, monkeypatch, suffix):
     monkeypatch.setattr("drivecomm.capture.files._HELD", 8)
     path = written(tmp_path / f"a{suffix}", ABOUT, _long(200, order=lambda number: number ^ 7))
     with open_capture(path) as reader:
@@ -487,7 +487,7 @@ def test_neighbours_are_put_in_order_while_a_capture_is_read(tmp_path, monkeypat
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a_piece_far_from_its_place_is_not_told_out_of_order(tmp_path, monkeypatch, suffix):
+def test_reader_refuses_a_piece_far_out_of_order(tmp_path, monkeypatch, suffix):
     monkeypatch.setattr("drivecomm.capture.files._HELD", 8)
     path = written(tmp_path / f"a{suffix}", ABOUT, _long(200, order=lambda number: number if number < 100 else 0))
     with open_capture(path) as reader, pytest.raises(FileFormatError, match="more than 8 pieces behind"):
@@ -495,7 +495,7 @@ def test_a_piece_far_from_its_place_is_not_told_out_of_order(tmp_path, monkeypat
     assert read_capture(path).pieces[1].time_s == 0
 
 
-def test_what_a_reader_left_out_is_known_at_the_end(tmp_path):
+def test_reader_lists_its_omissions_at_the_end(tmp_path):
     path = written(tmp_path / "a.jsonl", ABOUT, PIECES)
     path.write_bytes(path.read_bytes()[:-5])
     with open_capture(path) as reader:

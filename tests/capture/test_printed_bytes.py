@@ -1,4 +1,4 @@
-"""Bytes as people paste them."""
+"""Bytes in the notations in which people paste them."""
 
 import pytest
 
@@ -58,22 +58,22 @@ def test_dump_line_keeps_every_byte(text):
     assert bytes_of(text) == bytes.fromhex("01 03 02 6D 60 94 FC 00 01 02 03")
 
 
-def test_python_literal_keeps_the_characters_behind_an_escape():
+def test_python_literal_keeps_the_characters_after_an_escape():
     assert bytes_of(r"b'\x03AB'") == b"\x03AB"
     assert bytes_of(r"b'\n\\'") == b"\n\\"
 
 
 @pytest.mark.parametrize("text", ["[1, 3, 16, 0]", "[1, 3, 300, 0]"])
-def test_numbers_that_are_not_certainly_decimal_or_bytes_are_refused(text):
+def test_ambiguous_or_too_large_numbers_are_refused(text):
     with pytest.raises(UsageError, match="not hexadecimal"):
         bytes_of(text)
 
 
-def test_two_digits_each_are_hexadecimal():
+def test_pairs_of_digits_are_hexadecimal():
     assert bytes_of("10 20 30 40") == bytes.fromhex("10 20 30 40")
 
 
 @pytest.mark.parametrize("text", ["01 0", "hello", "0x", "01 03 zz", "", "   "])
-def test_what_is_not_hexadecimal_is_refused(text):
+def test_text_that_is_not_hexadecimal_is_refused(text):
     with pytest.raises(UsageError, match="not hexadecimal"):
         bytes_of(text)

@@ -1,4 +1,4 @@
-"""Logs that other programs printed: who sent what, when, and which lines are not read."""
+"""Logs printed by other programs: senders, times and bytes, and the lines that are not read."""
 
 from io import BytesIO
 from pathlib import Path
@@ -32,7 +32,7 @@ PROGRAMS = {
     "serial-monitor.txt": ([("m", ASKED_MUCH), ("d", TOLD_MUCH)], []),
     "modbus-tk.log": ([("m", ASKED), ("d", TOLD)], []),
 }
-"""What each log holds (m: sent by the master, d: by a drive), and the lines of it that are not read."""
+"""Contents of each log (m: sent by the master, d: sent by a drive), and remarks on the lines that are not read."""
 
 
 @pytest.mark.parametrize("name", PROGRAMS)
@@ -55,13 +55,13 @@ def times(tmp_path, text):
     return [round(piece.time_s, 6) for piece in capture.pieces], capture.remarks
 
 
-def test_times_count_from_the_first_piece_also_past_midnight(tmp_path):
+def test_times_count_from_the_first_piece_even_past_midnight(tmp_path):
     text = "23:59:59.900 TX: 01 03\n23:59:59,950 RX: 01 03 02\n00:00:00:100 TX: 01 04\n"
     assert times(tmp_path, text)[0] == [0, 0.05, 0.2]
     assert times(tmp_path, "01/02/2026 11:59:59 AM TX: 01 03\n01/02/2026 01:00:00 PM RX: 01 03\n")[0] == [0, 3601]
 
 
-def test_pieces_of_a_log_without_times_are_apart_and_said_to_be(tmp_path):
+def test_log_without_times_spaces_its_pieces_with_a_remark(tmp_path):
     found, remarks = times(tmp_path, "TX: 01 03\nRX: 01 03 02\n")
     assert found == [0, 0.1]
     assert "the log has no times; its pieces are put 0.1 s apart" in remarks[0]
@@ -76,7 +76,7 @@ def test_lines_of_bytes_alone_are_of_unknown_source_and_not_joined(tmp_path):
     ]
 
 
-def test_dumps_with_offsets_begin_anew_at_zero(tmp_path):
+def test_dump_begins_a_new_piece_at_offset_zero(tmp_path):
     path = tmp_path / "dump.txt"
     shown = "".join(
         f"{start:04x}  {TOLD_MUCH[start : start + 16].hex(' ')}  {'.' * 16}\n" for start in range(0, 85, 16)
@@ -109,7 +109,7 @@ def test_bytes_of_a_line_are_found_in_any_notation(line, mark):
     assert (found.data, found.mark, found.reason) == (ASKED, mark, "")
 
 
-def test_line_with_both_sides_gives_both():
+def test_line_with_request_and_response_gives_both():
     found = printed_lines(f"request: {ASKED.hex(' ')}, response: {TOLD.hex(' ')}")
     assert [(each.mark, each.data) for each in found] == [("sent", ASKED), ("received", TOLD)]
 
@@ -124,12 +124,12 @@ def test_line_with_both_sides_gives_both():
         "read(3, 0x7ffd, 512) = -1 EAGAIN (Resource temporarily unavailable)",
     ],
 )
-def test_line_without_bytes_gives_none_and_no_reason(line):
+def test_line_without_bytes_gives_no_bytes_and_no_reason(line):
     assert [(each.data, each.reason) for each in printed_lines(line)] == [(b"", "")]
 
 
 @pytest.mark.parametrize("line", ["TX: 1, 3, 10, 0, 0, 2", "Poll 12 10 14 16", f"TX: {'01 ' * 10_000}"])
-def test_line_that_is_not_certain_says_why(line):
+def test_doubtful_line_is_left_out_with_the_reason(line):
     (found,) = printed_lines(line)
     assert not found.data
     assert found.reason

@@ -1,4 +1,4 @@
-"""Recording: every byte that a bus sends and receives, whatever happens to the line, at no cost when it is off."""
+"""Recordings of a bus: every byte sent and received, whatever happens to the line, and no cost when off."""
 
 import asyncio
 import logging
@@ -28,7 +28,7 @@ class Pieces(list):
 
 
 class Wire(Pieces):
-    """What was on the wire of a virtual line, told by the line itself."""
+    """Bytes on the wire of a virtual line, as the line itself reports them."""
 
     def __init__(self, line):
         super().__init__()
@@ -60,7 +60,7 @@ def test_every_byte_is_recorded():
     assert {piece.source for piece in pieces} == {"master", "drive"}
 
 
-def test_recording_changes_nothing():
+def test_recording_does_not_change_the_traffic():
     def seen(**options):
         line, events = everybody(), []
         with drivecomm.open_bus(line.port, trace=events.append, **options) as bus:
@@ -69,7 +69,7 @@ def test_recording_changes_nothing():
     assert seen() == seen(record=Pieces())
 
 
-def test_settings_are_told(tmp_path):
+def test_line_settings_are_recorded(tmp_path):
     settings = [VABUS, LineSettings(baudrate=9600, parity="E"), LineSettings(baudrate=9600)]
     pieces, path = Pieces(), tmp_path / "a.jsonl"
     with drivecomm.open_bus(everybody().port, record=pieces) as bus:
@@ -83,7 +83,7 @@ def test_settings_are_told(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".jsonl", ".pcapng"])
-def test_a_file_says_where_it_comes_from(tmp_path, suffix):
+def test_recording_holds_its_provenance(tmp_path, suffix):
     line, pieces, path = everybody(), Pieces(), tmp_path / f"all{suffix}"
     with drivecomm.open_bus(line.port, record=path) as bus:
         known = bus.drive("fuji", 4)
@@ -98,21 +98,21 @@ def test_a_file_says_where_it_comes_from(tmp_path, suffix):
     assert [(piece.time_s, piece.data, piece.source) for piece in found.pieces] == rounded
 
 
-def test_a_file_is_there_before_the_bus_is_closed(tmp_path):
+def test_recording_is_readable_before_the_bus_is_closed(tmp_path):
     path = tmp_path / "a.jsonl"
     with drivecomm.open_bus(everybody().port, record=str(path)) as bus:
         bus.drive("vabus", 1).read("481")
         assert read_capture(path).pieces
 
 
-def test_a_line_on_which_nothing_was_said(tmp_path):
+def test_recording_of_a_line_without_traffic_is_empty(tmp_path):
     path = tmp_path / "a.jsonl"
     with drivecomm.open_bus(everybody().port, record=path):
         assert not path.exists()
     assert read_capture(path).pieces == []
 
 
-def test_what_came_before_damage_and_noise_is_recorded():
+def test_damaged_and_noisy_traffic_is_recorded():
     line, pieces = everybody(), Pieces()
     line.faults = FaultPlan(seed=3, rate=0.5)
     wire = Wire(line)
@@ -130,7 +130,7 @@ def test_what_came_before_damage_and_noise_is_recorded():
     assert len(pieces.said_by("drive")) <= sum(len(each.data) for each in wire.heard)
 
 
-def test_it_goes_on_after_the_port_was_lost():
+def test_recording_continues_after_a_lost_port():
     line, pieces = everybody(), Pieces()
     with drivecomm.open_bus(line.port, record=pieces) as bus:
         drive = bus.drive("vabus", 1)
@@ -148,7 +148,7 @@ def test_it_goes_on_after_the_port_was_lost():
 
 
 @pytest.mark.parametrize("echo", ["expect", "auto"])
-def test_an_echo_is_not_recorded_again(echo):
+def test_echo_is_not_recorded(echo):
     line, pieces = VirtualLine([virtual_drive("vabus", 1)], echo=True), Pieces()
     wire = Wire(line)
     with drivecomm.open_bus(line.port, record=pieces, echo=echo) as bus:
@@ -156,24 +156,24 @@ def test_an_echo_is_not_recorded_again(echo):
             bus.drive("vabus", 1).read("481")
         line.advance(1)
     assert pieces.said_by("master") == b"".join(each.data for each in wire.sent)
-    # The last telegram closes the exchange; its echo is still on its way.
+    # The last telegram closes the exchange, and its echo has not arrived yet.
     assert pieces.said_by("drive") == b"".join(each.data for each in wire.heard)
 
 
 @pytest.mark.parametrize("echo", ["auto", "expect"])
-def test_no_byte_is_lost_to_an_echo_that_never_comes(echo):
+def test_missing_echo_loses_no_byte(echo):
     line, pieces = VirtualLine([virtual_drive("danfoss-fc", 3)]), Pieces()
     wire = Wire(line)
     with drivecomm.open_bus(line.port, record=pieces, echo=echo) as bus:
         for _ in range(3):
-            # Where an echo is expected, what comes in its place is not believed.
+            # If an echo is expected, bytes in its place do not count as a reply.
             with suppress(NoReplyError):
                 bus.drive("danfoss-fc", 3).read("16-30")
     assert wire.heard
     assert pieces.said_by("drive") == b"".join(each.data for each in wire.heard)
 
 
-def test_what_only_began_like_an_echo_is_recorded():
+def test_bytes_that_only_begin_like_an_echo_are_recorded():
     class Scripted:
         paced = real_time = False
         descriptor = None
@@ -227,7 +227,7 @@ def test_awaited_buses_close_their_file(tmp_path):
     assert read_capture(path).pieces
 
 
-def test_a_recorder_that_fails_stops_no_motor(caplog):
+def test_failed_recorder_does_not_disturb_the_bus(caplog):
     class Full(Pieces):
         def add(self, piece):
             if len(self) == 2:
@@ -245,7 +245,7 @@ def test_a_recorder_that_fails_stops_no_motor(caplog):
 
 
 @pytest.mark.parametrize("place", ["a.txt", "nowhere/a.jsonl"])
-def test_a_file_that_cannot_be_is_refused_before_anything_is_sent(tmp_path, place):
+def test_unusable_file_is_refused_before_anything_is_sent(tmp_path, place):
     line = everybody()
     wire = Wire(line)
     with pytest.raises(UsageError):
@@ -253,7 +253,7 @@ def test_a_file_that_cannot_be_is_refused_before_anything_is_sent(tmp_path, plac
     assert not wire.sent
 
 
-def test_a_port_that_cannot_be_opened_leaves_no_file(tmp_path):
+def test_unopened_port_creates_and_replaces_no_file(tmp_path):
     path = tmp_path / "a.jsonl"
     with pytest.raises(PortError):
         drivecomm.open_bus(str(tmp_path / "no-port"), record=path)
@@ -264,7 +264,7 @@ def test_a_port_that_cannot_be_opened_leaves_no_file(tmp_path):
     assert path.read_text() == "precious"
 
 
-def test_it_costs_nothing_when_off(monkeypatch):
+def test_bus_without_recording_uses_the_bare_port(monkeypatch):
     made = []
     monkeypatch.setattr(RecordedPort, "__init__", lambda *_: made.append(1))
     line = everybody()

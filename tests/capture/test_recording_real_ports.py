@@ -1,4 +1,4 @@
-"""Recording on ports that the system has: what passed through them, byte by byte, blocking and awaited."""
+"""Recordings of real ports: every byte that passed, blocking and awaited."""
 
 import asyncio
 import os
@@ -18,7 +18,7 @@ KINDS = ["tcp", *(["pty"] if os.name == "posix" else [])]
 
 
 class LineSample:
-    """A listener that keeps what passes through it."""
+    """Listener that keeps all bytes passing through it."""
 
     def __init__(self, listener):
         self._listener = listener
@@ -81,7 +81,7 @@ def test_every_byte_is_recorded(kind, way, tmp_path):
                 for _ in range(3):
                     read_everybody(bus)
     capture = read_capture(path)
-    # The last telegram of VABus is not answered, and may not have arrived when the line was closed.
+    # The last VABus telegram has no reply, and may not have arrived when the line was closed.
     assert said_by(capture.pieces, "master").startswith(overheard.sent)
     assert said_by(capture.pieces, "drive") == overheard.heard
     assert capture.provenance.port == overheard.address
@@ -93,8 +93,8 @@ def test_every_byte_is_recorded(kind, way, tmp_path):
 
 @pytest.mark.soak
 @pytest.mark.parametrize("kind", KINDS)
-def test_from_a_real_port_into_a_test(kind, tmp_path):
-    """What was recorded in real time replays in virtual time, and as drives in real time again."""
+def test_recording_of_a_real_port_replays_in_tests(kind, tmp_path):
+    """A recording made in real time replays in virtual time, and its drives answer again in real time."""
     path = tmp_path / "a.pcapng"
     with serving(kind, tmp_path, everybody()) as overheard, drivecomm.open_bus(overheard.address, record=path) as bus:
         values = read_everybody(bus)
@@ -110,7 +110,7 @@ def test_from_a_real_port_into_a_test(kind, tmp_path):
             drive.read("482")
 
 
-def test_it_goes_on_after_the_server_was_away(tmp_path):
+def test_recording_continues_after_the_server_was_away(tmp_path):
     pieces = Recorded()
     with serving("tcp", tmp_path, everybody()) as overheard:
         place = overheard.address.rpartition(":")[2]

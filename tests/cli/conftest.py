@@ -14,7 +14,7 @@ plant = running_plant.plant
 
 
 class Shell:
-    """Runs commands and keeps what they print."""
+    """Command runner whose ports are virtual lines; keeps the output of the latest command."""
 
     def __init__(self, capsys):
         self.lines = {}
@@ -50,7 +50,7 @@ def shell(capsys, monkeypatch):
     def port_opener(port, **_):
         return (lambda: one.open(port)) if isinstance(port, str) else port
 
-    # Where others look for it, and where the bus does.
+    # Commands import `port_opener` from the package, the bus imports it from `opening`: replace both.
     for place in (drivecomm.bus, drivecomm.bus.opening):
         monkeypatch.setattr(place, "port_opener", port_opener)
     return one

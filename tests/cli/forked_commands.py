@@ -1,7 +1,7 @@
-"""Command lines as processes of their own, whose loading is done once: each is a fork of one that has loaded all.
+"""Command lines as processes of their own, forked from one process that has loaded all modules.
 
-Run as a program this is that process. It takes jobs as JSON, one a line, and answers each with the exit code, negative
-for a signal as `subprocess` has it, and what came on standard error and standard output.
+Run as a program, this module is that process. It reads jobs as JSON, one a line, and answers each with the exit code
+(negative for a signal, as in `subprocess`) and the text on standard output and standard error.
 """
 
 import contextlib
@@ -17,7 +17,7 @@ import time
 
 import drivecomm.cli.stop.command
 
-# All that commands load by themselves.
+# Modules that commands import only while they run.
 import drivecomm.cli.stop.everything
 import drivecomm.cli.stop.one_drive
 import drivecomm.plant.files  # noqa: F401
@@ -30,7 +30,7 @@ PATIENCE_S = 30
 
 
 class Commands:
-    """Runs command lines."""
+    """Runner of command lines, each in a fork of one loaded process."""
 
     def __init__(self, folder):
         self._folder = str(folder)
@@ -39,7 +39,10 @@ class Commands:
         )
 
     def __call__(self, *arguments, stdin="null", stdout="file", stderr="file", encoding="utf-8", signal_after_s=None):
-        """Run one. stdout, stderr: file, gone (nobody reads it), full, or closed. stdin: null or closed."""
+        """Run a command line and return its exit code and output.
+
+        stdout, stderr: file, gone (a pipe without a reader), full, or closed. stdin: null or closed.
+        """
         job = {
             "arguments": arguments,
             "streams": [stdin, stdout, stderr],
@@ -62,7 +65,7 @@ class Done:
 
 
 def _serve():
-    # A fork begins as any process does, with the usual end by Ctrl-C.
+    # Forks inherit the default action for Ctrl-C, with which any process starts.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     list(installed.working())
     jobs, answers = os.fdopen(os.dup(0), "r"), os.fdopen(os.dup(1), "w")
@@ -71,7 +74,7 @@ def _serve():
     for each in app.commands.values():
         for command in getattr(each, "commands", {"": each}).values():
             assert command.loaded
-    # What is there is not looked through again by each fork.
+    # Exclude the loaded objects from the garbage collections of each fork.
     gc.freeze()
     for text in jobs:
         job = json.loads(text)
@@ -105,7 +108,7 @@ def _end_of(child, signal_after_s):
 
 
 def _become(job, *files):
-    """Be a command line from here to the end, with descriptors and streams as a shell and the interpreter make them."""
+    """Run the command line and exit, with descriptors and streams as a shell and the interpreter set them up."""
     modes = ("r", "w", "w")
     for descriptor, (way, mode, file) in enumerate(zip(job["streams"], modes, (None, *files), strict=True)):
         if way == "closed":
@@ -121,7 +124,7 @@ def _become(job, *files):
             place = os.open({"null": os.devnull, "full": "/dev/full"}[way], os.O_RDWR)
             os.dup2(place, descriptor)
             os.close(place)
-        # The interpreter's own, so that nothing of the parent's is written twice.
+        # New stream objects, so that text buffered by the parent is not written twice.
         stream = None if way == "closed" else os.fdopen(descriptor, mode, encoding=job["encoding"], closefd=False)
         name = ("stdin", "stdout", "stderr")[descriptor]
         setattr(sys, name, stream)

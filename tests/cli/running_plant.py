@@ -1,4 +1,4 @@
-"""A plant of two lines whose motors turn, to be stopped."""
+"""A plant of two lines with running motors, for tests of stops."""
 
 import pytest
 
@@ -38,7 +38,7 @@ line = "yard"
 
 @pytest.fixture
 def plant(shell, tmp_path):
-    """Two lines with running drives; gives the plant file, the lines, and what is heard on them."""
+    """Start the drives of two lines; return the plant file, the lines, and a list that collects their telegrams."""
     lines = {
         "hall": shell.line(
             virtual_drive("vabus", 1), virtual_drive("vabus", 2), virtual_drive("danfoss-fc", 3), name="hall"

@@ -1,4 +1,4 @@
-"""The alarms commands: rules in words, and a message to try them."""
+"""The alarms check command: rules in plain words, and test messages."""
 
 import json
 import sys
@@ -30,7 +30,7 @@ def alarms(tmp_path, capsys):
     return run
 
 
-def test_in_words(alarms):
+def test_alarms_check_prints_rules_in_words(alarms):
     code, out, _ = alarms('[[alarm]]\non = "fault"\n[[alarm]]\nname = "lost"\non = "silent"\ndeliver = ["@mail"]\n')
     assert code == 0
     assert out == (
@@ -39,7 +39,7 @@ def test_in_words(alarms):
     )
 
 
-def test_as_json(alarms):
+def test_alarms_check_prints_rules_as_json(alarms):
     _, out, _ = alarms('[[alarm]]\non = "fault"\ndeliver = ["slack://secret"]\n', "--json")
     assert json.loads(out) == {
         "alarm": "fault", "rule": "alarm when pump has a fault; cleared after 60 s without a fault", "drives": ["pump"],
@@ -47,7 +47,7 @@ def test_as_json(alarms):
     }  # fmt: skip
 
 
-def test_none(alarms):
+def test_alarms_check_exits_with_1_without_alarms(alarms):
     code, out, _ = alarms("")
     assert code == 1
     assert out.endswith("plant.toml has no alarms; write an [[alarm]] for each\n")
@@ -62,13 +62,13 @@ def test_none(alarms):
         ('[[alarm]]\non = "fault"\ndeliver = ["@m"]\n', ["--test", "fault"], "there is no secret @m"),
     ],
 )
-def test_what_is_wrong(alarms, rules, options, said):
+def test_alarms_check_reports_mistakes(alarms, rules, options, said):
     code, _, err = alarms(rules, *options)
     assert code == 2
     assert said in err
 
 
-def test_a_test_message(alarms, tmp_path, monkeypatch):
+def test_alarms_check_delivers_a_test_message_and_reports_failures(alarms, tmp_path, monkeypatch):
     got, program = tmp_path / "got", tmp_path / "page.py"
     program.write_text(f"import sys; open({str(got)!r}, 'w').write(sys.stdin.read())")
     monkeypatch.setenv("DRIVECOMM_ALARM_ON_CALL", f"command:{sys.executable} {program}")

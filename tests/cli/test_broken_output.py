@@ -1,4 +1,4 @@
-"""Every command with an output that nobody reads, that is full or closed, without input, in ASCII, and interrupted."""
+"""Every command with unusual standard streams (closed, full, without a reader, ASCII only), and interrupted early."""
 
 import json
 import signal
@@ -44,8 +44,8 @@ type = "int"
 access = "rw"
 """
 
-# The reply times are for machines that are busy with something else.
-# What makes each command do something and end soon. PORT and CONTROL are those of the plant that is served.
+# Long reply timeouts, because the machine that runs the tests may be busy.
+# Arguments with which each command does something and ends soon. PORT and CONTROL are those of the served plant.
 CALLS = {
     "demo": "--port nowhere",
     "protocols": "",
@@ -124,7 +124,7 @@ CALLS = {
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory):
-    """A folder with a plant that is served, and with what else the calls name; gives their places."""
+    """Serve a plant from a folder with the files of all calls; yield the folder and the values of PORT and CONTROL."""
     folder = tmp_path_factory.mktemp("plant")
     (folder / "served.toml").write_text(PLANT, encoding="utf-8")
     (folder / "small.toml").write_text(MODEL, encoding="utf-8")
@@ -141,7 +141,7 @@ def place(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def run(place):
-    """Runs a call of the table above, under the conditions that are given."""
+    """Yield a function that runs a command of `CALLS` with its standard streams as given."""
     folder, places = place
     commands = Commands(folder)
 
@@ -167,7 +167,7 @@ def names(command=None, before=""):
             yield f"{before}{name}"
 
 
-def test_every_command_is_tried():
+def test_table_of_calls_has_every_command():
     assert set(CALLS) == set(names())
     assert {name.partition(" ")[0] for name in CALLS} >= READING
 
@@ -176,20 +176,20 @@ def reads_only(command):
     return command.partition(" ")[0] in READING
 
 
-# Those that do something each time.
+# Commands that do more than read
 DOING = [command for command in CALLS if not reads_only(command)]
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("command", every(4, [*DOING, *filter(reads_only, CALLS)]))
-def test_broken_output(run, command):
+def test_command_copes_with_broken_standard_streams(run, command):
     usual = run(command)
     reads = reads_only(command)
 
     def allowed(when_lost):
         if not (reads and usual.out):
             return {usual.code}
-        # It may end before it knows what else is wrong.
+        # A command may fail on its output before it finds its usual error.
         return {when_lost, usual.code} - {0}
 
     gone = run(command, stdout="gone")
@@ -209,19 +209,19 @@ def test_broken_output(run, command):
 
 
 @pytest.mark.parametrize("command", every(10, CALLS))
-def test_early_ctrl_c(run, command):
+def test_early_ctrl_c_ends_a_command_with_130_or_its_usual_code(run, command):
     usual = run(command).code
-    # A stop is carried through, and what has come to its end before is not interrupted.
+    # A stop is never interrupted, and a command may have finished before the signal comes.
     codes = {usual} if command == "stop" else {usual, 130}
     for milliseconds in (1, 2, 5, 10, 20, 40, 80) if LONG else (2, 20):
         done = run(command, signal_after_s=milliseconds / 1000)
-        # A process that has not begun is ended by the system.
+        # The signal ends a process that has not installed its handler yet.
         assert done.code in {*codes, -signal.SIGINT}
         if done.code == 130:
             assert "drivecomm: interrupted" in done.err
 
 
-# The imports are what takes long, so a signal at each of them, from the first that is ours, is the earliest there is.
+# Importing takes longest, so the signal comes during a chosen import, counted from the first import of our own code.
 INTERRUPTED_IMPORT = """
 import os, signal, sys
 count = int(sys.argv.pop(1))
@@ -238,7 +238,7 @@ sys.exit(main())
 
 
 @pytest.mark.parametrize("number", range(1, 300, 7) if LONG else (1, 5, 60, 200))
-def test_ctrl_c_while_modules_are_loaded(number):
+def test_ctrl_c_during_imports_exits_with_130_and_one_sentence(number):
     command = [sys.executable, "-c", INTERRUPTED_IMPORT, str(number), "protocols"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "drivecomm: interrupted\n")

@@ -1,4 +1,4 @@
-"""The cohabit command: what it prints and with which code it ends."""
+"""The cohabit command: its output and its exit codes."""
 
 import json
 
@@ -21,7 +21,7 @@ def run(capsys):
 
 
 @pytest.mark.soak
-def test_drives_that_can_share_a_line_end_with_0(run):
+def test_cohabit_exits_with_0_if_drives_can_share_a_line(run):
     code, out, _ = run("-d", f"vabus:1,{SEVEN}", "-d", f"vabus:2,{SEVEN}")
     assert code == 0
     assert "vabus:2 hears vabus:1: safe" in out
@@ -29,7 +29,7 @@ def test_drives_that_can_share_a_line_end_with_0(run):
 
 
 @pytest.mark.soak
-def test_a_drive_that_can_take_a_telegram_wrongly_ends_with_1_and_shows_the_proof(run):
+def test_cohabit_exits_with_1_and_shows_the_proof_if_a_telegram_can_be_mistaken(run):
     code, out, _ = run("-d", f"vabus:1,{SEVEN}", "-d", f"danfoss-fc:3,{SEVEN}")
     assert code == 1
     lines = [line.strip() for line in out.splitlines()]
@@ -41,13 +41,13 @@ def test_a_drive_that_can_take_a_telegram_wrongly_ends_with_1_and_shows_the_proo
 
 
 @pytest.mark.soak
-def test_what_is_rare_enough_can_be_let_pass(run):
+def test_bits_option_accepts_rare_mistakes(run):
     drives = ("-d", f"vabus:1,{SEVEN}", "-d", f"danfoss-fc:3,{SEVEN}")
     assert run(*drives, "--bits", "8")[0] == 0
     assert run(*drives, "--bits", "200")[0] == 1
 
 
-def test_objects_for_programs(run):
+def test_json_output_holds_the_verdicts_with_their_proof(run):
     code, out, _ = run("-d", f"vabus:1,{SEVEN}", "-d", f"vabus:1,{SEVEN},sys=3", "--json")
     *verdicts, last = [json.loads(line) for line in out.splitlines()]
     assert code == 1
@@ -71,7 +71,7 @@ def test_objects_for_programs(run):
         (["-d", "vabus:1", "-d", "vabus:2,colour=red"], "no option 'colour'"),
     ],
 )
-def test_wrong_calls_end_with_2_and_one_sentence(run, arguments, words):
+def test_wrong_call_exits_with_2_and_one_sentence(run, arguments, words):
     code, out, err = run(*arguments)
     assert code == 2
     assert not out

@@ -1,4 +1,4 @@
-"""protocols, decode, encode, scan, vectors, demo, and the command line itself."""
+"""The commands protocols, decode, encode, scan, vectors and demo, and the command line itself."""
 
 import errno
 import json
@@ -19,7 +19,7 @@ from drivecomm.virtual import VirtualLine, virtual_drive
 ALL = {"danfoss-fc", "fuji", "vabus", "vlt3500"}
 
 
-def test_protocols(shell):
+def test_protocols_lists_installed_packages(shell):
     assert shell("protocols", port=None) == 0
     assert "Bonfiglioli VABus" in shell.out
     assert shell("protocols", "--json", port=None) == 0
@@ -42,7 +42,7 @@ def test_decode_in_any_spacing_tries_all_protocols(shell, spelling):
     assert shell.out == "vabus request: enquiry address=1 sys=0 dataset=0 parameter=481\n"
 
 
-def test_decode_as_json(shell):
+def test_decode_prints_json(shell):
     assert shell("decode", "04 41 30 30 34 38 31 05", "--protocol", "vabus", "-d", "request", "--json", port=None) == 0
     assert shell.objects == [
         {
@@ -69,24 +69,24 @@ def test_decode_names_the_likely_damage(shell):
     assert shell.objects[0]["damage"] == "its two check bytes are in the wrong order"
 
 
-def test_decode_what_is_no_telegram(shell):
+def test_decode_exits_with_4_for_bytes_that_are_not_a_telegram(shell):
     assert shell("decode", "00 11 22", port=None) == 4
     assert "vabus request: refused (framing)" in shell.out
     assert shell("decode", "00 11 22", "--json", port=None) == 4
     assert shell.objects[0]["valid"] is False
 
 
-def test_decode_what_is_not_hexadecimal(shell):
+def test_decode_refuses_text_that_is_not_hexadecimal(shell):
     assert shell("decode", "hello", port=None) == 2
     assert "is not hexadecimal" in shell.err
 
 
-def test_encode(shell):
+def test_encode_prints_the_telegram(shell):
     assert shell("encode", "vabus", "kind=enquiry", "address=1", "parameter=481", port=None) == 0
     assert shell.out == "04 41 30 30 34 38 31 05\n"
 
 
-def test_encode_digits_that_are_text(shell):
+def test_encode_keeps_digits_of_a_text_field_as_text(shell):
     assert shell("encode", "vabus", "kind=select", "address=1", "parameter=410", "data=1234", "--json", port=None) == 0
     assert shell.objects[0]["data"].startswith("04 41 02 30 30 34 31 30 30 34 31 32 33 34 03")
 
@@ -101,12 +101,12 @@ def test_encode_digits_that_are_text(shell):
         (["kind=enquiry", "address=[1,2]", "parameter=true"], 4),
     ],
 )
-def test_encode_what_makes_no_telegram(shell, fields, code):
+def test_encode_refuses_invalid_fields_in_one_sentence(shell, fields, code):
     assert shell("encode", "vabus", *fields, port=None) == code
     assert shell.err.count("\n") == 1
 
 
-def test_scan(shell):
+def test_scan_lists_drives_of_all_protocols_and_starts_no_motor(shell):
     line = shell.line(*(virtual_drive(protocol, address) for address, protocol in enumerate(sorted(ALL), 3)))
     assert shell("scan", "--addresses", "1-8") == 0
     assert all(f"{protocol}:{address}" in shell.out for address, protocol in enumerate(sorted(ALL), 3))
@@ -114,20 +114,20 @@ def test_scan(shell):
     assert not any(drive.motor.running for drive in line.drives)
 
 
-def test_who_answers_with_damage_only_is_no_drive_found(shell):
+def test_scan_does_not_count_a_damaged_answer_as_a_drive(shell):
     shell.line(virtual_drive("modbus", 11, model="delta"))
     assert shell("scan", "--protocol", "huanyang", "--protocol", "modbus", "-a", "11") == 0
     assert "huanyang:11  answers, but damaged" in shell.out
     assert "1 drive found, 1 answer with damage only" in shell.out
 
 
-def test_scan_as_json_of_one_protocol(shell):
+def test_scan_of_one_protocol_prints_json(shell):
     shell.line()
     assert shell("scan", "--protocol", "vabus", "-a", "1,3-4", "--json") == 0
     assert [one["drive"] for one in shell.objects] == ["vabus:1"]
 
 
-def test_scan_of_two_ports_makes_one_plant_and_adds_to_it(shell, tmp_path):
+def test_scan_writes_two_ports_to_one_plant_file_and_adds_to_it(shell, tmp_path):
     shell.line(virtual_drive("vabus", 1))
     shell.lines["yard"] = VirtualLine([virtual_drive("vabus", 1), virtual_drive("fuji", 2)])
     path = tmp_path / "plant.toml"
@@ -142,12 +142,12 @@ def test_scan_of_two_ports_makes_one_plant_and_adds_to_it(shell, tmp_path):
     assert shell("scan", "yard", "--add", str(path), "--write", str(path), port=None) == 2
 
 
-def test_scan_of_a_port_that_is_not_there_counts_no_drives(shell):
+def test_scan_of_a_missing_port_prints_no_drive_count(shell):
     assert shell("scan", port="nowhere") == 3
     assert shell.out == ""
 
 
-def test_scan_finds_nobody(shell):
+def test_scan_exits_with_1_if_no_drive_answers(shell):
     shell.line()
     assert shell("scan", "--protocol", "vabus", "-a", "7") == 1
     assert "0 drives found" in shell.out
@@ -155,14 +155,14 @@ def test_scan_finds_nobody(shell):
 
 
 @pytest.mark.soak
-def test_vectors(shell, monkeypatch):
-    # Those of the others are checked one by one elsewhere.
+def test_vectors_check_passes_for_an_installed_protocol(shell, monkeypatch):
+    # Other tests check the vectors of the other protocols one by one.
     monkeypatch.setattr(type(installed), "working", lambda self: [self["vabus"]])
     assert shell("vectors", "check", port=None) == 0
     assert "vabus: " in shell.out
 
 
-def test_vectors_of_a_stranger(shell, tmp_path):
+def test_vectors_check_takes_a_file_of_the_user(shell, tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(
         'format = 2\nprotocol = "vabus"\n[[vector]]\nid = "mine"\nsource = "me"\nprinted = false\n'
@@ -180,12 +180,15 @@ def test_vectors_of_a_stranger(shell, tmp_path):
 
 class TestDemo:
     def toured(self, capsys, *flags):
-        """Its lines are virtual, and those of the plant that is served are real sockets: nothing is replaced here."""
+        """Run the tour; return its exit code and its output.
+
+        Nothing is replaced: the lines of the tour are virtual anyway, and its served plant listens at real sockets.
+        """
         code = main(["demo", *flags])
         return code, capsys.readouterr().out
 
     @pytest.mark.soak
-    def test_the_tour_works_and_ends_with_a_served_plant(self, capsys):
+    def test_tour_works_and_ends_with_a_served_plant(self, capsys):
         code, printed = self.toured(capsys)
         assert code == 0
         assert "failed" not in printed
@@ -195,7 +198,7 @@ class TestDemo:
         assert re.search(r"GET /api/v1/events\n +fan: fault: 14 earth fault\n", end)
 
     @pytest.mark.soak
-    def test_without_the_extra_it_leaves_that_out_and_says_so(self, capsys, monkeypatch):
+    def test_tour_leaves_the_served_plant_out_without_the_server_extra(self, capsys, monkeypatch):
         monkeypatch.setattr(served, "find_spec", lambda _: None)
         code, printed = self.toured(capsys)
         assert code == 0
@@ -203,7 +206,7 @@ class TestDemo:
         assert re.search(r"\n(\d+) of \1 steps worked", printed)
 
     @pytest.mark.soak
-    def test_as_json(self, capsys):
+    def test_tour_prints_json(self, capsys):
         code, printed = self.toured(capsys, "--json")
         assert code == 0
         steps = [json.loads(line) for line in printed.splitlines()]
@@ -211,7 +214,7 @@ class TestDemo:
         assert len(steps) > 20
 
     @pytest.mark.soak
-    def test_a_failed_step_fails_the_tour(self, capsys, monkeypatch):
+    def test_failed_step_fails_the_tour(self, capsys, monkeypatch):
         def deaf(protocol, address):
             drive = virtual_drive(protocol, address)
             drive.hear = lambda *_: None
@@ -222,7 +225,7 @@ class TestDemo:
         assert code == 1
         assert "failed" in printed
 
-    def test_on_a_line_it_only_reads(self, shell):
+    def test_demo_only_reads_on_a_given_line(self, shell):
         line = shell.line(virtual_drive("vabus", 2))
         sent = []
         transmit = line.transmit
@@ -230,7 +233,7 @@ class TestDemo:
         assert shell("demo") == 0
         assert not any(data[2:3] == b"\x02" for data in sent if data[:1] == b"\x04"), "nothing is written"
 
-    def test_with_leave_to_move(self, shell, monkeypatch):
+    def test_demo_starts_the_motor_with_allow_motion(self, shell, monkeypatch):
         line = shell.line(virtual_drive("vabus", 2))
         monkeypatch.setattr(sites.time, "sleep", line.advance)
         assert shell("demo", "--allow-motion") == 0
@@ -238,21 +241,21 @@ class TestDemo:
 
 
 class TestCommandLine:
-    def test_version(self, shell):
+    def test_version_flag_prints_the_version(self, shell):
         assert shell("--version", port=None) == 0
         assert shell.out == f"drivecomm {drivecomm.__version__}\n"
 
-    def test_help(self, shell):
+    def test_help_flag_lists_the_commands(self, shell):
         assert shell("--help", port=None) == 0
         assert "simulate" in shell.out
 
-    def test_as_a_module(self):
+    def test_package_runs_as_a_module(self):
         done = subprocess.run(
             [sys.executable, "-m", "drivecomm", "--version"], capture_output=True, text=True, check=True
         )
         assert done.stdout == f"drivecomm {drivecomm.__version__}\n"
 
-    def test_interrupted(self, shell, monkeypatch):
+    def test_interrupted_command_exits_with_130(self, shell, monkeypatch):
         def interrupt(*_):
             raise KeyboardInterrupt
 
@@ -261,7 +264,7 @@ class TestCommandLine:
         assert shell("status", "vabus:1") == 130
         assert shell.err == "drivecomm: interrupted\n"
 
-    def test_a_reader_that_has_gone(self, shell, monkeypatch):
+    def test_broken_pipe_is_not_an_error(self, shell, monkeypatch):
         def gone(*_):
             raise BrokenPipeError
 
@@ -270,7 +273,7 @@ class TestCommandLine:
         assert shell("status", "vabus:1") == 0
 
     @pytest.mark.parametrize("group", [(), ("models",), ("plant",), ("users",), ("vectors",)])
-    def test_a_group_alone_says_what_there_is_and_nothing_else(self, shell, group):
+    def test_command_group_without_a_command_prints_only_its_usage(self, shell, group):
         assert shell(*group, port=None) == 2
         assert f"Usage: {' '.join(('drivecomm', *group))} [OPTIONS] COMMAND" in shell.out
         assert shell.err == ""
@@ -286,12 +289,12 @@ class TestCommandLine:
             (["poll", "vabus:1", "481", "--for", "ever"], "--for cannot be 'ever'; write a number"),
         ],
     )
-    def test_what_is_no_number_is_said_in_words(self, shell, arguments, sentence):
+    def test_argument_that_is_not_a_number_is_refused_in_words(self, shell, arguments, sentence):
         assert shell(*arguments, "--json", port=None) == 2
         assert sentence in shell.err
         assert shell.objects[0]["exit_code"] == 2
 
-    def test_an_error_of_the_machine_is_one_sentence(self, shell, monkeypatch):
+    def test_operating_system_error_is_printed_as_one_sentence(self, shell, monkeypatch):
         def full(*_):
             raise OSError(errno.ENOSPC, "No space left on device", "values.csv")
 
@@ -300,7 +303,7 @@ class TestCommandLine:
         assert shell("status", "vabus:1") == 1
         assert shell.err == "drivecomm: values.csv: No space left on device\n"
 
-    def test_what_is_our_fault_is_not_hidden(self, shell, monkeypatch):
+    def test_programming_error_is_not_hidden(self, shell, monkeypatch):
         def broken(*_):
             raise ZeroDivisionError
 
@@ -310,7 +313,7 @@ class TestCommandLine:
             main(["status", "vabus:1", "--port", "line"])
 
 
-def test_every_command_is_found_where_the_application_says():
+def test_every_listed_command_loads_and_has_the_listed_help():
     for name, command in app.commands.items():
         for each in getattr(command, "commands", {name: command}).values():
             assert each.help.endswith(".")
@@ -319,7 +322,7 @@ def test_every_command_is_found_where_the_application_says():
 
 
 @pytest.mark.parametrize("call", [["--help"], []])
-def test_the_list_of_commands_says_all_of_each(capsys, monkeypatch, call):
+def test_list_of_commands_shows_whole_sentences_in_80_columns(capsys, monkeypatch, call):
     monkeypatch.setenv("COLUMNS", "80")
     assert main(call) == (0 if call else 2)
     lines = capsys.readouterr().out.splitlines()
@@ -330,7 +333,7 @@ def test_the_list_of_commands_says_all_of_each(capsys, monkeypatch, call):
 
 
 @pytest.mark.parametrize("variable", ["XDG_STATE_HOME", "XDG_RUNTIME_DIR"])
-def test_a_folder_that_cannot_be_used_is_an_error_of_the_call(shell, tmp_path, monkeypatch, variable):
+def test_serve_exits_with_2_if_its_folder_cannot_be_used(shell, tmp_path, monkeypatch, variable):
     (tmp_path / "drivecomm").write_text("a file where a folder should be", encoding="utf-8")
     plant = tmp_path / "plant.toml"
     plant.write_text('format = 1\n[[line]]\nname = "hall"\nport = "hall"\n[[drive]]\ndrive = "vabus:1"\n', "utf-8")

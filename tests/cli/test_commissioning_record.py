@@ -1,4 +1,4 @@
-"""report: the commissioning record of a drive."""
+"""The report command: the commissioning record of a drive."""
 
 from pathlib import Path
 
@@ -35,7 +35,7 @@ def report(shell, *words):
 
 
 def rows(shell):
-    """The printed rows without their alignment."""
+    """Return the printed rows without their alignment."""
     return [" ".join(text.split()) for text in shell.out.splitlines()]
 
 
@@ -53,7 +53,7 @@ def test_record_names_identity_motor_link_loss_and_changed_settings(shell, line)
     assert text[-1].startswith("recorded by Anna 2")
 
 
-def test_record_says_how_the_drive_compares_with_its_baseline(shell, line):
+def test_record_compares_the_drive_with_its_baseline(shell, line):
     assert shell("baseline", "accept", "fan", "--by", "Bert", port=None) == 0
     assert report(shell, "fan") == 0
     assert any(text.startswith("approved set as approved by Bert on 2") for text in rows(shell))
@@ -70,7 +70,7 @@ def test_record_lists_all_settings_of_a_drive_that_does_not_report_factory_value
     assert "482[3] fixed_frequency_3 25.00 Hz" in rows(shell)
 
 
-def test_record_as_json(shell, line):
+def test_record_is_printed_as_json(shell, line):
     line.drives[0].poke("3-41", 1234)
     assert report(shell, "fan", "--json") == 0
     (told,) = shell.objects
@@ -79,7 +79,7 @@ def test_record_as_json(shell, line):
     assert (told["by"], told["motor"]["1-20"]["value"], told["link_loss"]["time_s"]) == ("Anna", "4.00", None)
 
 
-def test_page_holds_what_the_text_holds_and_is_not_overwritten(shell, line):
+def test_html_page_escapes_texts_and_is_overwritten_only_with_force(shell, line):
     line.drives[0].poke("0-37", "<b>&")
     assert report(shell, "fan", "--html", "fan.html") == 0
     page = Path("fan.html").read_text(encoding="utf-8")
@@ -90,7 +90,7 @@ def test_page_holds_what_the_text_holds_and_is_not_overwritten(shell, line):
     assert report(shell, "fan", "--html", "fan.html", "--force") == 0
 
 
-def test_record_of_a_silent_drive_is_none(shell, line):
+def test_report_on_a_silent_drive_writes_nothing(shell, line):
     line.power_off(line.drives[0])
     assert report(shell, "fan", "--html", "fan.html") == 4
     assert not Path("fan.html").exists()

@@ -1,4 +1,4 @@
-"""What a shell is offered for a word that is begun; the shell asks by the environment, as click has it."""
+"""Shell completion of partly typed command lines, which a shell requests through click's environment variables."""
 
 import os
 import subprocess
@@ -26,7 +26,7 @@ drive = "vabus:2"
 
 @pytest.fixture
 def offered(capfd, monkeypatch, tmp_path):
-    """Returns what is offered at the end of some words."""
+    """Return a function that gives the completions of a command line."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("DRIVECOMM_PLANT", raising=False)
     monkeypatch.setenv(COMPLETION, "bash_complete")
@@ -56,7 +56,7 @@ def offered(capfd, monkeypatch, tmp_path):
         ("drivecomm read pump --arm", []),
     ],
 )
-def test_a_word_that_is_begun_is_completed(offered, words, offers):
+def test_partly_typed_word_is_completed(offered, words, offers):
     assert [word for word in offered(words) if word] == offers
 
 
@@ -87,7 +87,7 @@ def test_completing_the_name_of_a_command_loads_no_command():
     assert done.stdout.split() == ["plain,stats", "plain,status", "plain,start", "plain,stop"]
 
 
-def test_a_call_with_words_is_carried_out_whatever_the_shell_has_set(shell, monkeypatch):
+def test_call_with_arguments_runs_although_the_completion_variable_is_set(shell, monkeypatch):
     monkeypatch.setenv(COMPLETION, "bash_complete")
     shell.line()
     assert shell("stop", "vabus:1", "--trace") == 0

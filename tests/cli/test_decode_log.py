@@ -1,4 +1,4 @@
-"""decode --log and replay of logs that other programs printed."""
+"""Logs that other programs printed, decoded by decode --log and replayed by replay."""
 
 from pathlib import Path
 
@@ -33,7 +33,7 @@ def test_noise_around_a_telegram_is_found_and_named(decoded, shell):
     assert lines[-1].startswith("2 telegrams in 2 pieces of")
 
 
-def test_lines_that_cannot_be_read_are_said(decoded, shell):
+def test_unreadable_line_of_a_log_is_reported(decoded, shell):
     decoded("--log", LOGS / "strace.txt")
     assert "line 6 is not read: strace cut the bytes off; record with -s 300" in shell.out
 
@@ -47,7 +47,7 @@ def test_damaged_telegram_of_a_log_is_refused_with_its_line(decoded, shell, tmp_
     assert "its two check bytes are in the wrong order" in shell.objects[-1]["reason"]
 
 
-def test_log_of_a_program_that_was_the_drive_is_turned_round(decoded, shell, tmp_path):
+def test_log_of_a_slave_program_has_requests_received_and_replies_sent(decoded, shell, tmp_path):
     path = tmp_path / "slave.log"
     path.write_text("RX: 05 03 21 03 00 02 3F B3\nTX: 05 03 04 13 88 00 7B 7B 7E\n", encoding="utf-8")
     assert decoded("--log", path) == 0
@@ -55,7 +55,7 @@ def test_log_of_a_program_that_was_the_drive_is_turned_round(decoded, shell, tmp
     assert TOLD in shell.out
 
 
-def test_log_of_bytes_alone_is_decoded_both_ways(decoded, shell, tmp_path):
+def test_log_without_directions_is_decoded_as_requests_and_replies(decoded, shell, tmp_path):
     path = tmp_path / "tap.txt"
     path.write_text("05 03 21 03 00 02 3F B3\n05 03 04 13 88 00 7B 7B 7E\n", encoding="utf-8")
     assert decoded("--log", path, "--protocol", "modbus") == 0
@@ -63,7 +63,7 @@ def test_log_of_bytes_alone_is_decoded_both_ways(decoded, shell, tmp_path):
     assert TOLD in shell.out
 
 
-def test_log_without_telegrams_ends_with_4(decoded, shell, tmp_path):
+def test_log_without_telegrams_exits_with_4(decoded, shell, tmp_path):
     path = tmp_path / "a.log"
     path.write_text("TX: 11 22 33 44 55 66\n", encoding="utf-8")
     assert decoded("--log", path) == 4
@@ -79,14 +79,14 @@ def test_log_without_telegrams_ends_with_4(decoded, shell, tmp_path):
         (["--log", "none.log"], "none.log"),
     ],
 )
-def test_decode_takes_bytes_or_a_log(decoded, shell, arguments, says):
+def test_decode_takes_either_bytes_or_a_log(decoded, shell, arguments, says):
     assert decoded(*arguments) == 2
     assert says in shell.err
 
 
 @pytest.fixture
 def fan(shell, tmp_path):
-    """A drive that holds now what the logs say, and in the second register something else."""
+    """Put a drive on the line whose first register agrees with the logs and whose second one differs."""
     path = tmp_path / "fan.toml"
     path.write_text(
         'format = 1\nprotocol = "modbus"\nname = "fan"\nsource = "this test"\n'
@@ -100,14 +100,14 @@ def fan(shell, tmp_path):
     return drive
 
 
-def test_log_is_replayed_as_a_master_and_writes_nothing(shell, fan):
+def test_log_is_replayed_from_the_masters_side_without_writes(shell, fan):
     assert shell("replay", str(LOGS / "modbus-poll.txt")) == 1
     assert "values was [5000, 123], is [5000, 124]" in shell.out
     assert "1 not sent, because they could command or write" in shell.out
     assert fan.peek("8193", 0.0) == 7
 
 
-def test_log_of_a_drive_is_replayed_by_the_masters_side(shell, fan, tmp_path):
+def test_log_of_a_slave_program_is_replayed_from_the_masters_side(shell, fan, tmp_path):
     path = tmp_path / "slave.log"
     path.write_text("RX: 05 03 21 03 00 02 3F B3\nTX: 05 03 04 13 88 00 7C 3A BC\n", encoding="utf-8")
     shell("replay", str(path))

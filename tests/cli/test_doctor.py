@@ -1,4 +1,4 @@
-"""doctor: what an adapter and its line do. On virtual lines, and in real time over pseudo-terminals and the network."""
+"""The doctor command on virtual lines, and in real time over pseudo-terminals and the network."""
 
 import json
 import os
@@ -14,11 +14,11 @@ from drivecomm.cli import main
 from drivecomm.virtual import Server, VirtualLine, parse_listen, virtual_drive
 
 posix = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are POSIX")
-# Short reply times, and one address: a silent one costs 0.1 s.
+# One protocol with short reply times and one address: a silent line then costs only 0.1 s.
 FEW = ("--protocol", "fuji", "--addresses", "1", "--quick")
 
 
-def test_a_sound_line(shell):
+def test_sound_line_has_no_problems(shell):
     shell.line(virtual_drive("vabus", 1), virtual_drive("fuji", 3))
     assert shell("doctor", "line", "--quick", port=None) == 0
     assert "PROBLEM" not in shell.out
@@ -27,7 +27,7 @@ def test_a_sound_line(shell):
         assert part in shell.out
 
 
-def test_problems_have_a_remedy_and_an_exit_code(shell):
+def test_problem_is_printed_with_its_remedy_and_exits_with_1(shell):
     shell.line(echo=True)
     assert shell("doctor", "line", "--protocol", "vabus", "--quick", port=None) == 1
     assert "PROBLEM  echo    the adapter hands back what it sends\n" in shell.out
@@ -36,7 +36,7 @@ def test_problems_have_a_remedy_and_an_exit_code(shell):
     assert shell("doctor", "line", "--protocol", "vabus", "--quick", "--echo", port=None) == 0
 
 
-def test_the_port_may_be_an_option_or_the_environment(shell, monkeypatch):
+def test_port_may_come_from_an_option_or_the_environment(shell, monkeypatch):
     shell.line()
     assert shell("doctor", "--protocol", "vabus", "--quick") == 0
     monkeypatch.setenv("DRIVECOMM_PORT", "line")
@@ -47,7 +47,7 @@ def test_the_port_may_be_an_option_or_the_environment(shell, monkeypatch):
     assert shell("doctor", "line", "--protocol", "vabus", "--quick", port=None) == 0, "the argument counts"
 
 
-def test_json(shell):
+def test_doctor_prints_json(shell):
     shell.line(echo=True)
     assert shell("doctor", "line", "--protocol", "vabus", "--quick", "--json", port=None) == 1
     *findings, measured = shell.objects
@@ -61,14 +61,14 @@ def test_json(shell):
     assert shell.err == ""
 
 
-def test_line_settings_are_taken(shell):
+def test_line_settings_of_the_command_line_are_used(shell):
     shell.line(virtual_drive("vabus", 1, baudrate=9600))
     assert shell("doctor", "line", "--protocol", "vabus", "--addresses", "1", port=None) == 1
     assert "vabus:1 answers at 9600 7E1, not at 19200 7E1" in shell.out
     assert shell("doctor", "line", "--protocol", "vabus", "--addresses", "1", "--baudrate", "9600", port=None) == 0
 
 
-def test_trace(shell):
+def test_trace_shows_the_telegrams_of_the_examination(shell):
     shell.line()
     assert shell("doctor", "line", "--protocol", "vabus", "--quick", "--trace", port=None) == 0
     assert "->  vabus:1" in shell.err
@@ -85,7 +85,7 @@ def test_trace(shell):
         (["line", "--echo=perhaps"], 2, "expect"),
     ],
 )
-def test_errors_are_one_sentence(shell, arguments, code, sentence):
+def test_wrong_call_is_refused_in_one_sentence(shell, arguments, code, sentence):
     shell.line()
     assert shell("doctor", *arguments, port=None) == code
     assert sentence in shell.err
@@ -93,7 +93,7 @@ def test_errors_are_one_sentence(shell, arguments, code, sentence):
     assert "Traceback" not in shell.err
 
 
-def test_a_line_that_goes_down(shell):
+def test_broken_line_exits_with_3(shell):
     class Failing(VirtualLine):
         def transmit(self, data):
             self.broken = True
@@ -120,7 +120,7 @@ def examined(capsys, port, *more):
 
 @pytest.mark.soak
 @posix
-def test_a_pseudo_terminal(capsys, tmp_path):
+def test_pseudo_terminal_has_no_problems(capsys, tmp_path):
     with served(f"pty:{tmp_path / 'line'}", virtual_drive("fuji", 1), paced=True) as port:
         code, problems, measured = examined(capsys, port)
     assert (code, problems) == (0, {})
@@ -132,7 +132,7 @@ def test_a_pseudo_terminal(capsys, tmp_path):
 
 @pytest.mark.soak
 @posix
-def test_a_pseudo_terminal_with_echo(capsys, tmp_path):
+def test_echo_of_a_pseudo_terminal_is_found(capsys, tmp_path):
     with served(f"pty:{tmp_path / 'line'}", virtual_drive("fuji", 1), echo=True) as port:
         code, problems, measured = examined(capsys, port)
     assert (code, set(problems)) == (1, {"echo"})
@@ -141,7 +141,7 @@ def test_a_pseudo_terminal_with_echo(capsys, tmp_path):
 
 @pytest.mark.soak
 @posix
-def test_a_pseudo_terminal_with_nobody(capsys, tmp_path):
+def test_pseudo_terminal_without_drives_is_a_problem(capsys, tmp_path):
     with served(f"pty:{tmp_path / 'line'}") as port:
         code, problems, _ = examined(capsys, port)
     assert (code, set(problems)) == (1, {"drives"})
@@ -150,7 +150,7 @@ def test_a_pseudo_terminal_with_nobody(capsys, tmp_path):
 
 @pytest.mark.soak
 @posix
-def test_a_pseudo_terminal_with_noise(capsys):
+def test_noise_on_a_pseudo_terminal_is_found(capsys):
     ours, theirs = os.openpty()
     tty.setraw(theirs)
     done = threading.Event()
@@ -174,7 +174,7 @@ def test_a_pseudo_terminal_with_noise(capsys):
 
 
 @pytest.mark.soak
-def test_a_wrong_baud_rate_over_rfc_2217(capsys):
+def test_wrong_baud_rate_over_rfc_2217_is_found(capsys):
     with served("rfc2217:127.0.0.1:0", virtual_drive("fuji", 1, baudrate=19200), paced=True) as port:
         code, problems, measured = examined(capsys, port)
         assert (code, set(problems)) == (1, {"drives"})
@@ -185,7 +185,7 @@ def test_a_wrong_baud_rate_over_rfc_2217(capsys):
 
 
 @pytest.mark.soak
-def test_tcp_says_what_cannot_be_known(capsys):
+def test_doctor_reports_what_a_tcp_port_cannot_show(capsys):
     with served("tcp:127.0.0.1:0", virtual_drive("fuji", 1)) as address:
         port = f"socket://{address.rpartition('//')[2].removeprefix('tcp:')}"
         assert main(["doctor", port, *FEW]) == 0

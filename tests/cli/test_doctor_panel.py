@@ -1,4 +1,4 @@
-"""doctor and the panels of drives: what they say over the line is held against the plant, and nothing is written."""
+"""Panel settings in the doctor command: read over the line, compared with the plant file, and never written."""
 
 import os
 
@@ -30,7 +30,7 @@ options = { model = "hitachi-wj200" }
 
 
 class Hall:
-    """A line with two drives, whose panels are set as the test wants, and its plant file."""
+    """Line with two drives and its plant file; each test chooses the panel settings of the drives."""
 
     def __init__(self, shell, path):
         self._shell, self._path = shell, path
@@ -64,7 +64,7 @@ def with_text(found, text):
     return only
 
 
-def test_panels_that_are_as_the_plant_says_are_fine(hall):
+def test_panels_that_match_the_plant_file_are_fine(hall):
     code, found = hall.examined(pump={"2014": 2000})
     assert code == 0
     assert [each.partition("\n")[0] for each in found] == [
@@ -73,7 +73,7 @@ def test_panels_that_are_as_the_plant_says_are_fine(hall):
     ]
 
 
-def test_rate_at_the_panel_that_is_not_that_of_the_plant_is_a_problem(hall):
+def test_baud_rate_at_the_panel_that_differs_from_the_plant_is_a_problem(hall):
     code, found = hall.examined(pump={"2010": 7})
     assert code == 1
     wrong = with_text(found, "P2010[0]")
@@ -83,7 +83,7 @@ def test_rate_at_the_panel_that_is_not_that_of_the_plant_is_a_problem(hall):
     assert "> set P2010[0] to 6 at the panel (SINAMICS V20 operating instructions 07/2012 p. 111)" in wrong
 
 
-def test_source_of_commands_that_is_not_the_line_is_a_problem_of_an_armed_drive(hall):
+def test_armed_drive_that_takes_commands_elsewhere_is_a_problem(hall):
     code, found = hall.examined(fan={"0x1202": 1})
     assert code == 1
     wrong = with_text(found, "A002")
@@ -94,7 +94,7 @@ def test_source_of_commands_that_is_not_the_line_is_a_problem_of_an_armed_drive(
     assert "> set A002 to 03 (Modbus) at the panel" in wrong
 
 
-def test_source_of_commands_of_a_read_only_drive_is_a_note(hall):
+def test_read_only_drive_that_takes_commands_elsewhere_is_a_note(hall):
     hall.plant = PLANT.replace(
         'armed = true\noptions = { model = "hitachi-wj200" }', 'options = { model = "hitachi-wj200" }'
     )
@@ -103,7 +103,7 @@ def test_source_of_commands_of_a_read_only_drive_is_a_note(hall):
     assert with_text(found, "A002").startswith("note     panel   fan")
 
 
-def test_link_loss_that_differs_is_a_note_with_what_sets_it(hall):
+def test_different_link_loss_is_a_note_with_the_command_that_sets_it(hall):
     code, found = hall.examined(pump={"2014": 500})
     assert code == 0
     note = with_text(found, "P2014")
@@ -113,7 +113,7 @@ def test_link_loss_that_differs_is_a_note_with_what_sets_it(hall):
     assert "> drivecomm start pump sets it; at the panel set P2014[0] to 2000" in note
 
 
-def test_drive_at_another_rate_tells_what_its_panel_is_set_to(hall, shell):
+def test_drive_found_at_another_baud_rate_shows_its_panel_setting(hall, shell):
     hall.plant = PLANT.replace('model = "v20"', 'model = "v20", baudrate = 19200')
     hall._path.write_text(hall.plant, encoding="utf-8")
     shell.lines["HALL"] = VirtualLine([virtual_drive("uss", 3, model="v20")])
@@ -122,7 +122,7 @@ def test_drive_at_another_rate_tells_what_its_panel_is_set_to(hall, shell):
     assert "P2010[0] (baud rate) is 6 (9600 baud); the plant file says 19200 baud = 7\n" in shell.out
 
 
-def test_setting_that_a_drive_does_not_tell_is_left_out(hall, tmp_path):
+def test_setting_that_the_line_cannot_read_is_left_out(hall, tmp_path):
     row = '[[setup]]\nparameter = "P9998"\nname = "one"\npurpose = "commands"\nvalue = "1"\naddress = "9998"\n'
     fact = '[[parameter]]\naddress = "9998"\nname = "one"\ntype = "U16"\n'
     head = 'format = 1\nprotocol = "uss"\nname = "own"\nextends = "v20"\nsource = "a page"\n'
@@ -134,7 +134,7 @@ def test_setting_that_a_drive_does_not_tell_is_left_out(hall, tmp_path):
     assert "pump (uss:3): 1 of 1 panel settings" in found[0]
 
 
-def test_json_has_what_each_panel_says(hall, shell):
+def test_json_holds_each_panel_setting(hall, shell):
     hall.examined(pump={"2010": 7})
     assert shell("doctor", "--quick", "--plant", str(hall._path), "--json", port=None) == 1
     *findings, measured = shell.objects

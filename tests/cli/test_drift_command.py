@@ -1,4 +1,4 @@
-"""baseline and drift."""
+"""The baseline and drift commands."""
 
 import shlex
 from pathlib import Path
@@ -28,7 +28,7 @@ drive = "vabus:2"
 
 @pytest.fixture
 def line(shell, tmp_path, monkeypatch):
-    """A plant in this folder, of three drives, of which two have a baseline."""
+    """Create a plant of three drives in the current folder, two of them with a baseline; return its virtual line."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("DRIVECOMM_PLANT", raising=False)
     Path("plant.toml").write_text(PLANT, encoding="utf-8")
@@ -42,14 +42,14 @@ def run(shell, *words):
     return shell(*words, port=None)
 
 
-def test_accept_says_what_is_approved(shell, line):
+def test_accept_prints_the_approved_parameters_and_the_file(shell, line):
     assert line
     assert shell.out.splitlines()[-1].endswith("parameters approved, in baselines/Fan%202~1.toml")
     assert sorted(path.name for path in Path("baselines").iterdir()) == ["Fan%202~1.toml", "pump.toml"]
 
 
 @pytest.mark.usefixtures("line")
-def test_a_baseline_is_a_file_for_compare_and_restore(shell):
+def test_baseline_file_serves_compare_and_restore_but_not_backup(shell):
     assert run(shell, "compare", "pump", "baselines/pump.toml") == 0
     assert run(shell, "restore", "pump", "baselines/pump.toml", "--dry-run", "--arm") == 0
     assert run(shell, "backup", "pump", "baselines/pump.toml") == 2
@@ -57,7 +57,7 @@ def test_a_baseline_is_a_file_for_compare_and_restore(shell):
 
 
 @pytest.mark.usefixtures("line")
-def test_show_lists_who_approved_what(shell):
+def test_baseline_show_lists_approvers_and_reasons(shell):
     assert run(shell, "baseline", "show") == 0
     pump, fan, rest = shell.out.splitlines()
     assert pump.startswith("pump ")
@@ -70,7 +70,7 @@ def test_show_lists_who_approved_what(shell):
     assert run(shell, "baseline", "show", "lift") == 2
 
 
-def test_drift_names_what_differs_and_drives_without_a_baseline(shell, line):
+def test_drift_lists_differences_and_drives_without_a_baseline(shell, line):
     assert run(shell, "drift") == 0
     assert [text.split("  ")[0] for text in shell.out.splitlines()[:-1]] == ["pump", "Fan 2"]
     assert shell.out.splitlines()[0].startswith("pump  0 changed, ")
@@ -83,7 +83,7 @@ def test_drift_names_what_differs_and_drives_without_a_baseline(shell, line):
     assert "482" not in shell.out
 
 
-def test_drift_as_json(shell, line):
+def test_drift_prints_json(shell, line):
     line.drives[0].poke("482[3]", 1500)
     assert run(shell, "drift", "--json") == 1
     change, pump, fan, rest = shell.objects
@@ -95,7 +95,7 @@ def test_drift_as_json(shell, line):
     assert rest["without_baseline"] == ["lift"]
 
 
-def test_a_silent_drive_costs_the_others_nothing(shell, line):
+def test_silent_drive_does_not_hide_the_drift_of_others(shell, line):
     line.drives[1].poke("3-41", 1234)
     line.power_off(line.drives[0])
     assert run(shell, "drift") == 4
@@ -105,7 +105,7 @@ def test_a_silent_drive_costs_the_others_nothing(shell, line):
     assert [each["exit_code"] for each in shell.objects if "error" in each] == [4]
 
 
-def test_a_silent_drive_is_asked_no_more_than_for_its_first_answer(shell, line):
+def test_drift_gives_up_a_silent_drive_after_the_first_request(shell, line):
     line.power_off(line.drives[0])
     heard = []
     line.monitors.append(lambda sent: heard.append(sent.data))
@@ -115,7 +115,7 @@ def test_a_silent_drive_is_asked_no_more_than_for_its_first_answer(shell, line):
     assert 0 < len(heard) <= asked
 
 
-def test_a_damaged_baseline_costs_the_others_nothing(shell, line):
+def test_damaged_baseline_does_not_hide_the_drift_of_others(shell, line):
     Path("baselines/pump.toml").write_text("format = 1\n", encoding="utf-8")
     line.drives[1].poke("3-41", 1234)
     assert run(shell, "drift") == 2
@@ -125,7 +125,7 @@ def test_a_damaged_baseline_costs_the_others_nothing(shell, line):
     assert "Fan 2" in shell.out
 
 
-def test_a_replaced_drive_is_told_with_the_command_that_restores_it(shell, line):
+def test_replaced_drive_is_reported_with_the_command_that_restores_it(shell, line):
     line.drives[1].poke("3-41", 1234)
     path = Path("baselines/Fan%202~1.toml")
     text = path.read_text(encoding="utf-8")
@@ -146,7 +146,7 @@ def test_a_replaced_drive_is_told_with_the_command_that_restores_it(shell, line)
     assert run(shell, "drift", "Fan 2") == 0
 
 
-def test_accept_over_an_older_one_says_what_changes(shell, line):
+def test_accept_shows_changes_against_the_earlier_baseline(shell, line):
     line.drives[0].poke("482[3]", 1500)
     assert run(shell, "baseline", "accept", "pump", "--by", "Ben") == 0
     assert shell.out.splitlines()[0] == "pump  482[3] fixed_frequency_3  25.00 Hz -> 15.00 Hz"
@@ -154,7 +154,7 @@ def test_accept_over_an_older_one_says_what_changes(shell, line):
     assert "by Ben on " in shell.out
 
 
-def test_accept_from_a_file_asks_no_drive(shell, line):
+def test_accept_from_a_file_sends_nothing(shell, line):
     assert run(shell, "backup", "pump", "pump.toml", "--all") == 0
     line.drives[0].poke("482[3]", 1500)
     assert run(shell, "baseline", "accept", "pump", "--from", "pump.toml") == 0
@@ -166,7 +166,7 @@ def test_accept_from_a_file_asks_no_drive(shell, line):
     assert "no drive is asked, so --port has no effect" in shell.err
 
 
-def test_a_drive_that_goes_while_it_is_accepted_leaves_the_older_one(shell, line):
+def test_accept_keeps_the_earlier_baseline_if_the_drive_falls_silent(shell, line):
     before = Path("baselines/pump.toml").read_bytes()
     line.call_at(line.time + 1.0, lambda: line.power_off(line.drives[0]))
     assert run(shell, "baseline", "accept", "pump") == 4
@@ -175,7 +175,7 @@ def test_a_drive_that_goes_while_it_is_accepted_leaves_the_older_one(shell, line
 
 
 @pytest.mark.usefixtures("line")
-def test_nothing_looked_at_is_no_success(shell):
+def test_drift_that_leaves_a_drive_unchecked_is_not_a_success(shell):
     assert run(shell, "drift", "pump", "lift") == 2
     assert shell.out.startswith("pump  0 changed")
     for path in Path("baselines").iterdir():

@@ -1,4 +1,4 @@
-"""read, write, status, start, stop, reset, reference, call."""
+"""The commands read, write, status, start, stop, reset, reference and call."""
 
 import pytest
 
@@ -6,21 +6,21 @@ from drivecomm.plant import Fault, FaultPlan
 from drivecomm.virtual import virtual_drive
 
 
-def test_read(shell):
+def test_read_prints_value_unit_and_name(shell):
     shell.line()
     assert shell("read", "vabus:1", "481", "fixed_frequency_1", "--model", "agile") == 0
     assert "10.00 Hz" in shell.out
     assert "fixed_frequency_1" in shell.out
 
 
-def test_read_without_a_type_says_what_is_not_known(shell):
+def test_read_without_a_type_prints_raw_data_with_a_note(shell):
     shell.line()
     assert shell("read", "vabus:1", "481") == 0
     assert "000003E8" in shell.out
     assert "type not known" in shell.out
 
 
-def test_read_with_a_type(shell):
+def test_read_converts_by_the_type_option(shell):
     shell.line()
     assert shell("read", "vabus:1", "481", "--type", "long", "--json") == 0
     assert shell.objects[0]["value"] == 1000
@@ -43,7 +43,7 @@ def test_one_bad_parameter_does_not_fail_the_others(shell):
     assert "'nonsense' is not a VABus parameter address" in shell.err
 
 
-def test_errors_are_objects_too_with_json(shell):
+def test_json_flag_prints_errors_as_objects(shell):
     shell.line()
     assert shell("read", "vabus:1", "999", "--json") == 5
     assert shell.objects[0]["kind"] == "RefusedError"
@@ -51,14 +51,14 @@ def test_errors_are_objects_too_with_json(shell):
     assert "line" in shell.objects[0]["error"]
 
 
-def test_options_behind_the_drive(shell):
+def test_line_options_may_follow_the_drive(shell):
     shell.line(virtual_drive("vabus", 1, baudrate=9600))
     assert shell("read", "vabus:1,model=agile,baudrate=9600,attempts=1", "481") == 0
     assert shell("read", "vabus:1,attempts=1", "481") == 4
     assert shell("read", "vabus:1", "481", "--baudrate", "9600", "--parity", "e", "--bytesize", "7") == 0
 
 
-def test_write_and_read_back(shell):
+def test_written_value_is_read_back(shell):
     shell.line()
     assert shell("write", "vabus:1", "480", "-12.50", "--model", "agile") == 0
     assert "480 = -12.50" in shell.out
@@ -66,7 +66,7 @@ def test_write_and_read_back(shell):
     assert shell.objects[0]["value"] == "-12.50"
 
 
-def test_write_stored(shell):
+def test_stored_write_survives_a_power_cycle(shell):
     line = shell.line()
     assert shell("write", "vabus:1", "481", "20", "--store", "-m", "agile", "--json") == 0
     assert shell.objects[0]["stored"] is True
@@ -75,7 +75,7 @@ def test_write_stored(shell):
     assert "20.00 Hz" in shell.out
 
 
-def test_write_with_an_option_of_the_protocol(shell):
+def test_write_option_selects_the_data_set(shell):
     line = shell.line()
     assert shell("write", "vabus:1", "481", "1500", "--type", "long", "--option", "dataset=3") == 0
     assert line.drives[0].peek("481[3]", 0) == "000005DC"
@@ -87,13 +87,13 @@ def test_write_with_an_option_of_the_protocol(shell):
         (("480", "10.001", "-m", "agile"), "not rounded"),
         (("480", "1"), "type"),
         (("394", "77", "-m", "agile"), "outside 1 to 30"),
-        (("480", "abc", "-m", "agile"), "no number"),
+        (("480", "abc", "-m", "agile"), "not a number"),
         (("480", "1", "-m", "agile", "-o", "speed=3"), "no option 'speed'"),
         (("480", "1", "-m", "agile", "-o", "speed"), "NAME=VALUE"),
         (("480", "1", "-m", "nothing"), "no model 'nothing'"),
     ],
 )
-def test_what_does_not_fit_is_refused_before_anything_is_sent(shell, arguments, sentence):
+def test_write_refuses_invalid_values_before_sending(shell, arguments, sentence):
     line = shell.line()
     assert shell("write", "vabus:1", *arguments) == 2
     assert sentence in shell.err
@@ -101,7 +101,7 @@ def test_what_does_not_fit_is_refused_before_anything_is_sent(shell, arguments, 
     assert line.time < 0.01
 
 
-def test_motor(shell):
+def test_motor_is_started_reported_and_stopped(shell):
     line = shell.line()
     assert shell("reference", "vabus:1", "25Hz") == 0
     assert shell("start", "vabus:1", "--link-loss", "hold") == 0
@@ -119,7 +119,7 @@ def test_motor(shell):
     assert shell("reference", "vabus:1", "50%", "--json") == 0
 
 
-def test_fault_and_reset(shell):
+def test_drive_with_a_fault_refuses_start_until_reset(shell):
     line = shell.line()
     line.drives[0].trip(0x0300, 0.0)
     assert shell("status", "vabus:1") == 5
@@ -131,7 +131,7 @@ def test_fault_and_reset(shell):
     assert shell("status", "vabus:1") == 0
 
 
-def test_stop_everybody(shell):
+def test_stop_broadcast_stops_all_drives_of_the_protocol(shell):
     line = shell.line(virtual_drive("vabus", 1), virtual_drive("vabus", 2))
     shell("start", "vabus:1", "--link-loss", "hold")
     shell("start", "vabus:2", "--link-loss", "hold")
@@ -145,7 +145,7 @@ def test_stop_everybody(shell):
         assert not drive.motor.running
 
 
-def test_verbs_of_one_protocol(shell):
+def test_call_runs_verbs_of_the_protocol(shell):
     shell.line()
     assert shell("call", "vabus:1", "control_word", "word=0") == 0
     assert shell("call", "vabus:1", "fly") == 2
@@ -161,7 +161,7 @@ def test_verbs_of_one_protocol(shell):
         (("start", "vabus:1,ram_datasets=false", "--link-loss", "hold", "--reverse"), 2, "negative reference"),
         (("reference", "vabus:1", "25"), 2, "25Hz"),
         (("reference", "vabus:1"), 2, "one of percent, hz, rpm and machine"),
-        (("reference", "vabus:1", "--hz", "fast"), 2, "'fast' for parameter reference is no number"),
+        (("reference", "vabus:1", "--hz", "fast"), 2, "'fast' for parameter reference is not a number"),
         (("status", "vabus:2"), 4, "vabus:2 did not answer"),
         (("status", "vabus:31"), 2, "1 to 30"),
         (("status", "vabus:x"), 2, "PROTOCOL:ADDRESS"),
@@ -183,17 +183,17 @@ def test_errors_are_one_sentence(shell, arguments, code, sentence):
     assert "Traceback" not in shell.err
 
 
-def test_no_port(shell):
+def test_missing_port_exits_with_2(shell):
     assert shell("status", "vabus:1", port=None) == 2
     assert "DRIVECOMM_PORT" in shell.err
 
 
-def test_a_port_that_does_not_exist(shell):
+def test_unknown_port_exits_with_3(shell):
     assert shell("status", "vabus:1", port="nowhere") == 3
     assert "port nowhere does not exist" in shell.err
 
 
-def test_port_from_the_environment(shell, monkeypatch):
+def test_port_is_taken_from_the_environment(shell, monkeypatch):
     shell.line()
     monkeypatch.setenv("DRIVECOMM_PORT", "line")
     assert shell("status", "vabus:1", port=None) == 0
@@ -208,26 +208,26 @@ def test_no_answer_names_port_drive_cause_and_remedy(shell):
     )
 
 
-def test_damaged_answers(shell):
+def test_damaged_answers_exit_with_4(shell):
     shell.line(faults=FaultPlan(rate=1, kinds=(Fault.CORRUPT,), requests=False))
     assert shell("status", "vabus:1") == 4
     assert "vabus:1" in shell.err
 
 
-def test_a_line_that_goes_down(shell):
+def test_broken_line_exits_with_3(shell):
     line = shell.line()
     line.broken = True
     assert shell("read", "vabus:1", "481") == 3
 
 
-def test_trace(shell):
+def test_trace_prints_telegrams(shell):
     shell.line()
     assert shell("read", "vabus:1", "481", "--trace") == 0
     assert "->  vabus:1  04 41 30 30 34 38 31 05  enquiry address=1" in shell.err
     assert "<-  vabus:1  41 02" in shell.err
 
 
-def test_trace_as_json(shell):
+def test_trace_prints_json_events(shell):
     import json
 
     shell.line()
@@ -237,6 +237,6 @@ def test_trace_as_json(shell):
     assert events[0]["fields"]["parameter"] == 481
 
 
-def test_echo(shell):
+def test_read_works_on_an_echoing_line(shell):
     shell.line(echo=True)
     assert shell("read", "vabus:1", "481", "--echo") == 0

@@ -1,4 +1,4 @@
-"""backup --everything and models grow of all that a drive answers: forecast, progress, going on, what is refused."""
+"""backup --everything and models grow --everything: forecast, progress, resumption and refused calls."""
 
 from pathlib import Path
 
@@ -21,22 +21,22 @@ def _in_a_folder_of_its_own(tmp_path, monkeypatch):
 
 @pytest.fixture
 def line(shell):
-    """A line with a drive that holds more than its model knows."""
+    """Put a drive on the line that answers for more parameters than its model knows."""
     return shell.line(virtual_drive("vabus", 1, model="guesses"))
 
 
 def there():
-    """What is in the folder."""
+    """Return the names of the files in the current folder."""
     return sorted(path.name for path in Path().iterdir())
 
 
 def interrupt():
-    """As Ctrl-C does."""
+    """Interrupt the command as Ctrl-C does."""
     raise KeyboardInterrupt
 
 
 def at_telegram(line, count, then):
-    """Have something done when the drive hears its telegram with this number."""
+    """Call `then` when the drive receives its telegram number `count`."""
     drive, heard = line.drives[0], []
     hear = drive.hear
 
@@ -51,7 +51,7 @@ def at_telegram(line, count, then):
 
 @pytest.mark.usefixtures("line")
 class TestBackup:
-    def test_of_everything(self, shell):
+    def test_backup_holds_every_answered_address(self, shell):
         assert shell("backup", *PUMP, "pump.toml", *NARROW) == 0
         assert shell.out == (
             "vabus:1  107 parameters in pump.toml, 105 of the 105 values that model agile knows (100 %)\n"
@@ -63,7 +63,7 @@ class TestBackup:
         assert sorted(entry.address for entry in read_set(Path("pump.toml")).of(["unknown"])) == ["29", "524"]
         assert there() == ["pump.toml"]
 
-    def test_in_json(self, shell, monkeypatch):
+    def test_backup_prints_forecast_answers_and_progress_as_json(self, shell, monkeypatch):
         monkeypatch.setattr(exploring, "_EVERY_S", 0.0)
         assert shell("backup", *PUMP, "pump.toml", *NARROW, "--json") == 0
         forecast, *events, last = shell.objects
@@ -77,7 +77,7 @@ class TestBackup:
         assert last["explored"] == {"asked": 109, "answered": 107, "known": 105}
         assert last["share"] == {"model": "agile", "held": 105, "of": 105}
 
-    def test_says_now_and_then_how_far_it_is(self, shell, monkeypatch):
+    def test_backup_prints_progress(self, shell, monkeypatch):
         monkeypatch.setattr(exploring, "_EVERY_S", 0.0)
         assert shell("backup", *PUMP, "pump.toml", *NARROW) == 0
         assert "drivecomm: 108 of 109 asked for, 106 found, " in shell.err
@@ -91,14 +91,14 @@ class TestBackup:
             (["--everything", "--within", "9..1"], "range '9..1'"),
         ],
     )
-    def test_what_cannot_be(self, shell, flags, said):
+    def test_backup_refuses_invalid_options(self, shell, flags, said):
         assert shell("backup", *PUMP, "pump.toml", *flags) == 2
         assert said in shell.err
         assert there() == []
 
 
 class TestGoingOn:
-    def test_after_ctrl_c(self, shell, line):
+    def test_backup_resumes_after_ctrl_c(self, shell, line):
         at_telegram(line, 130, interrupt)
         assert shell("backup", *PUMP, "pump.toml", *NARROW) == 130
         assert "answers kept in pump.toml.answers, and the same command goes on from there" in shell.err
@@ -111,7 +111,7 @@ class TestGoingOn:
         assert "the drive answers 107 of 109 addresses" in shell.out
         assert there() == ["pump.toml"]
 
-    def test_after_a_drive_that_stayed_silent(self, shell, line):
+    def test_backup_resumes_after_a_silent_drive(self, shell, line):
         hear = line.drives[0].hear
 
         def be_gone():
@@ -124,7 +124,7 @@ class TestGoingOn:
         line.drives[0].hear = hear
         assert shell("backup", *PUMP, "pump.toml", *NARROW) == 0
 
-    def test_not_with_the_answers_of_something_else(self, shell, line):
+    def test_backup_refuses_answers_of_another_model_or_drive(self, shell, line):
         at_telegram(line, 130, interrupt)
         shell("backup", *PUMP, "pump.toml", *NARROW)
         assert shell("backup", "vabus:1", "--model", "act", "pump.toml", *NARROW) == 2
@@ -137,7 +137,7 @@ class TestGoingOn:
 
 class TestGrow:
     @pytest.mark.usefixtures("line")
-    def test_from_what_a_drive_answers(self, shell):
+    def test_grow_adds_parameters_from_plain_answers(self, shell):
         grow = ("models", "grow", "vabus:1", "29", "31", "524", "481", "--model", "agile", "--write", "own.toml")
         assert shell(*grow) == 0
         assert "vabus:1  3 parameters written to own.toml" in shell.out
@@ -150,7 +150,7 @@ class TestGrow:
 
     @pytest.mark.soak
     @pytest.mark.usefixtures("line")
-    def test_of_everything(self, shell):
+    def test_grow_covers_every_answered_address(self, shell):
         assert shell("models", "grow", "vabus:1", "--everything", "--model", "agile", "--write", "own.toml") == 0
         assert "questions to the drive" in shell.err
         assert there() == ["own.toml"]
@@ -160,7 +160,7 @@ class TestGrow:
         assert shell("backup", "vabus:1", "--model", "own.toml", "pump.toml", "--all") == 0
 
     @pytest.mark.soak
-    def test_goes_on_after_ctrl_c(self, shell, line):
+    def test_grow_resumes_after_ctrl_c(self, shell, line):
         grow = ("models", "grow", "vabus:1", "--everything", "--model", "agile", "--write", "own.toml")
         at_telegram(line, 130, interrupt)
         assert shell(*grow) == 130
@@ -170,17 +170,17 @@ class TestGrow:
         assert there() == ["own.toml"]
 
     @pytest.mark.soak
-    def test_a_drive_that_describes_itself_is_asked_for_that(self, shell):
+    def test_grow_reads_descriptions_from_a_drive_that_has_them(self, shell):
         shell.line(virtual_drive("danfoss-fc", 1, model="vlt5000"))
         grow = ("models", "grow", "danfoss-fc:1", "--everything", "--model", "vlt6000", "--write", "own.toml")
         assert shell(*grow, "-o", "option_texts=0") == 0
         text = Path("own.toml").read_text(encoding="utf-8")
         assert 'source = "read from the drive, AK 4"\nsure = "field"\n' in text
-        # 518 is the output frequency here, and the DC link voltage on a VLT 6000; 213 calls itself jog frequency.
+        # 518 is the output frequency of this drive, the DC link voltage of a VLT 6000; 213 calls itself jog frequency.
         assert [finding.key for finding in check_model(Path("own.toml"))] == ["dc_link_voltage", "name"]
 
     @pytest.mark.usefixtures("line")
-    def test_what_cannot_be(self, shell):
+    def test_grow_refuses_invalid_options(self, shell):
         grow = ("models", "grow", "vabus:1", "--model", "agile", "--write", "own.toml")
         assert shell(*grow, "29", "--everything") == 2
         assert "name parameters or give --everything" in shell.err

@@ -1,4 +1,4 @@
-"""A flag counts or is refused: none is taken and then forgotten, whatever the plant file says of a drive."""
+"""Line flags of all commands: each takes effect or is refused, whatever the plant file says about a drive."""
 
 from dataclasses import fields
 
@@ -75,13 +75,13 @@ COMMANDS = [
     ("drift", "fan"),
     ("drift",),
 ]
-# What is printed by these says what counted: virtual lines say the same each time.
+# Commands whose output also shows the effect of a flag; on virtual lines it is the same in each run.
 TELL_IT = ("doctor", "forecast")
 
 
 @pytest.fixture
 def heard(shell, tmp_path, monkeypatch):
-    """Runs a call and returns what came of it: how the lines were opened, and as what each drive was spoken to."""
+    """Return a function that runs a command and gives its exit code and the lines, scans and drives that it opened."""
     monkeypatch.delenv("DRIVECOMM_PLANT", raising=False)
     monkeypatch.chdir(tmp_path)
     for name in ("plant.toml", "other.toml"):
@@ -146,18 +146,18 @@ def heard(shell, tmp_path, monkeypatch):
     return run
 
 
-def test_all_flags_are_tried():
+def test_table_of_values_has_every_line_flag():
     assert {field.name for field in fields(LineOptions)} - {"json", "given", "stops"} == set(VALUES)
 
 
-def test_all_commands_with_line_options_are_tried():
+def test_table_of_commands_has_every_command_with_line_options():
     with_line = {
         " ".join(words)
         for words, command in commands_of(app)
         if {"rs485", "attempts"} <= {option.name for option in command.loaded.params}
     }
     tried = {" ".join(call[: 2 if call[0] in ("models", "baseline") else 1]) for call in COMMANDS}
-    # The demo plays for minutes and the watch needs a terminal; tests of their own try their flags.
+    # demo plays for minutes and watch needs a terminal; their own tests try their flags.
     assert with_line - {"demo", "watch"} == tried
 
 
@@ -171,7 +171,7 @@ def commands_of(group, *words):
 
 @pytest.mark.parametrize("flag", VALUES)
 @pytest.mark.parametrize("command", every(6, COMMANDS), ids=" ".join)
-def test_a_flag_counts_or_is_refused(heard, shell, command, flag):
+def test_line_flag_takes_effect_or_is_refused(heard, shell, command, flag):
     _, plain = heard(*command)
     value = [] if VALUES[flag] is None else [VALUES[flag]]
     code, changed = heard(*command, f"--{flag.replace('_', '-')}", *value)
@@ -186,7 +186,7 @@ def test_a_flag_counts_or_is_refused(heard, shell, command, flag):
     "command", [("read", "fan", "3-41"), ("status",), ("poll", "--cycles", "1"), ("stop", "--all")]
 )
 @pytest.mark.parametrize(("flag", "value", "fact"), [("baudrate", "19200", 19200), ("stopbits", "2", 2)])
-def test_the_command_line_goes_before_the_plant_file(heard, command, flag, value, fact):
+def test_command_line_overrides_the_plant_file(heard, command, flag, value, fact):
     _, seen = heard(*command, f"--{flag}", value)
     facts = [each[0] for each in seen if isinstance(each, tuple) and hasattr(each[0], "settings")]
     assert facts
@@ -206,13 +206,13 @@ def test_the_command_line_goes_before_the_plant_file(heard, command, flag, value
     ],
 )
 @pytest.mark.parametrize("command", [("read", "fan", "3-41"), ("read", "danfoss-fc:9", "3-41", "--port", "OTHER")])
-def test_values_that_cannot_be(heard, shell, command, said, sentence):
+def test_invalid_flag_value_is_refused(heard, shell, command, said, sentence):
     assert heard(*command, said)[0] == 2
     assert sentence in shell.err
     assert shell.err.count("\n") == 1
 
 
-def test_two_words_for_one_thing(heard, shell):
+def test_setting_given_twice_is_refused(heard, shell):
     assert heard("read", "fan,baudrate=9600", "3-41", "--baudrate", "19200")[0] == 2
     assert "exclude each other" in shell.err
     assert heard("reference", "fan", "10%", "--percent", "20", "--arm")[0] == 2
@@ -235,21 +235,21 @@ def test_two_words_for_one_thing(heard, shell):
         (("demo", "--port", "HALL", "--allow-motion"), "fan is read-only in plant.toml"),
     ],
 )
-def test_what_has_no_effect_is_refused(heard, shell, call, sentence):
+def test_flag_without_effect_is_refused(heard, shell, call, sentence):
     assert heard(*call)[0] == 2
     assert sentence in shell.err
     assert shell.err.count("\n") == 1
 
 
 @pytest.mark.soak
-def test_help_hides_what_a_command_refuses(capsys, monkeypatch):
+def test_help_hides_the_arm_flag_where_it_has_no_effect(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     for command in WITHOUT_EFFECT:
         drivecomm.cli.main(["models", "grow", "--help"] if command == "grow" else [command, "--help"])
         assert "--arm" not in capsys.readouterr().out or command == "replay"
 
 
-def test_help_breaks_where_the_terminal_does(capsys, monkeypatch):
+def test_help_wraps_lines_at_the_terminal_width(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     drivecomm.cli.main(["scan", "--help"])
     assert "or with several values for a setting" in " ".join(capsys.readouterr().out.split())

@@ -1,4 +1,4 @@
-"""What drives, files and servers say is shown by commands without characters that command a terminal."""
+"""Texts from drives, files and servers, which commands print without terminal control characters."""
 
 import json
 import unicodedata
@@ -31,7 +31,7 @@ def lines_of(capsys):
 
 @each_text
 @given(FOREIGN)
-def test_a_line_stays_one_line(capsys, text):
+def test_foreign_text_stays_one_line(capsys, text):
     for printed in (output.say, output.note):
         printed(text)
         assert len(lines_of(capsys)) == 1
@@ -45,13 +45,13 @@ def test_a_line_stays_one_line(capsys, text):
 
 @each_text
 @given(st.lists(st.tuples(FOREIGN, FOREIGN), min_size=1, max_size=5))
-def test_a_table_has_a_line_for_each_row(capsys, rows):
+def test_table_of_foreign_texts_has_one_line_per_row(capsys, rows):
     output.print_columns(rows)
     assert len(lines_of(capsys)) == len(rows)
 
 
 @given(FOREIGN)
-def test_watch_shows_texts_of_drives_plainly(text):
+def test_watch_shows_texts_of_drives_without_control_characters(text):
     reading = Reading(parameter="1", value=text, raw=0, unit="", text=text)
     shown = [
         words.in_full(WatchedValue(name="n", reading=reading, quality=quality, cause=text))
@@ -63,7 +63,7 @@ def test_watch_shows_texts_of_drives_plainly(text):
 
 
 @pytest.mark.parametrize("as_json", [False, True])
-def test_a_trace_line_stays_one_line(capsys, as_json):
+def test_trace_event_stays_one_line(capsys, as_json):
     from drivecomm.link import TraceEvent
 
     event = TraceEvent(time=0.0, what="note", drive=ESCAPES, data=b"", detail=ESCAPES)

@@ -1,4 +1,4 @@
-"""Groups of drives in commands: those for several drives take them, those for one drive refuse them."""
+"""Groups of drives in commands: commands for several drives accept them, commands for one drive refuse them."""
 
 from pathlib import Path
 
@@ -57,7 +57,10 @@ OUTPUT = "output_frequency"
 
 @pytest.fixture
 def plant(shell, tmp_path, monkeypatch):
-    """A plant file with groups in this folder, and its lines as ports of the shell; gives what is sent on them."""
+    """Create a plant file with groups in the current folder, and its lines as ports of the shell.
+
+    Returns the virtual plant; its attribute `sent` collects each telegram with the name of its line.
+    """
     monkeypatch.delenv("DRIVECOMM_PLANT", raising=False)
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "plant.toml"
@@ -134,14 +137,14 @@ def test_status_of_a_group_shows_its_drives(shell, plant):
 
 
 @pytest.mark.usefixtures("plant")
-def test_unknown_group_is_refused_with_what_there_is(shell):
+def test_unknown_group_is_refused_with_the_known_names(shell):
     for command in (("status",), ("stats",), ("drift",), ("baseline", "show"), ("stop",)):
         assert run(shell, *command, "wte") == 2
         assert "there is no drive 'wte' in this plant; did you mean 'wet'?" in shell.err
         assert "It has pump, fan, mixer, and the groups wet, hall 2" in shell.err
 
 
-def test_poll_reads_the_parameters_behind_a_group_of_each_of_its_drives(shell, plant):
+def test_poll_reads_the_parameters_after_a_group_from_each_of_its_drives(shell, plant):
     assert run(shell, "poll", "hall 2", OUTPUT, "pump", "480", "wet", OUTPUT, "--cycles", "1", "--json") == 0
     asked = sorted((each["drive"], each["parameter"]) for each in shell.objects)
     assert asked == [("fan", OUTPUT), ("mixer", OUTPUT), ("pump", "480"), ("pump", OUTPUT)]
@@ -159,7 +162,7 @@ def test_stats_counts_the_drives_of_groups_once(shell, plant):
 
 
 @pytest.mark.usefixtures("plant")
-def test_drift_and_baselines_of_a_group(shell):
+def test_drift_and_baseline_show_accept_a_group(shell):
     for name in ("pump", "fan"):
         assert run(shell, "baseline", "accept", name, "--by", "Anna") == 0
     assert run(shell, "baseline", "show", "hall 2", "--json") == 0
@@ -172,7 +175,7 @@ def test_drift_and_baselines_of_a_group(shell):
     assert "without a baseline: mixer" in shell.out
 
 
-def test_watched_lines_are_those_of_the_drives_of_a_group(plant):
+def test_watched_lines_of_a_group_hold_only_its_drives(plant):
     options = LineOptions(plant=Path("plant.toml"), given=frozenset({"plant"}))
     hall, yard = watched_lines(["wet", "fan"], options)
     assert (hall.name, hall.port, [each.name for each in hall.drives]) == ("hall", "HALL", ["pump", "fan"])

@@ -1,4 +1,4 @@
-"""drivecomm history, and a plot of one: what a server kept, as people, programs and spreadsheets want it."""
+"""The history command and plots of a history: recorded values as text, JSON, CSV, Parquet and curves."""
 
 import json
 import os
@@ -26,7 +26,10 @@ def value(drive, name, number, time_s, unit="Hz", **reading):
 
 @pytest.fixture
 def file(tmp_path, monkeypatch):
-    """A history of noon of a day, and of the last minute."""
+    """Write a history with values at noon of one day and in the last minute; yield its path.
+
+    The local time zone is that of New York.
+    """
     monkeypatch.setenv("TZ", "America/New_York")
     time.tzset()
     path = tmp_path / "plant.sqlite"
@@ -65,7 +68,7 @@ def run(file, capsys):
     return call
 
 
-def test_the_latest_of_each(run):
+def test_history_without_arguments_shows_the_latest_values(run):
     code, out, _ = run()
     assert code == 0
     assert [line.split()[2:4] for line in out.splitlines()] == [
@@ -75,14 +78,14 @@ def test_the_latest_of_each(run):
     assert "0 (F5 overcurrent)  good" in out
 
 
-def test_without_a_time_the_last_hour_is_shown(run):
+def test_history_of_a_drive_shows_the_last_hour(run):
     code, out, _ = run("fan")
     assert code == 0
     assert len(out.splitlines()) == 1
     assert "7.7 A  good" in out
 
 
-def test_local_times_with_their_zone(run):
+def test_times_are_local_with_their_zone(run):
     code, out, _ = run("pump", "output_frequency", "--from", "2026-11-18 06:06:42", "--to", "2026-11-18T11:06:43Z")
     assert code == 0
     assert out.splitlines() == [
@@ -91,7 +94,7 @@ def test_local_times_with_their_zone(run):
     ]
 
 
-def test_json(run):
+def test_history_prints_json(run):
     code, out, _ = run("pump", "output_frequency", "--from", "2026-01-01", "--json")
     assert code == 0
     first, *_, last = map(json.loads, out.splitlines())
@@ -99,7 +102,7 @@ def test_json(run):
     assert (last["value"], last["quality"], last["note"]) == (None, "bad", "no reply")
 
 
-def test_what_happened(run):
+def test_events_flag_lists_events(run):
     code, out, _ = run("--events", "--from", "2026-01-01")
     assert code == 0
     assert out.splitlines() == [
@@ -110,20 +113,20 @@ def test_what_happened(run):
     assert [json.loads(line)["kind"] for line in out.splitlines()] == ["fault"]
 
 
-def test_who_commanded_what(run):
+def test_commands_flag_lists_commands_with_their_callers(run):
     code, out, _ = run("--commands", "--last", "9999d")
     assert code == 0
     assert out == "2026-11-18 06:06:40.000-05:00  pump  set_reference 40.0 %, by mary (http): done\n"
 
 
-def test_the_faults_that_a_drive_remembers(run):
+def test_fault_logs_flag_lists_the_fault_memory_of_a_drive(run):
     code, out, _ = run("--fault-logs", "--last", "9999d")
     assert code == 0
     assert out == "2026-11-18 06:06:40.000-05:00  pump   1  15-30[0]   14 (earth fault)\n"
 
 
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
-def test_export(run, tmp_path, ending):
+def test_history_is_exported_to_csv_and_parquet(run, tmp_path, ending):
     target = tmp_path / f"values.{ending}"
     code, out, _ = run("pump", "output_frequency", f"--{ending}", str(target))
     assert (code, out) == (0, f"{target}: 11 values\n")
@@ -140,7 +143,7 @@ def test_export(run, tmp_path, ending):
 
 
 @pytest.mark.soak
-def test_plot(file, tmp_path, capsys):
+def test_plot_draws_a_history(file, tmp_path, capsys):
     output = tmp_path / "values.svg"
     assert main(["plot", str(file), "--drive", "pump", "-o", str(output)]) == 0
     assert capsys.readouterr().out == f"{output}: 1 curve\n"
@@ -159,7 +162,7 @@ def test_plot_finds_the_history_by_the_plant_file(file, tmp_path, capsys):
     assert main(["plot", str(file), "--plant", str(plant), "-o", str(output), "--force"]) == 2
 
 
-def test_quantities_are_aligned_and_in_the_order_in_which_they_came(run):
+def test_rows_are_aligned_and_in_recorded_order(run):
     when = ("--from", "2026-11-18 06:06:40", "--to", "2026-11-18 06:06:45")
     code, out, _ = run("pump", "output_frequency", "status", *when, "--json")
     assert code == 0
@@ -200,13 +203,13 @@ def test_times_of_a_plot_are_local(tmp_path):
         (("--plant", "x.toml"), "--file names the history itself, so --plant has no effect; leave it out"),
     ],
 )
-def test_what_cannot_be(run, arguments, says):
+def test_history_refuses_wrong_arguments(run, arguments, says):
     code, out, err = run(*arguments)
     assert (code, out) == (2, "")
     assert says in err
 
 
-def test_where_there_is_none(run, tmp_path):
+def test_missing_history_file_exits_with_2(run, tmp_path):
     code, _, err = run(file=tmp_path / "none.sqlite")
     assert code == 2
     assert (
@@ -214,7 +217,7 @@ def test_where_there_is_none(run, tmp_path):
     )
 
 
-def test_it_is_found_by_the_plant(run, file, tmp_path, monkeypatch):
+def test_history_is_found_by_the_plant_file(run, file, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("DRIVECOMM_PLANT", raising=False)
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))

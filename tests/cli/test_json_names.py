@@ -1,4 +1,4 @@
-"""Whatever command prints it, a JSON object about a drive has the drive's name under one key."""
+"""JSON objects about a drive: every command gives the name of the drive under the key `drive_name`."""
 
 from pathlib import Path
 
@@ -39,7 +39,7 @@ COMMANDS = {
 
 
 def objects_of_drives(content):
-    """Yield all objects that name a drive, however deep they are."""
+    """Yield all objects that name a drive, however deeply they are nested."""
     if isinstance(content, dict):
         if "drive" in content:
             yield content
@@ -50,7 +50,7 @@ def objects_of_drives(content):
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_the_name_of_the_drive(shell, tmp_path, monkeypatch, command):
+def test_json_objects_hold_the_name_of_the_drive(shell, tmp_path, monkeypatch, command):
     shell.line(virtual_drive("vabus", 1))
     monkeypatch.chdir(tmp_path)
     Path("plant.toml").write_text(PLANT, encoding="utf-8")
@@ -62,7 +62,7 @@ def test_the_name_of_the_drive(shell, tmp_path, monkeypatch, command):
 
 
 @pytest.mark.parametrize("command", [["scan", "--protocol", "vabus", "-a", "1"], ["read", "vabus:1", "480"]])
-def test_without_a_plant_it_is_the_address(shell, command):
+def test_drive_name_is_the_address_without_a_plant(shell, command):
     shell.line(virtual_drive("vabus", 1))
     assert shell(*command, "--json") == 0
     assert {each["drive_name"] for each in shell.objects} == {"vabus:1"}

@@ -1,4 +1,4 @@
-"""The options that every command on a line has: the ways to say --echo, and what the port is opened with."""
+"""Options of every command on a line: the spellings of --echo, and the options with which the port is opened."""
 
 import pytest
 
@@ -18,7 +18,7 @@ from drivecomm.virtual import VirtualLine, virtual_drive
         (["vabus:1", "481", "--echo=auto"], 8),
     ],
 )
-def test_echo(shell, arguments, echoed):
+def test_echo_flag_works_in_every_spelling(shell, arguments, echoed):
     shell.line(echo=True)
     assert shell("read", *arguments, "--trace") == 0
     (line,) = [text for text in shell.err.splitlines() if "=>" in text and "enquiry" not in text][:1]
@@ -26,20 +26,20 @@ def test_echo(shell, arguments, echoed):
 
 
 @pytest.mark.parametrize("arguments", [[], ["--echo", "off"], ["--echo=off"]])
-def test_no_echo_is_told_to_be_one(shell, arguments):
+def test_unexpected_echo_is_explained(shell, arguments):
     shell.lines["line"] = VirtualLine([virtual_drive("vabus", 2)], echo=True)
     assert shell("read", "vabus:1", "481", "--attempts", "1", *arguments) == 4
     assert "the adapter hands back what it sends" in shell.err
 
 
-def test_an_unknown_mode(shell):
+def test_unknown_echo_mode_is_refused(shell):
     shell.line()
     assert shell("read", "vabus:1", "481", "--echo=perhaps") == 2
     assert all(mode in shell.err for mode in ("off", "expect", "auto"))
     assert shell.err.count("\n") == 1
 
 
-def test_after_two_dashes_it_is_a_word_like_others(shell):
+def test_echo_after_two_dashes_is_an_argument(shell):
     shell.line()
     assert shell("read", "vabus:1", "--port", "line", "--", "--echo", port=None) == 2
     assert "--echo" in shell.err
@@ -55,7 +55,7 @@ def test_after_two_dashes_it_is_a_word_like_others(shell):
     ],
 )
 @pytest.mark.parametrize("command", [["read", "vabus:1", "481"], ["doctor", "--protocol", "vabus", "--quick"]])
-def test_what_the_port_is_opened_with(shell, monkeypatch, command, arguments, opened):
+def test_port_is_opened_with_the_given_options(shell, monkeypatch, command, arguments, opened):
     line, seen = shell.line(), []
 
     def opener(port, **options):

@@ -1,4 +1,4 @@
-"""start --link-loss: refused without, set before the start, fed until Ctrl-C, and left to the drive by SIGKILL."""
+"""The option start --link-loss: required, set before the start, renewed until Ctrl-C, in force after SIGKILL."""
 
 import json
 import os
@@ -36,12 +36,12 @@ posix = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and sign
         (["vabus:1", "--link-loss", "trip"], "has no model"),
         (["vabus:1", "-m", "agile", "--link-loss", "ramp"], "cannot ramp; it can hold or trip"),
         (["vabus:1", "-m", "agile", "--link-loss", "trip", "--watchdog", "2.5"], "steps of 1 s"),
-        (["vabus:1", "-m", "agile", "--link-loss", "trip", "--watchdog", "soon"], "no number"),
+        (["vabus:1", "-m", "agile", "--link-loss", "trip", "--watchdog", "soon"], "not a number"),
         (["vabus:1", "--link-loss", "hold", "--watchdog", "3"], "leave --watchdog out"),
         (["vlt3500:5", "-m", "vlt3500", "--link-loss", "trip"], "has no watchdog"),
     ],
 )
-def test_what_cannot_be_is_refused_and_nothing_is_sent(shell, arguments, sentence):
+def test_start_refuses_an_impossible_policy_before_sending(shell, arguments, sentence):
     line = shell.line()
     assert shell("start", *arguments) == 2
     assert sentence in shell.err
@@ -49,7 +49,7 @@ def test_what_cannot_be_is_refused_and_nothing_is_sent(shell, arguments, sentenc
     assert line.time == 0
 
 
-def test_hold_starts_and_leaves(shell):
+def test_start_with_hold_ends_and_the_motor_keeps_running(shell):
     line = shell.line(virtual_drive("danfoss-fc", 3, model="fc300"))
     assert shell("start", "danfoss-fc:3", "--link-loss", "HOLD", "-m", "fc300", "--percent", "50") == 0
     assert shell.out == (
@@ -72,7 +72,7 @@ def test_hold_starts_and_leaves(shell):
     ]
 
 
-def test_hold_against_a_watchdog_that_is_on(shell):
+def test_hold_is_refused_if_the_watchdog_is_on(shell):
     line = shell.line(virtual_drive("vabus", 1, model="agile"))
     line.drives[0].poke("413", 10)
     assert shell("start", "vabus:1", "--link-loss", "hold", "-m", "agile") == 5
@@ -82,7 +82,7 @@ def test_hold_against_a_watchdog_that_is_on(shell):
 
 @posix
 @pytest.mark.parametrize(("number", "code"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)])
-def test_hold_that_is_interrupted_stops_the_motor_again_and_says_so(shell, monkeypatch, number, code):
+def test_interrupted_hold_stops_the_motor_and_reports_it(shell, monkeypatch, number, code):
     line = shell.line(virtual_drive("vabus", 1))
     start = Drive.start
 
@@ -104,7 +104,7 @@ def test_hold_that_is_interrupted_stops_the_motor_again_and_says_so(shell, monke
 
 
 @posix
-def test_hold_that_is_interrupted_says_when_the_stop_is_not_confirmed(shell, monkeypatch):
+def test_interrupted_hold_reports_an_unconfirmed_stop(shell, monkeypatch):
     line = shell.line(virtual_drive("vabus", 1))
 
     def interrupted(*_, **__):
@@ -117,20 +117,20 @@ def test_hold_that_is_interrupted_says_when_the_stop_is_not_confirmed(shell, mon
 
 
 @posix
-def test_hold_that_is_interrupted_before_the_start_commands_nothing(shell):
+def test_hold_interrupted_before_the_start_commands_nothing(shell):
     line = shell.line(virtual_drive("vabus", 1, model="agile"))
     heard = []
     line.monitors.append(lambda sent: heard.append(sent.data))
     line.call_at(0.001, lambda: os.kill(os.getpid(), signal.SIGINT))
     assert shell("start", "vabus:1", "--link-loss", "hold", "-m", "agile") == 130
     assert shell.err == "drivecomm: interrupted\n"
-    # Reading the watchdog is all that was done.
+    # The watchdog was read, and nothing was written.
     assert not any(data[:1] == b"\x04" and b"\x02" in data for data in heard)
 
 
 @posix
 @pytest.mark.parametrize("number", ["SIGINT", "SIGTERM", "SIGHUP"])
-def test_it_stays_until_it_is_told_to_stop(shell, number):
+def test_start_with_trip_stays_until_a_signal_stops_it(shell, number):
     line = shell.line(virtual_drive("vabus", 1, model="agile"))
     line.call_at(100, lambda: os.kill(os.getpid(), signal.Signals[number]))
     given = ("start", "vabus:1", "--link-loss", "trip", "--watchdog", "3", "-m", "agile", "--hz", "10")
@@ -148,7 +148,7 @@ def test_it_stays_until_it_is_told_to_stop(shell, number):
 
 
 @posix
-def test_failures_and_what_comes_after_them(shell):
+def test_start_reports_a_silent_drive_once_and_its_return(shell):
     line = shell.line(virtual_drive("vabus", 1, model="agile"))
     virtual = line.drives[0]
     hear = virtual.hear
@@ -160,7 +160,7 @@ def test_failures_and_what_comes_after_them(shell):
     assert shell.out.count("answers again") == 1
 
 
-def test_a_fault_ends_it(shell):
+def test_start_with_trip_ends_on_a_fault(shell):
     line = shell.line(virtual_drive("vabus", 1, model="agile"))
     line.call_at(50, lambda: line.drives[0].trip(0x0300, 50))
     assert shell("start", "vabus:1", "--link-loss", "trip", "--watchdog", "3", "-m", "agile", "--json") == 5
@@ -169,7 +169,7 @@ def test_a_fault_ends_it(shell):
     assert line.time < 60
 
 
-def test_a_start_that_fails_leaves_no_watchdog_behind(shell):
+def test_failed_start_leaves_the_watchdog_off(shell):
     line = shell.line(virtual_drive("vabus", 1, model="agile"))
     line.drives[0].trip(0x0300, 0)
     assert shell("start", "vabus:1", "--link-loss", "trip", "-m", "agile") == 5
@@ -177,7 +177,7 @@ def test_a_start_that_fails_leaves_no_watchdog_behind(shell):
     assert line.drives[0].peek("413", line.time) == "0000"
 
 
-# Programs that are killed
+# Killed programs
 
 WATCHDOG_S = 2
 KILLED = {
@@ -190,7 +190,7 @@ KILLED = {
     "fuji-hold": ("fuji:7", "frenic", "hold", None),
     "command": ("danfoss-fc:3", "fc300", "ramp", 0),
 }
-"""A line and its drive, the model, the policy, and the fault with which the motor then stands; None if it goes on."""
+"""Line name: drive, model, policy, and the fault code of the stopped motor (None if the motor keeps running)."""
 
 PROGRAM = """
 import sys, threading, drivecomm
@@ -209,7 +209,10 @@ threading.Event().wait()
 
 @pytest.fixture
 def plant(tmp_path):
-    """Serve a line with a drive for each case; gives the folder with the ports, and what tells how the drives are."""
+    """Serve a line with a drive for each case.
+
+    Yields the folder of the ports and a function that returns the states of the drives by name.
+    """
     lines = [
         f'[[line]]\nname = "{name}"\nlisten = "pty:{tmp_path / name}"\n'
         f'[[drive]]\nname = "{name}"\nline = "{name}"\ndrive = "{drive}"\noptions = {{ model = "{model}" }}\n'
@@ -227,7 +230,7 @@ def plant(tmp_path):
 
 @pytest.mark.soak
 @posix
-def test_programs_that_are_killed_leave_their_motors_to_the_watchdogs(plant):
+def test_killed_programs_leave_their_motors_to_the_watchdogs(plant):
     folder, states = plant
     words = [
         f"{folder / name},{drive},{model},{policy},{WATCHDOG_S}"
@@ -250,7 +253,7 @@ def test_programs_that_are_killed_leave_their_motors_to_the_watchdogs(plant):
             for name, state in states().items():
                 assert (state["running"], state["fault"]) == (True, 0), f"{name} is spoken to"
         finally:
-            # Also where the test has failed.
+            # Kill both even if the test has failed.
             program.send_signal(signal.SIGKILL)
             command.send_signal(signal.SIGKILL)
     killed_at = time.monotonic()
@@ -287,7 +290,7 @@ def every_drive(shell):
 
 
 @pytest.mark.parametrize("command", BY_EFFECT)
-def test_whatever_may_start_a_motor_is_refused_without_a_policy(shell, command):
+def test_command_that_may_start_a_motor_is_refused_without_a_policy(shell, command):
     line = every_drive(shell)
     assert shell(*command) == 2
     assert "this may start the motor; say what the motor does if this line goes dead: --link-loss" in shell.err
@@ -308,7 +311,7 @@ def test_whatever_may_start_a_motor_is_refused_without_a_policy(shell, command):
         ["reference", "vabus:1", "20Hz", "-m", "agile"],
     ],
 )
-def test_what_starts_no_motor_needs_no_policy(shell, command):
+def test_command_that_starts_no_motor_needs_no_policy(shell, command):
     line = every_drive(shell)
     assert shell(*command) == 0
     line.advance(30)
@@ -318,7 +321,7 @@ def test_what_starts_no_motor_needs_no_policy(shell, command):
         assert "--link-loss is for what starts the motor, which this does not; leave it out" in shell.err
 
 
-def test_jog_under_hold_says_the_speed_and_what_stops_it(shell):
+def test_jog_with_hold_prints_the_speed_and_the_stop_command(shell):
     line = every_drive(shell)
     assert shell(*JOG, "--link-loss", "hold") == 0
     assert shell.out == (
@@ -329,7 +332,7 @@ def test_jog_under_hold_says_the_speed_and_what_stops_it(shell):
     assert [drive.motor.running for drive in line.drives] == [False, True, False, False]
 
 
-def test_reference_of_a_motor_that_another_program_started_says_what_to_type(shell):
+def test_reference_to_a_motor_started_elsewhere_prints_the_start_command(shell):
     line = shell.line(virtual_drive("danfoss-fc", 3, model="fc300"))
     assert shell("start", "danfoss-fc:3", "-m", "fc300", "--link-loss", "hold", "--percent", "20") == 0
     assert shell("reference", "danfoss-fc:3", "30%", "-m", "fc300") == 5
@@ -344,7 +347,7 @@ def test_reference_of_a_motor_that_another_program_started_says_what_to_type(she
 @pytest.mark.parametrize(
     ("protocol", "model", "parameter"), [("danfoss-fc", "fc300", "3-03"), ("modbus", "danfoss-fc", "3030")]
 )
-def test_reference_in_hertz_without_a_range_names_that_of_the_drive(shell, protocol, model, parameter):
+def test_reference_in_hertz_without_a_range_prints_the_range_of_the_drive(shell, protocol, model, parameter):
     shell.line(virtual_drive(protocol, 3, model=model))
     assert shell("reference", f"{protocol}:3", "30Hz", "-m", model) == 2
     option = f"{protocol}:3,reference_maximum_hz=50"

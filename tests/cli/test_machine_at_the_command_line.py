@@ -1,4 +1,4 @@
-"""The unit of the machine at the command line: references in it, and values beside those in hertz."""
+"""Machine units at the command line: references in them, and values shown beside those in hertz."""
 
 import pytest
 
@@ -43,7 +43,7 @@ machine = { unit = "m/min", per_hz = "1.25" }
 
 @pytest.fixture
 def hall(shell, tmp_path, monkeypatch):
-    """The virtual line of a plant whose drives have machines."""
+    """Return the virtual line of a plant whose drives have machine units."""
     path = tmp_path / "plant.toml"
     path.write_text(PLANT)
     monkeypatch.setenv("DRIVECOMM_PLANT", str(path))
@@ -66,8 +66,8 @@ def test_reference_is_given_in_the_unit_of_the_machine(shell, hall, words):
     [
         (("belt", "12.5m/s"), "'12.5m/s' is not a reference in %, Hz, rpm or m/min; write 12.5%, 12.5Hz, 12.5rpm or"),
         (("belt", "12.5"), "12.5rpm or 12.5m/min"),
-        (("belt", "--machine", "12.5 m/s"), "is no reference in m/min, the unit of this machine; write 10 m/min"),
-        (("belt", "--machine", "fast"), "is no reference in m/min"),
+        (("belt", "--machine", "12.5 m/s"), "is not a reference in m/min, the unit of this machine; write 10 m/min"),
+        (("belt", "--machine", "fast"), "is not a reference in m/min"),
         (("belt", "63 m/min"), "a reference of 50.40 Hz is above 50.00 Hz"),
         (("belt", "--machine", "12.5", "--hz", "10"), "one of percent, hz, rpm and machine"),
         (("belt", "10Hz", "--machine", "12.5"), "10Hz and --machine 12.5 exclude each other"),
@@ -76,7 +76,7 @@ def test_reference_is_given_in_the_unit_of_the_machine(shell, hall, words):
         (("fan", "--machine", "12.5"), 'write machine = { unit = "m/min", per_hz = "1.25" } in its [[drive]]'),
     ],
 )
-def test_reference_that_cannot_be_changes_nothing(shell, hall, words, sentence):
+def test_invalid_reference_changes_nothing(shell, hall, words, sentence):
     before = hall.drives[0].peek("480", 0)
     assert shell("reference", *words, port=None) == 2
     assert sentence in shell.err
@@ -84,7 +84,7 @@ def test_reference_that_cannot_be_changes_nothing(shell, hall, words, sentence):
     assert hall.drives[0].peek("480", 0) == before
 
 
-def test_reference_in_rpm_of_a_shaft_names_its_flag(shell, hall):
+def test_machine_flag_and_rpm_flag_differ_for_a_geared_shaft(shell, hall):
     assert shell("reference", "shaft", "--machine", "100", port=None) == 0
     assert "reference 100 rpm (17.33 Hz)" in shell.out
     assert hall.drives[1].peek("480", 0) == f"{1733:08X}"

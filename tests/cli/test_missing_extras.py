@@ -1,4 +1,4 @@
-"""A command whose libraries are not installed says which, and how to get them, in one sentence."""
+"""Commands without their optional libraries: one sentence names the library and how to install it."""
 
 import sys
 
@@ -7,7 +7,7 @@ import pytest
 
 @pytest.fixture
 def without(monkeypatch):
-    """Make a module look as if it were not installed."""
+    """Return a function that makes a module look uninstalled."""
 
     def hide(module):
         monkeypatch.setitem(sys.modules, module, None)
@@ -16,7 +16,7 @@ def without(monkeypatch):
 
 
 @pytest.mark.parametrize("module", ["fastapi", "uvicorn"])
-def test_serve(shell, without, tmp_path, module):
+def test_serve_names_the_missing_library(shell, without, tmp_path, module):
     plant = tmp_path / "plant.toml"
     plant.write_text('format = 1\n[[line]]\nname = "hall"\nport = "nowhere"\n', encoding="utf-8")
     without(module)
@@ -35,7 +35,7 @@ def test_serve(shell, without, tmp_path, module):
         ),
     ],
 )
-def test_fleet(shell, without, module, arguments, sentence):
+def test_fleet_names_the_missing_library(shell, without, module, arguments, sentence):
     without(module)
     assert shell("fleet", "mqtt://127.0.0.1:9", *arguments, port=None) == 2
     assert shell.err == f"drivecomm: {sentence}\n"

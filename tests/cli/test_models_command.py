@@ -31,14 +31,14 @@ def objects(output):
     return [json.loads(line) for line in output.splitlines()]
 
 
-def test_all_models_are_listed(models):
+def test_models_list_shows_all_models(models):
     code, out, _ = models("list")
     assert code == 0
     names = {line.split()[0] for line in out.splitlines()}
     assert {"vabus/act", "danfoss-fc/fc102", "vlt3500/vlt2000", "fuji/vg"} <= names
 
 
-def test_those_of_a_protocol_with_where_they_are_from(models, folder):
+def test_models_list_of_a_protocol_shows_the_origin(models, folder):
     (folder / "dryer.toml").write_text(OWN, encoding="utf-8")
     (folder / "vg.toml").write_text(OWN.replace("dryer", "vg"), encoding="utf-8")
     code, out, _ = models("list", "fuji", "--json")
@@ -53,7 +53,7 @@ def test_those_of_a_protocol_with_where_they_are_from(models, folder):
     assert any(line.split()[0] == "fuji/dryer" and line.endswith("dryer.toml") for line in out.splitlines())
 
 
-def test_one_that_cannot_be_read_does_not_hide_the_others(models, folder):
+def test_broken_model_file_does_not_hide_other_models(models, folder):
     (folder / "dryer.toml").write_text("format = 2", encoding="utf-8")
     code, out, err = models("list", "fuji")
     assert code == 2
@@ -61,13 +61,13 @@ def test_one_that_cannot_be_read_does_not_hide_the_others(models, folder):
     assert err == f"drivecomm: {folder / 'dryer.toml'}, line 1: format: a model begins with format = 1\n"
 
 
-def test_a_protocol_that_is_not_installed(models):
+def test_models_list_refuses_an_unknown_protocol(models):
     code, out, err = models("list", "profibus")
     assert (code, out) == (2, "")
     assert err.startswith("drivecomm: no installed protocol is named 'profibus'")
 
 
-def test_a_model_is_shown(models):
+def test_models_show_prints_a_model(models):
     code, out, _ = models("show", "fuji/vg")
     assert code == 0
     assert out.startswith("fuji/vg  FRENIC-VG\n")
@@ -80,14 +80,14 @@ def test_a_model_is_shown(models):
     assert lines["H38"].split()[1:7] == ["silence_time", "[link_timeout]", "s", "0.0", "to", "60.0"]
 
 
-def test_a_model_without_a_watchdog(models):
+def test_models_show_prints_that_no_watchdog_is_documented(models):
     _, out, _ = models("show", "vlt3500/vlt2000")
     head = out.partition("\n\n")[0].splitlines()
     assert not [line for line in head if line.split()[0] == "watchdog"]
     assert "no watchdog is documented in our sources" in " ".join(head)
 
 
-def test_the_same_model_by_each_name(models):
+def test_models_show_finds_a_model_by_each_of_its_names(models):
     _, wanted, _ = models("show", "fuji/vg")
     assert models("show", "vg") == (0, wanted, "")
     assert models("show", "vg", "--protocol", "fuji") == (0, wanted, "")
@@ -106,14 +106,14 @@ def test_the_same_model_by_each_name(models):
         (["none.toml"], "none.toml: there is no such file"),
     ],
 )
-def test_what_cannot_be_shown(models, arguments, what):
+def test_models_show_refuses_unknown_and_ambiguous_names(models, arguments, what):
     code, out, err = models("show", *arguments)
     assert (code, out) == (2, "")
     assert err.startswith(f"drivecomm: {what}")
     assert err.count("\n") == 1
 
 
-def test_a_file_that_does_not_name_its_protocol(models, tmp_path):
+def test_models_show_refuses_a_file_without_a_protocol(models, tmp_path):
     path = tmp_path / "own.toml"
     path.write_text("format = 1", encoding="utf-8")
     code, _, err = models("show", str(path))
@@ -121,7 +121,7 @@ def test_a_file_that_does_not_name_its_protocol(models, tmp_path):
     assert err == f"drivecomm: {path} does not say which protocol it is for; name one with --protocol\n"
 
 
-def test_all_that_is_known_of_some_parameters(models):
+def test_models_show_prints_all_facts_of_named_parameters(models):
     code, out, _ = models("show", "fuji/vg", "link_timeout", "H32", "S02", "initialise")
     assert code == 0
     shown = dict(zip(("H38", "H32", "S02", "H03"), out.split("\n\n"), strict=True))
@@ -140,7 +140,7 @@ def test_all_that_is_known_of_some_parameters(models):
     assert err == "drivecomm: model vg has no parameter 'nothing'; drivecomm models show lists them\n"
 
 
-def test_the_common_names_of_a_model(models):
+def test_quantities_flag_lists_the_common_names_of_a_model(models):
     code, out, _ = models("show", "vlt2000", "--quantities")
     assert code == 0
     rows = {line.split()[0]: line.split()[1:] for line in out.splitlines()}
@@ -148,7 +148,7 @@ def test_the_common_names_of_a_model(models):
     assert set(rows) <= set(quantities())
 
 
-def test_a_model_as_json(models):
+def test_models_show_prints_json(models):
     _, out, _ = models("show", "fuji/frenic", "--json")
     head, *parameters = objects(out)
     assert (head["model"], head["options"]) == ("frenic", {"profile": "frenic", "least_turnaround_s": 0.0})
@@ -161,7 +161,7 @@ def test_a_model_as_json(models):
     assert len(objects(out)) == 1
 
 
-def test_a_model_whose_drives_do_one_thing_when_their_master_is_silent(models, tmp_path):
+def test_models_show_prints_a_watchdog_with_a_single_action(models, tmp_path):
     path = tmp_path / "own.toml"
     path.write_text(
         OWN + '[watchdog]\ntime = "y08"\nactions = { coast = 0 }\n'
@@ -180,7 +180,7 @@ def test_a_model_whose_drives_do_one_thing_when_their_master_is_silent(models, t
     assert lines["F91"] == ["F91", "most", "to", "9", "rw", "printed", "most"]
 
 
-def test_checking_says_everything(models, tmp_path):
+def test_models_check_lists_all_findings(models, tmp_path):
     good, bad = tmp_path / "good.toml", tmp_path / "bad.toml"
     good.write_text(OWN, encoding="utf-8")
     bad.write_text(OWN + "colour = 1\n[options]\nprofil = 'vg'\n", encoding="utf-8")
@@ -193,7 +193,7 @@ def test_checking_says_everything(models, tmp_path):
     assert third == f"{bad}, line 9: profil: fuji drives have no such option; did you mean 'profile'?"
 
 
-def test_checking_as_json(models, tmp_path):
+def test_models_check_prints_json(models, tmp_path):
     path = tmp_path / "own.toml"
     path.write_text(OWN + "[options]\nprofil = 'vg'\n", encoding="utf-8")
     code, out, err = models("check", str(path), "--json")
@@ -205,7 +205,7 @@ def test_checking_as_json(models, tmp_path):
     ]
 
 
-def test_without_a_file_all_are_checked(models, folder):
+def test_models_check_without_a_file_checks_all_models(models, folder):
     path = folder / "vg.toml"
     path.write_text(OWN + "colour = 1\n", encoding="utf-8")
     code, out, _ = models("check", "--json")
@@ -216,7 +216,7 @@ def test_without_a_file_all_are_checked(models, folder):
     assert [counts[str(path)] for path in packaged] == [0] * len(packaged)
 
 
-def test_the_common_names(models):
+def test_models_names_lists_the_common_names(models):
     code, out, _ = models("names")
     assert code == 0
     assert [line.split()[0] for line in out.splitlines()] == list(quantities())
@@ -232,7 +232,7 @@ GAUGE = 'format = 1\nprotocol = "modbus"\nname = "gauge"\ntitle = "Gauge drives"
 GAUGE += '[control.status]\nrunning = ["1", 1, 1]\n[[parameter]]\naddress = "1"\nname = "state"\naccess = "r"\n'
 
 
-def test_model_without_orders_is_monitoring_only_by_name(models, folder):
+def test_model_without_orders_is_shown_as_monitoring_only(models, folder):
     own = folder.parent / "modbus"
     own.mkdir()
     (own / "gauge.toml").write_text(GAUGE, encoding="utf-8")
@@ -251,7 +251,7 @@ def test_model_without_orders_is_monitoring_only_by_name(models, folder):
     assert "monitoring only" not in out
 
 
-def test_settings_without_which_a_drive_does_not_talk_or_obey_are_shown(models):
+def test_required_panel_settings_of_a_model_are_shown(models):
     _, out, _ = models("show", "schneider-atv")
     (line,) = [each for each in out.splitlines() if each.startswith("  keypad ")]
     assert "19200 8E1" in line

@@ -1,4 +1,4 @@
-"""The command that grows a model from a drive."""
+"""The models grow command, which makes a model from the answers of a drive."""
 
 import pytest
 
@@ -13,12 +13,12 @@ def line(shell):
 
 @pytest.fixture
 def grown(shell, line):
-    """Run the command on a line with two drives."""
+    """Return a function that runs models grow on a line with two drives."""
     assert line.time == 0
     return lambda *arguments: shell("models", "grow", *arguments)
 
 
-def test_a_range_and_a_name(grown, line, shell, tmp_path):
+def test_grow_writes_a_range_and_a_single_parameter(grown, line, shell, tmp_path):
     path = tmp_path / "fan.toml"
     assert grown("danfoss-fc:3", "16-10..16-14", "3-41", "--write", str(path), "--model", "fc302") == 0
     assert "5 parameters written to" in shell.out
@@ -33,7 +33,7 @@ def test_a_range_and_a_name(grown, line, shell, tmp_path):
 
 
 @pytest.mark.soak
-def test_all_that_the_protocols_own_model_knows(grown, shell, tmp_path):
+def test_grow_without_parameters_reads_all_of_the_protocols_model(grown, shell, tmp_path):
     path = tmp_path / "all.toml"
     assert grown("danfoss-fc:3", "-w", str(path), "--json", "-o", "option_texts=0") == 0
     named = {"drive": "danfoss-fc:3", "drive_name": "danfoss-fc:3"}
@@ -41,21 +41,21 @@ def test_all_that_the_protocols_own_model_knows(grown, shell, tmp_path):
     assert len(read_model(path, "danfoss-fc").parameters) == 94
 
 
-def test_many_that_are_not_there_are_counted(grown, shell, tmp_path):
+def test_grow_counts_refused_parameters_beyond_the_first_ten(grown, shell, tmp_path):
     path = tmp_path / "few.toml"
     assert grown("danfoss-fc:3", "8-00..8-49", "--write", str(path)) == 0
     assert shell.out.count("left out") == 11
     assert "left out: 29 more" in shell.out
 
 
-def test_a_drive_that_tells_nothing(grown, shell, tmp_path):
+def test_grow_writes_no_file_if_the_drive_describes_no_parameter(grown, shell, tmp_path):
     path = tmp_path / "none.toml"
     assert grown("danfoss-fc:3", "9-00..9-05", "--write", str(path)) == 5
     assert "answers none of 6 parameters" in shell.err
     assert not path.exists()
 
 
-def test_a_protocol_whose_drives_do_not_tell_what_their_parameters_are(grown, shell, tmp_path):
+def test_grow_leaves_the_type_open_if_the_protocol_has_no_descriptions(grown, shell, tmp_path):
     path = tmp_path / "pump.toml"
     shell.line(virtual_drive("vabus", 1))
     assert grown("vabus:1", "480", "--write", str(path)) == 0
@@ -63,7 +63,7 @@ def test_a_protocol_whose_drives_do_not_tell_what_their_parameters_are(grown, sh
     assert (info.address, info.type, info.access, info.sure) == ("480", "", "r", "unconfirmed")
 
 
-def test_files_that_cannot_be_written_are_refused_before_anything_is_sent(grown, line, shell, tmp_path):
+def test_unwritable_file_is_refused_before_anything_is_sent(grown, line, shell, tmp_path):
     (tmp_path / "there.toml").write_text("mine", encoding="utf-8")
     bad = {"there.toml": "exists already", "model.txt": "ends in .toml", "no/where.toml": "there is no folder"}
     for file, words in bad.items():
@@ -73,7 +73,7 @@ def test_files_that_cannot_be_written_are_refused_before_anything_is_sent(grown,
     assert (tmp_path / "there.toml").read_text(encoding="utf-8") == "mine"
 
 
-def test_a_drive_that_does_not_answer(grown, tmp_path):
+def test_grow_writes_no_file_for_a_silent_drive(grown, tmp_path):
     path = tmp_path / "silent.toml"
     assert grown("danfoss-fc:4", "16-14", "--write", str(path)) == 4
     assert not path.exists()
@@ -83,7 +83,7 @@ def test_a_drive_that_does_not_answer(grown, tmp_path):
     ("drive", "parameters"),
     [("danfoss-fc:3", ["16-14"]), ("vabus:1", ["481"]), ("modbus:5,model=abb-acs355", ["40004"]), ("uss:4", ["700"])],
 )
-def test_what_is_grown_is_in_order_however_little_it_is(shell, tmp_path, drive, parameters):
+def test_grown_model_of_one_parameter_passes_models_check(shell, tmp_path, drive, parameters):
     name, _, model = drive.partition(",model=")
     protocol, _, address = name.partition(":")
     shell.line(virtual_drive(protocol, int(address), **({"model": model} if model else {})))

@@ -1,4 +1,4 @@
-"""The command that makes a model from a file of another program."""
+"""The models import command, which makes a model from a file of another program."""
 
 import sys
 from pathlib import Path
@@ -14,7 +14,7 @@ FILES = Path(__file__).parents[1] / "commissioning" / "importing" / "files"
 
 @pytest.fixture
 def imported(shell, tmp_path, monkeypatch):
-    """Run the command in an empty folder, without a port."""
+    """Return a function that runs models import in an empty folder, without a port."""
     monkeypatch.chdir(tmp_path)
     return lambda *arguments: shell("models", "import", *map(str, arguments), port="")
 
@@ -36,21 +36,21 @@ def test_import_writes_a_model_and_the_printed_next_step_works(imported, shell, 
     assert "monitoring only" in shell.out
 
 
-def test_import_shows_columns_counting_and_what_is_not_carried_over(imported, shell):
+def test_import_prints_columns_register_base_and_omissions(imported, shell):
     imported(FILES / "lueftung.csv", "--yes")
     assert "columns: address = 'Adresse', name = 'Bezeichnung'" in shell.out
     assert "40001 is holding register 0" in shell.out
     assert "not carried over: line 12: type ASCII: not a type whose width and sign are certain" in shell.out
 
 
-def test_nothing_is_written_without_an_answer(imported, shell, tmp_path):
+def test_import_writes_nothing_without_confirmation(imported, shell, tmp_path):
     assert imported(FILES / "grblhal.txt") == 1
     assert shell.out.splitlines()[-1] == "nothing is written; --yes writes grblhal.toml"
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(("answer", "written"), [("y", True), ("", False)])
-def test_import_asks_on_a_terminal(imported, monkeypatch, tmp_path, answer, written):
+def test_import_asks_for_confirmation_on_a_terminal(imported, monkeypatch, tmp_path, answer, written):
     monkeypatch.setattr(sys.stdin, "isatty", lambda: True, raising=False)
     asked = []
     monkeypatch.setattr(click, "confirm", lambda text, **_: asked.append(text) or answer == "y")
@@ -76,7 +76,7 @@ def test_file_of_several_drives_needs_one_of_their_addresses(imported, shell):
     assert "reads no drive 9, only 5, 6" in shell.err
 
 
-def test_register_base_of_the_user_goes_before_what_the_addresses_look_like(imported, shell, tmp_path):
+def test_register_base_flag_overrides_the_guess_from_the_addresses(imported, shell, tmp_path):
     assert imported(FILES / "nasos.csv", "--register-base", "0", "--yes") == 0
     assert "(assumed" not in shell.out
     assert imported(FILES / "lueftung.csv", "--register-base", "1", "--yes") == 0
@@ -109,7 +109,7 @@ def test_import_emits_json_and_writes_nothing_without_yes(imported, shell, tmp_p
         ("g.csv", "Address,Name,Offset\n1,Temperature,5\n", "names no register that can be read (line 2: offset 5"),
     ],
 )
-def test_file_that_cannot_be_imported_is_named(imported, shell, name, text, says):
+def test_file_that_cannot_be_imported_is_refused_with_the_reason(imported, shell, name, text, says):
     Path(name).write_text(text, encoding="utf-8")
     assert imported(name, "--yes") == 2
     assert says in shell.err
@@ -121,7 +121,7 @@ def test_missing_file_is_named(imported, shell):
     assert "none.csv" in shell.err
 
 
-def test_yaml_without_its_library_says_what_to_install(imported, shell, monkeypatch):
+def test_yaml_import_without_its_library_names_the_extra(imported, shell, monkeypatch):
     monkeypatch.setitem(sys.modules, "yaml", None)
     assert imported(FILES / "fluidnc.yaml", "--yes") == 2
     assert "install drivecomm[import]" in shell.err

@@ -1,4 +1,4 @@
-"""models setup: the sheet of a series, filled in for a drive, as text, JSON and a page."""
+"""The models setup command: the panel settings of a series, filled in for a drive, as text, JSON and HTML."""
 
 import json
 import re
@@ -56,7 +56,7 @@ def test_series_alone_is_filled_in_with_its_defaults(capsys):
     assert sheet["P0700"] == ("5", "USS/Modbus on RS485")
 
 
-def test_drive_of_the_plant_fills_in_its_values(plant, capsys):
+def test_setup_for_a_plant_drive_uses_the_values_of_the_plant(plant, capsys):
     sheet = rows(capsys, "--for", "pump", "--plant", plant)
     assert sheet["P2010[0]"] == ("7", "19200 baud = 7"), "its line says so"
     assert sheet["P2011[0]"] == ("3", "address 3")
@@ -84,18 +84,18 @@ def test_sheet_as_text_names_values_factory_marks_and_sources(plant, capsys):
 
 
 @pytest.mark.usefixtures("plant")
-def test_rate_without_a_code_is_said(capsys):
+def test_baud_rate_without_a_known_code_is_reported(capsys):
     assert main(["models", "setup", "--for", "modbus:1,model=yaskawa,baudrate=19200"]) == 0
     assert "no value is known for 19200 baud, only for 9600" in capsys.readouterr().out
 
 
 @pytest.mark.usefixtures("plant")
-def test_series_without_a_sheet_says_so(capsys):
+def test_series_without_documented_panel_settings_is_reported(capsys):
     assert main(["models", "setup", "optidrive-plus"]) == 0
     assert "no panel setting of this series is documented in our sources" in capsys.readouterr().out
 
 
-def test_page_is_one_file_for_paper(plant, capsys, tmp_path):
+def test_html_page_is_one_printable_file(plant, capsys, tmp_path):
     path = tmp_path / "pump.html"
     assert main(["models", "setup", "--for", "pump", "--plant", plant, "--html", str(path)]) == 0
     text = path.read_text(encoding="utf-8")
@@ -127,6 +127,6 @@ def test_page_is_one_file_for_paper(plant, capsys, tmp_path):
         (["uss/v20", "--force"], "--force is for a file that --html names"),
     ],
 )
-def test_what_is_missing_is_said(capsys, words, sentence):
+def test_setup_refuses_wrong_arguments(capsys, words, sentence):
     assert main(["models", "setup", *words]) == 2
     assert sentence in capsys.readouterr().err

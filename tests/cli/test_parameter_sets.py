@@ -1,4 +1,4 @@
-"""backup, compare, restore."""
+"""The backup, compare and restore commands."""
 
 import json
 import re
@@ -20,7 +20,7 @@ def _in_a_folder_of_its_own(tmp_path, monkeypatch):
 
 @pytest.fixture
 def saved(shell):
-    """A line with one drive, and its parameters in pump.toml."""
+    """Put a drive on a line and back its parameters up to pump.toml; return the line."""
     line = shell.line()
     assert shell("backup", *PUMP, "pump.toml") == 0
     return line
@@ -28,7 +28,7 @@ def saved(shell):
 
 class TestBackup:
     @pytest.mark.usefixtures("saved")
-    def test_a_file_for_people(self, shell):
+    def test_backup_file_is_text_with_names_values_and_units(self, shell):
         share = "76 of the 105 values that model agile knows (72 %)"
         assert shell.out == f"vabus:1  76 parameters in pump.toml, {share}\n"
         assert "--everything saves them all" in shell.err
@@ -39,7 +39,7 @@ class TestBackup:
         assert not any("control_word" in text for text in lines), "commands are no parameters"
 
     @pytest.mark.usefixtures("saved")
-    def test_again_it_is_the_same_file(self, shell):
+    def test_second_backup_changes_only_the_time(self, shell):
         before = Path("pump.toml").read_text(encoding="utf-8").splitlines()
         assert shell("backup", *PUMP, "pump.toml") == 0
         after = Path("pump.toml").read_text(encoding="utf-8").splitlines()
@@ -47,32 +47,32 @@ class TestBackup:
         assert [path.name for path in Path().iterdir()] == ["pump.toml"]
 
     @pytest.mark.usefixtures("saved")
-    def test_measured_values_only_when_asked(self, shell):
+    def test_backup_holds_measured_values_only_with_all(self, shell):
         assert "[measured]" not in Path("pump.toml").read_text(encoding="utf-8")
         assert shell("backup", *PUMP, "pump.toml", "--all", "--json") == 0
         assert '"210" = { name = "stator_frequency"' in Path("pump.toml").read_text(encoding="utf-8")
 
-    def test_what_a_drive_does_not_tell_is_listed(self, shell):
+    def test_backup_lists_refused_parameters(self, shell):
         line = shell.line()
         line.drives[0].store._infos.pop(481)
         assert shell("backup", *PUMP, "pump.toml") == 0
         assert "vabus:1  481[1]  not read: the drive refused parameter 481[1] with code 11" in shell.out
         assert '[not_read]\n"481[1]" = "the drive refused' in Path("pump.toml").read_text(encoding="utf-8")
 
-    def test_without_a_model(self, shell):
+    def test_backup_without_a_model_is_refused(self, shell):
         shell.line()
         assert shell("backup", "vabus:1", "pump.toml") == 2
         assert "which parameters it has is said by its model" in shell.err
         assert not list(Path().iterdir())
 
-    def test_a_drive_that_goes_leaves_no_file(self, shell):
+    def test_backup_writes_no_file_if_the_drive_falls_silent(self, shell):
         line = shell.line()
         line.call_at(1.0, lambda: line.power_off(line.drives[0]))
         assert shell("backup", *PUMP, "pump.toml") == 4
         assert not list(Path().iterdir())
 
     @pytest.mark.usefixtures("saved")
-    def test_other_files_are_not_lost(self, shell):
+    def test_backup_does_not_replace_other_files(self, shell):
         Path("notes.toml").write_text("a = 1\n")
         assert shell("backup", *PUMP, "notes.toml") == 2
         assert "not a parameter set; give another name" in shell.err
@@ -84,7 +84,7 @@ class TestBackup:
 
 
 class TestCompare:
-    def test_a_drive_with_its_file(self, shell, saved):
+    def test_compare_shows_changes_of_a_drive_since_its_backup(self, shell, saved):
         assert shell("compare", "vabus:1", "pump.toml") == 0
         share, last = shell.out.splitlines()
         assert share == "  pump.toml holds 76 of the 105 values that model agile knows (72 %)"
@@ -95,7 +95,7 @@ class TestCompare:
             "482[1]", "fixed_frequency_3", "15.00", "Hz", "25.00", "Hz",
         ]  # fmt: skip
 
-    def test_as_json(self, shell, saved):
+    def test_compare_prints_json(self, shell, saved):
         saved.drives[0].poke("482[3]", 1500)
         assert shell("compare", "vabus:1", "pump.toml", "--json") == 1
         assert shell.objects[0]["left"] == {"value": "15.00", "unit": "Hz", "raw": "000005DC"}
@@ -103,7 +103,7 @@ class TestCompare:
         assert (told["same"], told["differences"], told["by"], told["remarks"]) == (False, 1, "address", [])
 
     @pytest.mark.usefixtures("saved")
-    def test_two_files_need_no_line(self, shell):
+    def test_compare_of_two_files_needs_no_line(self, shell):
         text = Path("pump.toml").read_text(encoding="utf-8")
         Path("other.toml").write_text(text.replace("value = 10.00", "value = 12.5"), encoding="utf-8")
         assert shell("compare", "pump.toml", "pump.toml", port=None) == 0
@@ -111,15 +111,15 @@ class TestCompare:
         assert shell("compare", "pump.toml", "vanished.toml", port=None) == 2
         assert "there is no such file" in shell.err
 
-    def test_two_drives(self, shell):
+    def test_compare_of_two_drives_leaves_communication_settings_out(self, shell):
         shell.line(virtual_drive("vabus", 1), virtual_drive("vabus", 2))
         assert shell("compare", "vabus:1", "vabus:2", "--model", "agile") == 0
         assert shell("compare", "vabus:1", "vabus:2", "--model", "agile", "--communication") == 1
         assert "394 node" in shell.out
 
     @pytest.mark.usefixtures("saved")
-    def test_two_makers_by_common_names(self, shell):
-        # What the makers share is in the models; here in two of a user's own.
+    def test_compare_of_two_makers_goes_by_common_names(self, shell):
+        # Two models of the user give a parameter of both makers the same common name.
         own = 'format = 1\nprotocol = "{}"\nname = "own"\nextends = "{}"\n[quantities]\nmaximum_frequency = "{}"\n'
         for protocol, model, address in (("vabus", "agile", "419"), ("fuji", "frenic", "F03")):
             Path(f"{protocol}.toml").write_text(own.format(protocol, model, address), encoding="utf-8")
@@ -134,7 +134,7 @@ class TestCompare:
         assert shell("compare", "vabus:1,model=vabus.toml", "fuji:3,model=fuji.toml") == 1
         assert re.search(r"maximum_frequency 419 maximum_frequency +50\.00 Hz +60\.0 Hz", shell.out)
 
-    def test_the_columns_stand_under_each_other_and_what_one_lacks_stands_apart(self, shell):
+    def test_compare_aligns_columns_and_lists_missing_parameters_apart(self, shell):
         shell.line(virtual_drive("danfoss-fc", 3), virtual_drive("fuji", 5, model="frenic"))
         assert shell("compare", "danfoss-fc:3,model=fc300", "fuji:5,model=frenic") == 1
         lines = shell.out.splitlines()
@@ -146,7 +146,7 @@ class TestCompare:
         assert lines[-1] == "3 differences, 2 equal, 8 in one only, by common name"
 
     @pytest.mark.usefixtures("saved")
-    def test_what_a_set_merely_lacks_is_no_difference(self, shell):
+    def test_compare_does_not_count_a_missing_parameter_as_a_difference(self, shell):
         text = Path("pump.toml").read_text(encoding="utf-8")
         kept = [line for line in text.splitlines() if not line.startswith('"48')]
         Path("part.toml").write_text("\n".join(kept), encoding="utf-8")
@@ -156,7 +156,7 @@ class TestCompare:
         assert shell("compare", "part.toml", "pump.toml", "--json", port=None) == 0
         assert (shell.objects[0]["kind"], shell.objects[-1]["same"]) == ("missing", True)
 
-    def test_with_the_factory(self, shell):
+    def test_compare_with_factory_shows_changed_settings(self, shell):
         line = shell.line(virtual_drive("danfoss-fc", 3))
         assert shell("compare", "danfoss-fc:3", "factory", "-m", "fc300", "--json") == 1
         assert {one["parameter"] for one in shell.objects[:-1]} >= {"3-10[1]"}
@@ -165,14 +165,14 @@ class TestCompare:
         assert "3-11 jog_speed" in shell.out
 
     @pytest.mark.usefixtures("saved")
-    def test_where_no_drive_tells_factory_values(self, shell):
+    def test_compare_with_factory_is_refused_if_the_drive_does_not_report_it(self, shell):
         assert shell("compare", "vabus:1", "factory", "-m", "agile") == 2
         assert "back the drive up right after a reset" in shell.err
         assert shell("compare", "pump.toml", "factory", port=None) == 2
 
 
 class TestRestore:
-    def test_after_a_reset(self, shell, saved):
+    def test_restore_writes_changed_settings_and_stores_them(self, shell, saved):
         saved.drives[0].poke("482", 1500)
         saved.drives[0].poke("418[2]", 100)
         assert shell("restore", "vabus:1", "pump.toml") == 0
@@ -180,7 +180,7 @@ class TestRestore:
         saved.drives[0].power_cycle(saved.time)
         assert shell("compare", "vabus:1", "pump.toml") == 0
 
-    def test_a_dry_run_writes_nothing(self, shell, saved):
+    def test_restore_dry_run_writes_nothing(self, shell, saved):
         saved.drives[0].poke("482[1]", 1500)
         assert shell("restore", "vabus:1", "pump.toml", "--dry-run") == 0
         assert "482[1] fixed_frequency_3" in shell.out
@@ -192,7 +192,7 @@ class TestRestore:
         assert shell.objects[-1]["write"] == 1
         assert {one["action"] for one in shell.objects[:-1]} == {"write", "equal", "skip"}
 
-    def test_only_some(self, shell, saved):
+    def test_restore_of_named_parameters_leaves_others_alone(self, shell, saved):
         saved.drives[0].poke("482", 1500)
         saved.drives[0].poke("481", 1500)
         assert shell("restore", "vabus:1", "pump.toml", "--only", "fixed_frequency_3", "--only", "481[2]") == 0
@@ -201,21 +201,21 @@ class TestRestore:
         assert shell("restore", "vabus:1", "pump.toml", "--only", "nonsense") == 2
         assert "has no 'nonsense'" in shell.err
 
-    def test_volatile(self, shell, saved):
+    def test_volatile_restore_is_lost_at_power_off(self, shell, saved):
         saved.drives[0].poke("482", 1500)
         assert shell("restore", "vabus:1", "pump.toml", "--volatile") == 0
         assert "without asking for storage" in shell.out
         saved.drives[0].power_cycle(saved.time)
         assert saved.drives[0].peek("482", 0.0) == "000005DC"
 
-    def test_communication_only_when_told(self, shell, saved):
+    def test_restore_writes_communication_settings_only_on_request(self, shell, saved):
         saved.drives[0].poke("10", 3)
         assert shell("restore", "vabus:1", "pump.toml") == 0
         assert saved.drives[0].peek("10", 0.0) == "0003"
         assert shell("restore", "vabus:1", "pump.toml", "--communication", "--json") == 0
         assert shell.objects[0]["written"] == ["10"]
 
-    def test_an_address_that_changes_under_our_hands(self, shell):
+    def test_restore_of_the_address_reports_that_the_drive_stops_answering(self, shell):
         line = shell.line(virtual_drive("vlt3500", 5))
         assert shell("backup", "vlt3500:5", "fan.toml", "-m", "vlt3500") == 0
         line.drives[0].poke("500", 9)
@@ -223,7 +223,7 @@ class TestRestore:
         assert "500 written: it does not answer as before" in shell.out
         assert shell("compare", "vlt3500:5", "fan.toml", "--communication") == 0
 
-    def test_a_running_motor(self, shell, saved):
+    def test_restore_is_refused_while_the_motor_runs(self, shell, saved):
         assert shell("start", "vabus:1", "--model", "agile", "--link-loss", "hold") == 0
         saved.drives[0].poke("481", 1500)
         assert shell("restore", "vabus:1", "pump.toml") == 5
@@ -241,11 +241,11 @@ class TestRestore:
                 "419[1] maximum_frequency: 5000.00 for parameter 419 is out",
             ),
             ({MAXIMUM: MAXIMUM.replace("50.00", "50.001")}, "not rounded"),
-            ({MAXIMUM: MAXIMUM.replace("50.00", '"fast"')}, "no number"),
+            ({MAXIMUM: MAXIMUM.replace("50.00", '"fast"')}, "not a number"),
             ({MAXIMUM: f"{MAXIMUM}, colour = 1"}, "unknown key 'colour'"),
         ],
     )
-    def test_what_is_refused_before_anything_is_written(self, shell, saved, change, sentence):
+    def test_restore_refuses_a_wrong_set_before_writing(self, shell, saved, change, sentence):
         text = Path("pump.toml").read_text(encoding="utf-8")
         ((old, new),) = change.items()
         assert old in text
@@ -258,7 +258,7 @@ class TestRestore:
         assert [path.name for path in Path().iterdir()] == ["pump.toml"]
 
     @pytest.mark.usefixtures("saved")
-    def test_to_another_drive_on_purpose(self, shell):
+    def test_another_drive_flag_restores_to_another_drive(self, shell):
         line = shell.line(virtual_drive("vabus", 2))
         line.drives[0].poke("482", 1500)
         assert shell("restore", "vabus:2", "pump.toml", "--another-drive") == 0
@@ -266,14 +266,14 @@ class TestRestore:
         assert line.drives[0].peek("482", 0.0) == "000009C4"
         assert line.drives[0].peek("394", 0.0) == "0002"
 
-    def test_what_a_drive_refuses_is_said(self, shell, saved):
+    def test_restore_reports_refused_parameters(self, shell, saved):
         saved.drives[0].poke("482[1]", 1500)
         saved.drives[0].store._infos.pop(482)
         assert shell("restore", "vabus:1", "pump.toml") == 5
         assert "482[1] does not hold what it should: the drive refused parameter 482" in shell.out
 
     @pytest.mark.usefixtures("saved")
-    def test_what_it_wrote_is_listed_with_what_was_there_before(self, shell, saved):
+    def test_restore_lists_written_values_with_their_old_values(self, shell, saved):
         saved.drives[0].poke("482[1]", 1500)
         saved.drives[0].poke("418[2]", 100)
         assert shell("restore", "vabus:1", "pump.toml") == 0
@@ -285,7 +285,7 @@ class TestRestore:
             == 1
         )
 
-    def test_a_drive_that_is_not_armed_is_refused(self, shell, saved):
+    def test_restore_refuses_a_read_only_drive(self, shell, saved):
         saved.drives[0].poke("482", 1500)
         plant = 'format = 1\n[[line]]\nname = "hall"\nport = "line"\n[[drive]]\nname = "pump"\ndrive = "vabus:1"\n'
         Path("plant.toml").write_text(plant, encoding="utf-8")
@@ -296,7 +296,7 @@ class TestRestore:
             assert shell.out == ""
         assert saved.drives[0].peek("482", 0.0) == "000005DC"
 
-    def test_what_the_drive_refuses_is_in_the_last_line_and_the_exit_code(self, shell, saved):
+    def test_refused_parameters_count_in_the_last_line_and_the_exit_code(self, shell, saved):
         saved.drives[0].poke("482[1]", 1500)
         saved.drives[0].store._infos.pop(482)
         assert shell("restore", "vabus:1", "pump.toml") == 5
@@ -305,7 +305,7 @@ class TestRestore:
         )
 
     @pytest.mark.soak
-    def test_what_is_not_restored_is_in_the_last_line_and_the_exit_code(self, shell, saved):
+    def test_unrestored_parameters_count_in_the_last_line_and_the_exit_code(self, shell, saved):
         path = Path("pump.toml")
         path.write_text(path.read_text(encoding="utf-8").replace("fixed_frequency_2", "renamed"), encoding="utf-8")
         for more, code in ((["--dry-run"], 1), ([], 1), (["--only", "482"], 0)):
@@ -318,7 +318,7 @@ class TestRestore:
         assert shell.objects[0]["missed"] == ["481[1]", "481[2]", "481[3]", "481[4]"]
         assert not shell.objects[0]["complete"]
 
-    def test_a_time_whose_function_is_off_switches_no_watchdog_on(self, shell):
+    def test_restored_watchdog_time_does_not_switch_the_watchdog_on(self, shell):
         line = shell.line(virtual_drive("danfoss-fc", 3), virtual_drive("fuji", 5, model="frenic"))
         assert shell("backup", "danfoss-fc:3", "fan.toml", "-m", "fc300") == 0
         assert shell("restore", "fuji:5", "fan.toml", "-m", "frenic", "--another-drive", "--only", "link_timeout") == 0
@@ -333,12 +333,12 @@ class TestRestore:
 class TestCutOff:
     @pytest.fixture
     def cut(self, saved):
-        """A drive with other settings on a line that is cut while they are restored."""
+        """Give the drive other settings; the tests interrupt the line while they are restored."""
         for address in ("481", "482", "418", "419", "421"):
             saved.drives[0].poke(address, 1)
         return saved
 
-    def test_the_line(self, shell, cut):
+    def test_restore_resumes_after_a_lost_line(self, shell, cut):
         cut.call_at(cut.time + 2.6, lambda: setattr(cut, "faults", FaultPlan(rate=1.0, kinds=[Fault.DROP])))
         assert shell("restore", "vabus:1", "pump.toml") == 4
         assert "parameters were written, the same command with --resume goes on" in shell.err
@@ -353,7 +353,7 @@ class TestCutOff:
         assert not {line["wrote"] for line in before} & set(shell.objects[0]["written"])
         assert shell("compare", "vabus:1", "pump.toml") == 0
 
-    def test_by_hand(self, shell, cut):
+    def test_restore_resumes_after_ctrl_c(self, shell, cut):
         def interrupt():
             raise KeyboardInterrupt
 
@@ -363,7 +363,7 @@ class TestCutOff:
         assert shell.err.endswith("drivecomm: interrupted\n")
         assert shell("restore", "vabus:1", "pump.toml", "--resume") == 0
 
-    def test_a_set_that_was_changed_since(self, shell, cut):
+    def test_resume_refuses_a_set_changed_after_the_interruption(self, shell, cut):
         cut.call_at(cut.time + 2.6, lambda: cut.power_off(cut.drives[0]))
         assert shell("restore", "vabus:1", "pump.toml") == 4
         path = Path("pump.toml")

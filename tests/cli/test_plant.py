@@ -1,4 +1,4 @@
-"""simulate with a plant file, and the plant commands that steer it, as processes and in this one."""
+"""simulate with a plant file, and the plant commands that control it, as processes and within the test process."""
 
 import json
 import subprocess
@@ -37,7 +37,7 @@ line = "yard"
 
 
 class Commands:
-    """Runs commands here, with real ports, and keeps what they print."""
+    """Command runner with real ports; keeps the output of the latest command."""
 
     def __init__(self, capsys):
         self._capsys = capsys
@@ -68,7 +68,7 @@ def plant_file(tmp_path):
 
 @pytest.fixture
 def simulated(plant_file):
-    """Start a simulator of the plant; returns what it tells of itself."""
+    """Yield a function that starts a simulator, of the plant file by default, and returns its process."""
     running = []
 
     def start(*arguments):
@@ -96,7 +96,7 @@ def told(simulated, monkeypatch):
 
 
 @pytest.mark.soak
-def test_a_plant_is_served_and_steered(told, run, tmp_path):
+def test_simulated_plant_is_controlled_by_plant_commands(told, run, tmp_path):
     assert [line["line"] for line in told["lines"]] == ["hall", "yard"]
     assert [line["drives"] for line in told["lines"]] == [["pump"], ["fan"]]
     hall, yard = (line["listening"] for line in told["lines"])
@@ -137,7 +137,7 @@ def test_a_plant_is_served_and_steered(told, run, tmp_path):
 
 
 @pytest.mark.usefixtures("told")
-def test_nonsense_is_refused_in_a_sentence(run):
+def test_plant_command_refuses_wrong_arguments_in_one_sentence(run):
     for arguments, sentence in (
         (("trip", "door", "5"), "there is no drive 'door' in this plant; it has pump, fan"),
         (("trip", "pump", "0"), "fault code 0"),
@@ -158,7 +158,7 @@ def test_nonsense_is_refused_in_a_sentence(run):
     assert run.out == "pump 480 is 000004D2\n"
 
 
-def test_without_a_plant(run, monkeypatch):
+def test_plant_command_without_a_simulator_is_refused(run, monkeypatch):
     monkeypatch.delenv("DRIVECOMM_CONTROL", raising=False)
     assert run("plant", "show") == 2
     assert "no control socket; give --control" in run.err
@@ -167,7 +167,7 @@ def test_without_a_plant(run, monkeypatch):
     assert "start one with drivecomm simulate" in run.err
 
 
-def test_in_words(simulated, plant_file):
+def test_simulate_prints_lines_drives_and_control_socket(simulated, plant_file):
     process = simulated(str(plant_file), "--control", "127.0.0.1:0", "--speed", "10")
     first = process.stdout.readline()
     assert first.startswith(f"{plant_file}: 2 lines, 2 drives; control at 127.0.0.1:")
@@ -176,7 +176,7 @@ def test_in_words(simulated, plant_file):
     assert process.stdout.readline().endswith(": fan\n")
 
 
-def test_control_of_drives_that_are_named_as_options(simulated, run):
+def test_drives_given_as_options_are_controlled(simulated, run):
     arguments = ("-d", "vabus:1", "-l", "tcp:127.0.0.1:0", "--control", "127.0.0.1:0", "--json")
     answer = json.loads(simulated(*arguments).stdout.readline())
     assert answer["drives"] == ["vabus:1"]
@@ -197,7 +197,7 @@ def test_control_of_drives_that_are_named_as_options(simulated, run):
         (["-d", "vabus:1", "-d", "vabus:1", "-l", "tcp::0"], "two drives are named 'vabus:1'"),
     ],
 )
-def test_what_cannot_be_simulated(run, plant_file, arguments, sentence):
+def test_simulate_refuses_wrong_arguments(run, plant_file, arguments, sentence):
     given = [str(plant_file) if argument == "PLANT" else argument for argument in arguments]
     assert run("simulate", *given) == 2
     assert sentence in run.err
@@ -213,7 +213,7 @@ def test_what_cannot_be_simulated(run, plant_file, arguments, sentence):
         ('[[fault]]\ndrive = "pump"\nstuck = { parameter = "9999", value = 1 }\n', "fault 1: "),
     ],
 )
-def test_what_cannot_be_served_names_the_file_and_the_entry(plant_file, capsys, addition, sentence):
+def test_error_in_the_plant_file_names_the_file_and_the_entry(plant_file, capsys, addition, sentence):
     plant_file.write_text(PLANT + addition)
     assert main(["simulate", str(plant_file)]) == 2
     said = capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Drives by the names that a plant file gives them, in every command; status of the whole plant; scan --write."""
+"""Drives by their names in a plant file, in every command; status of the whole plant; scan --write."""
 
 from pathlib import Path
 
@@ -53,7 +53,7 @@ line = "hall"
 
 @pytest.fixture
 def plant(shell, tmp_path, monkeypatch):
-    """A plant file, and its lines as ports of the shell."""
+    """Create a plant file, and its lines as ports of the shell; return the virtual plant."""
     monkeypatch.delenv("DRIVECOMM_PLANT", raising=False)
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "hall.toml"
@@ -64,14 +64,14 @@ def plant(shell, tmp_path, monkeypatch):
     return virtual
 
 
-def test_a_drive_is_read_by_its_name(shell, plant):
+def test_drive_is_read_by_its_plant_name(shell, plant):
     assert shell("read", "pump", "480", "--plant", plant.path, port=None) == 0
     assert shell.out == "pump  480 fixed_frequency_1                    30.00 Hz\n"
-    # The echo of its line is known, too.
+    # The plant file also says that the line of the mixer echoes.
     assert shell("read", "mixer", "M14", "--plant", plant.path, port=None) == 0
 
 
-def test_where_the_plant_file_is_found(shell, plant, monkeypatch):
+def test_plant_file_is_found_by_the_environment_and_in_the_current_folder(shell, plant, monkeypatch):
     assert shell("status", "pump", port=None) == 2
     assert "'pump' is not a drive" in shell.err
     assert "--plant plant.toml" in shell.err
@@ -80,27 +80,27 @@ def test_where_the_plant_file_is_found(shell, plant, monkeypatch):
     monkeypatch.delenv("DRIVECOMM_PLANT")
     Path(plant.path).rename("plant.toml")
     assert shell("status", "pump", port=None) == 0
-    # By its address it is found alike, and then it is the plant's drive: read-only.
+    # Named by its address, the drive is still that of the plant: read-only.
     assert shell("status", "danfoss-fc:3", port=None) == 0
     assert shell("reset", "danfoss-fc:3", port=None) == 2
     assert "fan is read-only in plant.toml" in shell.err
 
 
-def test_a_port_that_is_given_goes_its_own_way(shell, plant):
+def test_address_on_a_given_port_is_not_the_drive_of_the_plant(shell, plant):
     Path(plant.path).rename("plant.toml")
     shell.line(virtual_drive("vabus", 1), virtual_drive("danfoss-fc", 3))
     shell.lines["line"].drives[0].poke("480", 1111)
     assert shell("read", "vabus:1,model=agile", "480") == 0
     assert "11.11 Hz" in shell.out
     assert shell("reset", "danfoss-fc:3") == 0
-    # A name can mean the plant only, and its line has a port of its own.
+    # A plant name includes the port of its line, so another port is refused.
     assert shell("read", "pump", "480") == 2
     assert "pump is on line hall, at HALL; leave --port line out" in shell.err
     assert shell("read", "pump", "480", port="HALL") == 0
     assert "30.00 Hz" in shell.out
 
 
-def test_an_environment_with_a_port_is_a_given_port(shell, plant, monkeypatch):
+def test_port_from_the_environment_applies_to_addresses_and_not_to_names(shell, plant, monkeypatch):
     Path(plant.path).rename("plant.toml")
     shell.line(virtual_drive("danfoss-fc", 3))
     monkeypatch.setenv("DRIVECOMM_PORT", "line")
@@ -111,7 +111,7 @@ def test_an_environment_with_a_port_is_a_given_port(shell, plant, monkeypatch):
 
 
 def sent_on(line):
-    """What is sent on a line from now on."""
+    """Return a list that collects the telegrams sent on a line from now on."""
     sent, transmit = [], line.transmit
     line.transmit = lambda data: (sent.append(data), transmit(data))
     return sent
@@ -119,7 +119,7 @@ def sent_on(line):
 
 @pytest.mark.parametrize("how", ["port", "environment", "plant and port"])
 @pytest.mark.parametrize("command", [("start", "--link-loss", "hold"), ("reset",), ("write", "3-41", "5")])
-def test_a_drive_that_is_not_armed_is_the_same_by_its_port_and_address(shell, plant, monkeypatch, how, command):
+def test_read_only_drive_stays_read_only_by_its_port_and_address(shell, plant, monkeypatch, how, command):
     Path(plant.path).rename("plant.toml")
     verb, *further = command
     sent = sent_on(plant.line("hall"))
@@ -131,14 +131,14 @@ def test_a_drive_that_is_not_armed_is_the_same_by_its_port_and_address(shell, pl
     assert shell(*call, port=None if how == "environment" else "HALL") == 2
     assert "fan is read-only in plant.toml" in shell.err
     assert sent == []
-    # Reading and stopping it are allowed, and on a line that is not the plant's it is another drive.
+    # Reading and stopping stay allowed; on a line outside the plant the same address is another drive.
     assert shell("status", "danfoss-fc:3", port="HALL") == 0
     assert shell("stop", "danfoss-fc:3", port="HALL") == 0
     shell.line(virtual_drive("danfoss-fc", 3))
     assert shell("reset", "danfoss-fc:3") == 0
 
 
-def test_a_port_is_the_same_by_its_link(shell, plant, tmp_path):
+def test_port_of_the_plant_is_recognised_by_a_symbolic_link(shell, plant, tmp_path):
     (tmp_path / "HALL").touch()
     (tmp_path / "adapter").symlink_to(tmp_path / "HALL")
     Path(plant.path).rename("plant.toml")
@@ -160,11 +160,11 @@ def test_a_port_is_the_same_by_its_link(shell, plant, tmp_path):
         ("", "", False),
     ],
 )
-def test_names_of_one_port(one, other, same):
+def test_same_port_recognises_other_spellings_of_a_port(one, other, same):
     assert same_port(one, other) is same
 
 
-def test_a_plant_file_that_cannot_be_read_keeps_nobody_from_stopping(shell, plant):
+def test_broken_plant_file_does_not_prevent_a_stop(shell, plant):
     Path(plant.path).unlink()
     Path("plant.toml").write_text("no plant")
     assert shell("reset", "danfoss-fc:3", port="HALL") == 2
@@ -173,7 +173,7 @@ def test_a_plant_file_that_cannot_be_read_keeps_nobody_from_stopping(shell, plan
     assert "commanded" in shell.out
 
 
-def test_a_suggestion_for_a_name(shell, plant):
+def test_misspelt_name_gets_a_suggestion(shell, plant):
     assert shell("status", "pmup", "--plant", plant.path, port=None) == 2
     assert "there is no drive 'pmup' in this plant; did you mean 'pump'? It has pump, fan, mixer" in shell.err
     assert shell("read", "pump", "output_frequncy", "--plant", plant.path, port=None) == 2
@@ -204,7 +204,7 @@ def test_a_suggestion_for_a_name(shell, plant):
         ("restore", "pump", "pump.toml", "--dry-run"),
     ],
 )
-def test_names_of_the_plant_in_every_output(shell, plant, call):
+def test_output_of_every_command_names_the_plant_drive(shell, plant, call):
     if call[0] == "restore":
         shell("backup", "pump", "pump.toml", "--plant", plant.path, port=None)
     shell(*call, "--plant", plant.path, "--json", port=None)
@@ -220,7 +220,7 @@ def test_names_of_the_plant_in_every_output(shell, plant, call):
 
 
 @pytest.mark.usefixtures("plant")
-def test_a_line_without_a_port_takes_the_one_that_is_given(shell, tmp_path):
+def test_line_without_a_port_takes_the_given_port(shell, tmp_path):
     path = tmp_path / "bare.toml"
     path.write_text('format = 1\n[[line]]\nname = "hall"\n[[drive]]\nname = "pump"\ndrive = "vabus:1"\n')
     assert shell("status", "pump", "--plant", str(path), port=None) == 2
@@ -229,7 +229,7 @@ def test_a_line_without_a_port_takes_the_one_that_is_given(shell, tmp_path):
 
 
 @pytest.mark.usefixtures("plant")
-def test_settings_that_are_given_go_before_those_of_the_line(shell, tmp_path):
+def test_given_line_settings_override_those_of_the_plant(shell, tmp_path):
     path = tmp_path / "fast.toml"
     path.write_text(PLANT.replace('port = "HALL"', 'port = "HALL"\nbaudrate = 38400'))
     assert shell("status", "pump", "--plant", str(path), port=None) == 4
@@ -245,7 +245,7 @@ def test_settings_that_are_given_go_before_those_of_the_line(shell, tmp_path):
         ("call", "fan", "jog"),
     ],
 )
-def test_a_drive_that_is_not_armed_is_not_commanded_unless_somebody_says_so(shell, plant, command):
+def test_read_only_drive_is_commanded_only_with_arm(shell, plant, command):
     sent = []
     line = plant.line("hall")
     transmit = line.transmit
@@ -258,12 +258,12 @@ def test_a_drive_that_is_not_armed_is_not_commanded_unless_somebody_says_so(shel
     assert sent
 
 
-def test_stopping_needs_no_arms(shell, plant):
+def test_read_only_drive_may_be_stopped(shell, plant):
     assert shell("stop", "fan", "--plant", plant.path, port=None) == 0
     assert "commanded" in shell.out
 
 
-def test_an_armed_drive_is_written(shell, plant):
+def test_armed_drive_may_be_written(shell, plant):
     assert shell("write", "pump", "480", "12.5", "--plant", plant.path, port=None) == 0
     assert plant.get("pump", "480") == "000004E2"
 
@@ -276,14 +276,14 @@ def test_an_armed_drive_is_written(shell, plant):
         ("pump,speed=3", "no option 'speed'"),
     ],
 )
-def test_names_that_are_not_there(shell, plant, name, sentence):
+def test_unknown_drive_name_is_refused(shell, plant, name, sentence):
     assert shell("status", name, "--plant", plant.path, port=None) == 2
     assert sentence in shell.err
     assert shell.err.count("\n") == 1
 
 
 @pytest.mark.usefixtures("plant")
-def test_a_plant_file_that_is_none(shell, tmp_path):
+def test_broken_plant_file_is_refused_with_its_line(shell, tmp_path):
     path = tmp_path / "wrong.toml"
     path.write_text("format = 1\n[[line]]\nname = 'hall'\narmed = true\n")
     assert shell("status", "pump", "--plant", str(path), port=None) == 2
@@ -291,11 +291,11 @@ def test_a_plant_file_that_is_none(shell, tmp_path):
 
 
 class TestOtherCommands:
-    def test_stats(self, shell, plant):
+    def test_stats_shows_named_drives_and_the_total(self, shell, plant):
         assert shell("stats", "pump", "fan", "--for", "0.5", "--plant", plant.path, port=None) == 0
         assert {"pump", "fan", "all"} <= {row.split("|")[1].strip() for row in shell.out.splitlines() if "|" in row}
 
-    def test_stats_of_several_lines(self, shell, plant, tmp_path):
+    def test_stats_shows_several_lines_apart(self, shell, plant, tmp_path):
         assert shell("stats", "pump", "mixer", "--for", "0.5", "--plant", plant.path, port=None) == 0
         assert "HALL\n" in shell.out
         assert "YARD\n" in shell.out
@@ -312,7 +312,7 @@ class TestOtherCommands:
         assert shell("stats", "pump", "mixer", *record, "--plant", plant.path, port=None) == 2
         assert "--record is for one line" in shell.err
 
-    def test_doctor_of_each_line(self, shell, plant):
+    def test_doctor_examines_each_line(self, shell, plant):
         assert shell("doctor", "--quick", "--plant", plant.path, port=None) == 0
         assert shell.out.count("hall, HALL\n") == shell.out.count("yard, YARD\n") == 1
         for text in (
@@ -325,7 +325,7 @@ class TestOtherCommands:
         assert shell.out.count("no problems found\n") == 2
 
     @pytest.mark.parametrize("named", ["hall", "HALL"])
-    def test_doctor_asks_the_drives_of_the_plant_at_their_own_settings(self, shell, plant, named):
+    def test_doctor_expects_each_drive_at_its_own_line_settings(self, shell, plant, named):
         file = Path(plant.path)
         file.write_text(PLANT.replace('model = "agile"', 'model = "agile", baudrate = 9600') + EXTRA)
         virtual = [virtual_drive("vabus", 1, baudrate=9600), virtual_drive("danfoss-fc", 3, baudrate=38400)]
@@ -351,28 +351,28 @@ class TestOtherCommands:
         assert [one["drive"] for one in measured["replies"]] == ["pump", "vabus:4"]
         assert all(one["line"] == "hall" for one in shell.objects)
 
-    def test_what_is_given_goes_before_what_the_plant_says(self, shell, plant):
+    def test_given_baud_rate_overrides_that_of_the_plant_in_doctor(self, shell, plant):
         Path(plant.path).write_text(PLANT.replace('model = "agile"', 'model = "agile", baudrate = 9600'))
         options = ("--protocol", "vabus", "--quick", "--plant", plant.path)
         assert shell("doctor", "hall", *options, port=None) == 1
         assert shell("doctor", "hall", *options, "--baudrate", "19200", port=None) == 0
 
-    def test_a_line_that_cannot_be_opened_does_not_keep_the_others_from_being_examined(self, shell, plant):
+    def test_doctor_examines_other_lines_if_one_cannot_be_opened(self, shell, plant):
         del shell.lines["HALL"]
         assert shell("doctor", "--quick", "--plant", plant.path, port=None) == 1
         assert "PROBLEM  port    port HALL does not exist; plug the adapter in" in shell.out
         assert "mixer (fuji:2) answers" in shell.out
         assert shell("doctor", "hall", "--quick", "--plant", plant.path, port=None) == 3
 
-    def test_a_port_that_the_plant_does_not_have_is_examined_as_it_is(self, shell, plant):
+    def test_doctor_examines_a_port_outside_the_plant(self, shell, plant):
         shell.line(virtual_drive("fuji", 3))
         assert shell("doctor", "line", "--quick", "--protocol", "fuji", "--plant", plant.path, port=None) == 0
         assert "ok       drives  fuji:3 answers" in shell.out
 
-    def test_poll_by_name(self, shell, plant):
+    def test_poll_reads_drives_by_name(self, shell, plant):
         words = ("poll", "pump", "480", "481", "mixer", "M14", "--cycles", "1", "--plant", plant.path, "--json")
         assert shell(*words, port=None) == 0
-        # Both lines are asked at the same time, so that their order is open.
+        # Both lines are polled concurrently, so the order of rows is not fixed.
         assert sorted((one["drive"], one["parameter"], one["quality"]) for one in shell.objects) == [
             ("mixer", "M14", "good"),
             ("pump", "480", "good"),
@@ -381,23 +381,23 @@ class TestOtherCommands:
         assert shell("poll", "door", "480", "--plant", plant.path, port=None) == 2
         assert "'door' is not a drive" in shell.err
 
-    def test_poll_by_address_is_the_drive_of_the_plant(self, shell, plant):
+    def test_poll_by_address_reads_the_drive_of_the_plant(self, shell, plant):
         assert shell("poll", "vabus:1", "480", "--cycles", "1", "--plant", plant.path, "--json", port=None) == 0
         assert [(one["drive"], one["quality"]) for one in shell.objects] == [("pump", "good")]
 
-    def test_options_behind_a_name_go_before_those_of_the_plant(self, shell, plant, monkeypatch):
+    def test_options_after_a_name_override_those_of_the_plant(self, shell, plant, monkeypatch):
         words = ("poll", "pump,model=act", "480", "--cycles", "1", "--plant", plant.path, "--json")
-        # A name means the plant, and its line has a port of its own.
+        # A plant name includes the port of its line, so --port is refused.
         assert shell(*words, port="nowhere") == 2
         assert "--port has no effect" in shell.err
         monkeypatch.setenv("DRIVECOMM_PORT", "nowhere")
         assert shell(*words, port=None) == 0
         assert shell.objects[0]["quality"] == "good"
 
-    def test_poll_what_the_plant_says(self, shell, plant, tmp_path):
+    def test_poll_without_arguments_reads_the_poll_lists_of_the_plant(self, shell, plant, tmp_path):
         assert shell("poll", "--cycles", "2", "--plant", plant.path, "--json", port=None) == 0
         assert [(one["drive"], one["parameter"]) for one in shell.objects] == [("pump", "480")] * 2
-        # The same, named as a plan: a plant file says what is polled, too.
+        # A plant file also serves as a plan.
         assert shell("poll", "--cycles", "1", "--plan", plant.path, "--json", port=None) == 0
         assert [(one["drive"], one["parameter"]) for one in shell.objects] == [("pump", "480")]
         path = tmp_path / "idle.toml"
@@ -405,7 +405,7 @@ class TestOtherCommands:
         assert shell("poll", "--plant", str(path), port=None) == 2
         assert f"{path}: nothing is polled; write poll = [{{ parameters" in shell.err
 
-    def test_what_a_plant_polls_and_can_never_be_read_is_refused(self, shell, plant):
+    def test_poll_refuses_a_plant_with_unreadable_parameters(self, shell, plant):
         file = Path(plant.path)
         file.write_text(file.read_text().replace('["480"], period_s = 0', '["480", "output_colour", "1999"]'))
         assert shell("poll", "--plant", plant.path, port=None) == 2
@@ -413,25 +413,25 @@ class TestOtherCommands:
         assert "pump output_colour (" in shell.err
         assert "pump 1999 (" in shell.err
 
-    def test_forecast(self, shell, plant):
+    def test_forecast_of_a_plant_names_its_port(self, shell, plant):
         assert shell("forecast", "--plant", plant.path, "--json", port=None) == 0
         assert shell.objects[0]["port"] == "HALL"
 
-    def test_forecast_of_what_a_server_asks(self, shell, plant):
+    def test_forecast_served_counts_polls_statuses_and_usual_values(self, shell, plant):
         with Path(plant.path).open("a") as file:
             file.write("[server]\nstatus_period_s = 0.5\n")
         assert shell("forecast", "--served", "--plant", plant.path, "--json", port=None) == 0
         asked = {
             (item["drive"], item["parameter"], item["period_s"]) for line in shell.objects for item in line["items"]
         }
-        # What a drive without poll has of the usual values is polled, too.
+        # A drive without a poll list is polled for those of the usual values that it has.
         usual = {("fan", "output_frequency", 1.0), ("fan", "output_current", 1.0)}
         statuses = {(name, "status", 0.5) for name in ("pump", "fan", "mixer")}
         assert asked == {("pump", "480", 0), *usual, *statuses}
         assert shell("forecast", "--served", "vabus:1", "481", "--plant", plant.path, port=None) == 2
         assert "without drives and parameters" in shell.err
 
-    def test_forecast_of_a_served_plant_counts_what_its_server_asks(self, shell, plant):
+    def test_forecast_of_a_plant_with_a_server_counts_its_requests(self, shell, plant):
         with Path(plant.path).open("a") as file:
             file.write("[server]\nstatus_period_s = 0.5\n")
         assert shell("forecast", "--plant", plant.path, port=None) == 0
@@ -440,30 +440,30 @@ class TestOtherCommands:
         assert {item["parameter"] for line in shell.objects for item in line["items"]} == {
             "480", "status", "output_frequency", "output_current",
         }  # fmt: skip
-        # What is named is polled, whoever else is served.
+        # Named parameters are counted alone, even if the plant has a server.
         assert shell("forecast", "fan", "3-41", "--plant", plant.path, "--json", port=None) == 0
         assert {item["parameter"] for line in shell.objects for item in line["items"]} == {"3-41"}
 
 
 class TestServeCheck:
-    def test_plant_that_fits(self, shell, plant):
+    def test_check_passes_for_a_plant_that_fits(self, shell, plant):
         assert shell("serve", "--check", plant.path, port=None) == 0
         assert "need" in shell.out
         assert shell.out.splitlines()[-1].endswith("; fit")
 
-    def test_line_that_is_too_full(self, shell, plant):
+    def test_check_exits_with_1_if_a_line_is_too_full(self, shell, plant):
         with Path(plant.path).open("a") as file:
             file.write("[server]\nstatus_period_s = 0.01\n")
         assert shell("serve", "--check", plant.path, "--json", port=None) == 1
         assert False in {each["fits"] for each in shell.objects}
 
-    def test_file_of_users_that_a_server_could_not_read(self, shell, plant):
+    def test_check_refuses_an_unreadable_users_file(self, shell, plant):
         with Path(plant.path).open("a") as file:
             file.write('[server]\nusers = "users.toml"\n')
         assert shell("serve", "--check", plant.path, port=None) == 2
         assert "users.toml" in shell.err
 
-    def test_quantity_that_the_model_does_not_have(self, shell, plant):
+    def test_check_refuses_a_quantity_that_the_model_lacks(self, shell, plant):
         file = Path(plant.path)
         file.write_text(file.read_text().replace('["480"], period_s = 0', '["480", "output_colour"]'))
         assert shell("serve", "--check", plant.path, port=None) == 2
@@ -474,7 +474,7 @@ class TestStatus:
     def status(self, shell, plant, *options):
         return shell("status", "--plant", plant.path, *options, port=None)
 
-    def test_the_whole_plant(self, shell, plant):
+    def test_status_shows_the_whole_plant(self, shell, plant):
         assert self.status(shell, plant) == 0
         head, pump, fan, mixer, count = shell.out.splitlines()
         assert head.split() == ["name", "drive", "model", "state", "output", "current", "reference", "age"]
@@ -486,7 +486,7 @@ class TestStatus:
         assert count == "3 drives: no fault"
         assert max(map(len, shell.out.splitlines())) <= 80
 
-    def test_a_fault_goes_before_silence(self, shell, plant):
+    def test_fault_outranks_a_silent_drive_in_the_exit_code(self, shell, plant):
         plant.power_off("mixer")
         assert self.status(shell, plant) == 4
         assert "no answer" in shell.out
@@ -498,7 +498,7 @@ class TestStatus:
         assert shell.out.splitlines()[-1] == "3 drives: 1 with a fault, 1 not answering"
         assert max(map(len, shell.out.splitlines())) <= 80
 
-    def test_as_json(self, shell, plant):
+    def test_status_of_the_plant_prints_json(self, shell, plant):
         plant.power_off("mixer")
         plant.trip("fan", 14)
         assert self.status(shell, plant, "--json") == 5
@@ -514,17 +514,17 @@ class TestStatus:
         assert (mixer["answers"], mixer["state"]) == (False, None)
         assert "did not answer" in mixer["error"]
 
-    def test_a_port_that_is_not_there(self, shell, plant):
+    def test_status_exits_with_3_if_a_port_is_missing(self, shell, plant):
         del shell.lines["YARD"]
         assert self.status(shell, plant) == 3
         assert "port YARD does not exist" in shell.out
 
-    def test_a_record_is_of_one_line(self, shell, plant, tmp_path):
+    def test_status_refuses_to_record_several_lines(self, shell, plant, tmp_path):
         assert self.status(shell, plant, "--record", str(tmp_path / "all.jsonl")) == 2
         assert "--record is for one line" in shell.err
 
     @pytest.mark.usefixtures("plant")
-    def test_names_that_are_addresses_are_shown_once(self, shell, tmp_path):
+    def test_name_that_equals_the_address_is_shown_once(self, shell, tmp_path):
         path = tmp_path / "bare.toml"
         path.write_text('format = 1\n[[line]]\nname = "hall"\nport = "HALL"\n[[drive]]\ndrive = "vabus:1"\n')
         assert shell("status", "--plant", str(path), port=None) == 0
@@ -532,14 +532,14 @@ class TestStatus:
         assert shell.out.count("vabus:1") == 1
 
     @pytest.mark.usefixtures("plant")
-    def test_columns_give_way_where_names_are_long(self, shell, tmp_path):
+    def test_columns_are_dropped_to_make_room_for_long_names(self, shell, tmp_path):
         path = tmp_path / "long.toml"
         path.write_text(PLANT.replace('"pump"', '"circulating pump of the cooling water"'))
         assert shell("status", "--plant", str(path), port=None) == 0
         assert max(map(len, shell.out.splitlines())) <= 80
         assert "age" not in shell.out.splitlines()[0]
 
-    def test_without_a_plant(self, shell, tmp_path, monkeypatch):
+    def test_status_without_a_plant_is_refused(self, shell, tmp_path, monkeypatch):
         monkeypatch.chdir(tmp_path)
         monkeypatch.delenv("DRIVECOMM_PLANT", raising=False)
         assert shell("status", port=None) == 2
@@ -556,7 +556,7 @@ class TestScan:
             virtual_drive("danfoss-fc", 3, baudrate=19200, parity="N"),
         )
 
-    def test_wide(self, shell):
+    def test_wide_scan_finds_drives_at_other_line_settings(self, shell):
         line = self.odd_line(shell)
         wide = ("scan", "--wide", "--protocol", "vabus", "--protocol", "danfoss-fc", "-a", "1-4")
         assert shell(*wide) == 0
@@ -566,7 +566,7 @@ class TestScan:
         assert "the likely ones first" in shell.err
         assert not any(drive.motor.running for drive in line.drives)
 
-    def test_several_values_are_a_wide_scan_among_them(self, shell):
+    def test_several_setting_values_scan_their_combinations(self, shell):
         self.odd_line(shell)
         asked = ("scan", "--protocol", "vabus", "-a", "1-3", "--baudrate", "9600,19200", "--parity", "e", "--json")
         assert shell(*asked, "--bytesize", "7", "--stopbits", "1") == 0
@@ -574,13 +574,13 @@ class TestScan:
         assert (foretold["questions"], foretold["settings"]) == (6, 2)
         assert found["settings"] == "9600 7E1"
 
-    def test_a_port_that_carries_no_settings_is_not_tried(self, shell):
+    def test_wide_scan_is_refused_on_a_port_without_line_settings(self, shell):
         shell.line(name="socket://hall:4001")
         assert shell("scan", "--wide", port="socket://hall:4001") == 2
         assert "socket://hall:4001 carries no line settings" in shell.err
         assert shell("scan", "--protocol", "vabus", "-a", "1", port="socket://hall:4001") == 0
 
-    def test_one_value_is_for_everybody(self, shell):
+    def test_single_setting_value_applies_to_the_whole_scan(self, shell):
         self.odd_line(shell)
         assert shell("scan", "--protocol", "vabus", "-a", "1-3", "--baudrate", "9600") == 0
         assert shell.out.startswith("vabus:2  state")
@@ -595,12 +595,12 @@ class TestScan:
             ("--bytesize", "7,9", "9 data bits"),
         ],
     )
-    def test_values_that_cannot_be(self, shell, option, value, sentence):
+    def test_scan_refuses_invalid_line_settings(self, shell, option, value, sentence):
         shell.line()
         assert shell("scan", option, value) == 2
         assert sentence in shell.err
 
-    def test_a_plant_file_comes_of_it(self, shell, tmp_path):
+    def test_wide_scan_writes_a_plant_file(self, shell, tmp_path):
         self.odd_line(shell)
         path = tmp_path / "plant.toml"
         wide = ("scan", "--wide", "--protocol", "vabus", "--protocol", "danfoss-fc", "-a", "1-4", "--write", str(path))
@@ -617,8 +617,8 @@ class TestScan:
         assert path.read_text() == before
         assert shell(*wide, "--force") == 0
 
-    def test_two_files_become_one_plant_as_they_say(self, shell, tmp_path):
-        """Take the # away before the names, as the file tells, and put the lines together."""
+    def test_commented_names_in_a_written_plant_file_can_be_used(self, shell, tmp_path):
+        """Uncomment the names in each file, as the file itself proposes."""
         for port, number in (("line", 1), ("/dev/ttyUSB0", 2)):
             shell.line(virtual_drive("vabus", 1), virtual_drive("vabus", 2), name=port)
             path = tmp_path / f"{number}.toml"
@@ -630,7 +630,7 @@ class TestScan:
             assert shell.out.startswith("pump2  ")
         assert read_plant(path).lines[0].name == "ttyUSB0"
 
-    def test_flags_without_effect(self, shell, plant):
+    def test_scan_refuses_flags_without_effect(self, shell, plant):
         assert shell("scan", "--force") == 2
         assert "--force is for a file that --write names" in shell.err
         assert shell("scan", "--plant", plant.path) == 2
@@ -638,7 +638,7 @@ class TestScan:
         assert shell("scan", "--protocol", "vabus", "-a", "99") == 2
         assert "no drive of these protocols can have the address 99" in shell.err
 
-    def test_nothing_is_written_when_nobody_is_there(self, shell, tmp_path):
+    def test_scan_writes_nothing_if_no_drive_answers(self, shell, tmp_path):
         shell.line()
         path = tmp_path / "plant.toml"
         assert shell("scan", "--protocol", "vabus", "-a", "7", "--write", str(path)) == 1
@@ -648,7 +648,7 @@ class TestScan:
     @pytest.mark.parametrize(
         ("trouble", "code"), [(KeyboardInterrupt(), 130), (drivecomm.LinkDownError("the adapter has gone"), 3)]
     )
-    def test_what_was_found_is_kept_when_it_ends_early(self, shell, tmp_path, monkeypatch, trouble, code):
+    def test_interrupted_scan_writes_the_drives_found_so_far(self, shell, tmp_path, monkeypatch, trouble, code):
         line = self.odd_line(shell)
         path = tmp_path / "plant.toml"
         asked = drivecomm.bus.bus.Bus.scan
@@ -669,7 +669,7 @@ class TestScan:
 
 @pytest.mark.parametrize("port", [None, "line"])
 @pytest.mark.parametrize("words", [["read", "uus:4", "700"], ["stop", "uus:4"], ["scan", "--protocol", "uus"]])
-def test_a_typo_in_a_protocols_name_is_not_the_ports_fault(shell, words, port):
+def test_misspelt_protocol_is_reported_before_a_missing_port(shell, words, port):
     shell.line()
     if port is None and words[0] == "scan":
         pytest.skip("a scan has no drive that could be wrong before there is a port")
@@ -680,7 +680,7 @@ def test_a_typo_in_a_protocols_name_is_not_the_ports_fault(shell, words, port):
 PUMP_AND_BLOWER = {"pump": "vabus:1", "blower": "modbus:12"}
 
 
-def test_a_drive_that_cannot_be_asked_is_not_said_to_be_silent(shell, tmp_path):
+def test_drive_that_cannot_be_asked_is_not_reported_as_silent(shell, tmp_path):
     shell.line(virtual_drive("vabus", 1))
     path = tmp_path / "plant.toml"
     drives = "".join(f'[[drive]]\nname = "{name}"\ndrive = "{at}"\n' for name, at in PUMP_AND_BLOWER.items())

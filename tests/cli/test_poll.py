@@ -1,4 +1,4 @@
-"""poll and forecast: plans as words and as files, what is printed, and exit codes."""
+"""The poll and forecast commands: plans as words and as files, output, and exit codes."""
 
 import json
 import signal
@@ -13,7 +13,7 @@ from drivecomm.cli.poll import parse_plan
 from drivecomm.errors import UnknownProtocolError, UsageError
 from drivecomm.virtual import virtual_drive
 
-# Words
+# Plans as words
 
 
 def reads_of(text, period_s=1.0):
@@ -23,7 +23,7 @@ def reads_of(text, period_s=1.0):
     ]
 
 
-def test_drives_and_their_parameters():
+def test_plan_words_give_drives_parameters_periods_and_priorities():
     assert reads_of("vabus:1 481 482@0.2 fuji:7,model=g11s M09!2 S05@5!-1", period_s=3.0) == [
         ("vabus:1", "481", 3.0, 0, {}),
         ("vabus:1", "482", 0.2, 0, {}),
@@ -33,14 +33,14 @@ def test_drives_and_their_parameters():
     assert parse_plan(["fuji:7,model=g11s", "M09"], period_s=1).drives[0].options == {"model": "g11s"}
 
 
-def test_options_behind_a_parameter_and_commas_in_its_address():
+def test_plan_words_take_parameter_options_and_commas_in_addresses():
     assert reads_of("vabus:1 481,type=long,dataset=2@0.5 vlt3500:3 602[13,5]!1") == [
         ("vabus:1", "481", 0.5, 0, {"type": "long", "dataset": 2}),
         ("vlt3500:3", "602[13,5]", 1.0, 1, {}),
     ]
 
 
-def test_a_drive_that_is_named_again_goes_on():
+def test_drive_named_twice_is_one_drive_of_the_plan():
     plan = parse_plan(["vabus:1", "481", "vabus:2", "481", "vabus:1", "480"], period_s=1)
     assert [read.drive.name for read in plan.reads] == ["vabus:1", "vabus:2", "vabus:1"]
     assert len(plan.drives) == 2
@@ -63,21 +63,21 @@ def test_a_drive_that_is_named_again_goes_on():
         ("vabus:1 481 vabus:1,baudrate=9600 480", "two drives of the plan are named vabus:1"),
     ],
 )
-def test_words_that_are_no_plan(text, message):
+def test_invalid_plan_words_are_refused(text, message):
     with pytest.raises(UsageError) as raised:
         reads_of(text)
     assert message in str(raised.value)
 
 
-def test_a_protocol_that_nobody_brings_is_no_parameter():
+def test_unknown_protocol_is_not_taken_for_a_parameter():
     with pytest.raises(UnknownProtocolError, match="no installed protocol is named 'profibus'"):
         reads_of("vabus:1 481 profibus:3 40001")
 
 
-# poll
+# The poll command
 
 
-def test_lines_for_people(shell):
+def test_poll_prints_time_drive_value_and_quality(shell):
     shell.line(virtual_drive("vabus", 1), virtual_drive("danfoss-fc", 3))
     words = ["vabus:1,model=agile", "481@0.5", "999", "danfoss-fc:3,model=fc300", "16-30"]
     assert shell("poll", *words, "--for", "0.9") == 5
@@ -90,7 +90,7 @@ def test_lines_for_people(shell):
     assert all(line[2] == line[5] == ":" and line[8] == "." for line in lines)
 
 
-def test_note_on_a_parameter_stands_on_its_first_row_only(shell):
+def test_note_on_a_parameter_is_printed_on_its_first_row_only(shell):
     shell.line(virtual_drive("danfoss-fc", 3))
     assert shell("poll", "danfoss-fc:3,model=fc300", "16-30@0.1", "--cycles", "3") == 0
     assert [line.endswith("good: type and unit are as seen on a drive") for line in shell.out.splitlines()] == [
@@ -99,7 +99,7 @@ def test_note_on_a_parameter_stands_on_its_first_row_only(shell):
     assert all(line.endswith("good") for line in shell.out.splitlines()[1:])
 
 
-def test_objects_for_scripts(shell):
+def test_poll_prints_json_objects(shell):
     shell.line()
     assert shell("poll", "vabus:1,model=agile", "481", "999", "--cycles", "2", "--json") == 5
     good, bad = shell.objects[:2]
@@ -125,14 +125,14 @@ def test_objects_for_scripts(shell):
     assert [one["due_s"] for one in shell.objects] == [0.0, 0.5, 1.0, 1.5]
 
 
-def test_exit_code_is_0_when_everything_was_read_once(shell):
+def test_poll_exits_with_0_if_every_parameter_was_read_once(shell):
     line = shell.line()
     assert shell("poll", "vabus:1,model=agile", "481", "480", "--cycles", "1") == 0
     line.broken = True
     assert shell("poll", "vabus:1,model=agile", "481", "--cycles", "1") == 3
 
 
-def test_options_of_the_line_reach_the_drives(shell):
+def test_line_options_reach_the_polled_drives(shell):
     shell.line(virtual_drive("vabus", 1, baudrate=9600))
     assert shell("poll", "vabus:1", "481", "--cycles", "1", "--baudrate", "9600", "--attempts", "1") == 0
     assert shell("poll", "vabus:1", "481", "--cycles", "1", "--attempts", "1") == 4
@@ -167,7 +167,7 @@ def plan_file(tmp_path):
     return str(path)
 
 
-def test_a_plan_file_with_two_lines(shell, plan_file):
+def test_poll_reads_a_plan_file_with_two_lines(shell, plan_file):
     shell.line(name="east")
     shell.line(name="west")
     assert shell("poll", "--plan", plan_file, "--for", "2", "--json", port="west") == 0
@@ -175,7 +175,7 @@ def test_a_plan_file_with_two_lines(shell, plan_file):
     assert len([one for one in shell.objects if one["drive"] == "fan"]) == 2
 
 
-def test_calls_that_cannot_be(shell, plan_file):
+def test_poll_refuses_wrong_arguments(shell, plan_file):
     shell.line(name="east")
     assert shell("poll", "--plan", plan_file, port=None) == 2
     assert "some drives have no port: give --port, or write port in the [[line]] of the plant" in shell.err
@@ -189,7 +189,7 @@ def test_calls_that_cannot_be(shell, plan_file):
     assert shell("poll", "vabus:1", "481", port=None) == 2
 
 
-def test_an_interrupt_ends_it_with_130(shell, monkeypatch):
+def test_interrupted_poll_exits_with_130(shell, monkeypatch):
     shell.line()
     results = drivecomm.cli.poll.carry_out
 
@@ -207,7 +207,7 @@ def test_an_interrupt_ends_it_with_130(shell, monkeypatch):
 
 @pytest.mark.soak
 @pytest.mark.skipif(sys.platform == "win32", reason="signals to another process are not Ctrl-C there")
-def test_ctrl_c_from_a_terminal(tmp_path):
+def test_ctrl_c_ends_a_poll_process_with_130(tmp_path):
     link = tmp_path / "line"
     command = [sys.executable, "-m", "drivecomm"]
     simulator = subprocess.Popen(
@@ -233,10 +233,10 @@ def test_ctrl_c_from_a_terminal(tmp_path):
     assert complaint == "drivecomm: interrupted\n"
 
 
-# forecast
+# The forecast command
 
 
-def test_a_forecast_needs_no_port(shell):
+def test_forecast_needs_no_port(shell):
     assert shell("forecast", "vabus:1,model=agile", "481", "480@0.2", "fuji:7", "M09", "--delay", "4", port=None) == 0
     assert "vabus:1  19200 7E1  " in shell.out
     assert "fuji:7  9600 8N1  " in shell.out
@@ -246,7 +246,7 @@ def test_a_forecast_needs_no_port(shell):
     assert all("4.0" in cells for cells in table if "480" in cells or "M09" in cells)
 
 
-def test_a_forecast_for_scripts_says_what_happens(shell):
+def test_forecast_as_json_agrees_with_the_poll(shell):
     shell.line(virtual_drive("vabus", 1), virtual_drive("fuji", 7))
     words = ["vabus:1,model=agile", "481", "480", "fuji:7", "M09", "--period", "0"]
     assert shell("forecast", *words, "--json") == 0
@@ -258,19 +258,19 @@ def test_a_forecast_for_scripts_says_what_happens(shell):
     assert asked[-1] - asked[-2] == pytest.approx(found["cycle_s"], abs=1e-5)
 
 
-def test_a_plan_that_does_not_fit_has_exit_code_1_and_advice(shell):
+def test_forecast_exits_with_1_and_gives_advice_if_the_plan_does_not_fit(shell):
     assert shell("forecast", "vabus:1", "481@0.02", "480@0.03", port=None) == 1
     assert "it does not fit\n  periods " in shell.out
     assert shell("forecast", "vabus:1", "481@0.02", "--baudrate", "115200", "--delay", "1", port=None) == 0
 
 
-def test_a_plan_with_a_parameter_that_cannot_be_read_has_exit_code_1(shell):
+def test_forecast_exits_with_1_if_a_parameter_cannot_be_read(shell):
     assert shell("forecast", "vabus:1,model=agile", "481", "frequncy", port=None) == 1
     assert "it fits, without 1 parameter that cannot be read\n  vabus:1 frequncy cannot be read: " in shell.out
     assert shell("forecast", "vabus:1,model=agile", "481", "frequncy", "--json", port=None) == 1
 
 
-def test_a_plan_that_leaves_no_room_fits_without_room_to_spare(shell):
+def test_forecast_exits_with_1_without_room_to_spare(shell):
     words = ("forecast", "vabus:1,model=agile", "481@0.1", "480@0.1")
     verdicts = []
     for delay, room in ((20, "5%"), (32, "5%"), (32, "1"), (20, "30%"), (45, "5%")):
@@ -294,19 +294,19 @@ def test_a_plan_that_leaves_no_room_fits_without_room_to_spare(shell):
         assert f"{refusal} the line's time" in shell.err
 
 
-def test_a_forecast_of_several_lines(shell, plan_file):
+def test_forecast_shows_several_lines(shell, plan_file):
     assert shell("forecast", "--plan", plan_file, "--json", port=None) == 0
     assert [(one["port"], len(one["items"])) for one in shell.objects] == [("east", 2), ("", 1)]
 
 
-def test_forecasts_that_cannot_be(shell):
+def test_forecast_refuses_wrong_arguments(shell):
     assert shell("forecast", "vabus:99", "481", port=None) == 2
     assert "vabus has no drive at address 99" in shell.err
     assert shell("forecast", "vabus:1", "481", "--delay", "-5", port=None) == 2
     assert shell("forecast", "vabus:1", "481", "--guard", "-5", port=None) == 2
 
 
-def test_what_help_says(shell):
+def test_poll_help_explains_periods_and_priorities(shell):
     assert shell("poll", "--help", port=None) == 0
     assert "@SECONDS" in shell.out
     assert "!PRIORITY" in shell.out

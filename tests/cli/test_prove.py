@@ -1,4 +1,4 @@
-"""prove: a drive held against its model, the report, and the consent without which nothing moves."""
+"""The prove command: a drive checked against its model, the proof file, and consent before the motor moves."""
 
 import io
 import os
@@ -23,7 +23,7 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def interruptible(monkeypatch):
-    """As in a process of its own."""
+    """Install the interrupt handler of a command process; remove it after the test."""
     monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
     before = signal.getsignal(signal.SIGINT)
     signals.interrupt()
@@ -32,7 +32,7 @@ def interruptible(monkeypatch):
 
 
 def typed(monkeypatch, text):
-    """Let somebody type at a terminal."""
+    """Make standard input a terminal at which the text is typed."""
     terminal = io.StringIO(text + "\n")
     terminal.isatty = lambda: True
     monkeypatch.setattr(sys, "stdin", terminal)
@@ -42,7 +42,7 @@ def proved_text(folder, name="proof-vabus-agile.toml"):
     return (folder / name).read_text(encoding="utf-8")
 
 
-def test_proof_over_a_pty_is_written_and_says_that_the_drive_is_virtual(virtual_drive, folder, capsys):
+def test_proof_over_a_pty_is_written_and_notes_a_virtual_drive(virtual_drive, folder, capsys):
     drive = virtual_drive("vabus:3,model=agile", listen="pty")
     before = {address: drive.holds(address) for address in ("419", "480", "410")}
     assert main(["prove", "vabus:3", "--model", "agile", "--port", drive.port]) == 0
@@ -83,7 +83,7 @@ def test_report_leaves_serial_numbers_names_and_addresses_out(shell, folder):
 @pytest.mark.usefixtures("interruptible")
 @pytest.mark.skipif(os.name != "posix", reason="signals are POSIX")
 @pytest.mark.parametrize("at_s", [0.3, 1.5, 4.0])
-def test_interrupted_proof_is_whole_and_says_where_it_was(shell, folder, at_s):
+def test_interrupted_proof_is_whole_and_names_where_it_ended(shell, folder, at_s):
     line = shell.line(virtual_drive("vabus", 3, model="agile"))
     line.call_at(at_s, lambda: signal.raise_signal(signal.SIGINT))
     assert shell("prove", "vabus:3", "--model", "agile") == 130
@@ -98,7 +98,7 @@ def test_interrupted_proof_is_whole_and_says_where_it_was(shell, folder, at_s):
     assert at not in asked
 
 
-def test_outage_leaves_a_whole_proof_that_says_what_happened(shell, folder):
+def test_outage_leaves_a_whole_proof_with_the_reason(shell, folder):
     line = shell.line(virtual_drive("vabus", 3, model="agile"))
     line.call_at(1.0, lambda: line.power_off(line.drives[0]))
     assert shell("prove", "vabus:3", "--model", "agile") == 4
@@ -114,7 +114,7 @@ def test_lost_port_leaves_a_whole_proof(shell, folder):
     assert read_proof(folder / "proof-vabus-agile.toml").interrupted.startswith("at parameter ")
 
 
-def test_short_outage_is_waited_for_and_contradicts_nothing(shell, folder):
+def test_short_outage_neither_ends_nor_contradicts_the_proof(shell, folder):
     line = shell.line(virtual_drive("vabus", 3, model="agile"))
     line.call_at(1.0, lambda: line.power_off(line.drives[0]))
     line.call_at(2.5, lambda: line.power_on(line.drives[0]))
@@ -131,7 +131,7 @@ def test_dry_run_prints_the_questions_and_sends_nothing(shell, folder):
     assert not list(folder.iterdir())
 
 
-def test_report_that_is_there_is_not_replaced(shell, folder):
+def test_existing_report_is_not_replaced(shell, folder):
     line = shell.line(virtual_drive("vabus", 3, model="agile"))
     (folder / "proof-vabus-agile.toml").write_text("mine")
     assert shell("prove", "vabus:3", "--model", "agile") == 2
@@ -217,7 +217,7 @@ def test_ctrl_c_while_the_motor_runs_stops_it_and_leaves_a_whole_proof(shell, mo
     assert not drive.motor.running
 
 
-def test_stop_that_is_never_confirmed_is_said(shell, monkeypatch, folder):
+def test_unconfirmed_stop_is_reported(shell, monkeypatch, folder):
     drive = virtual_drive("vabus", 3, model="agile")
     line = shell.line(drive)
     typed(monkeypatch, "vabus:3")

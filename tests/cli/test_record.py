@@ -1,4 +1,4 @@
-"""--record: the drive commands write what is sent and received to a file."""
+"""The option --record: drive commands write sent and received bytes to a file."""
 
 import pytest
 
@@ -8,7 +8,7 @@ from drivecomm.virtual import virtual_drive
 
 
 @pytest.mark.parametrize("suffix", [".jsonl", ".pcapng"])
-def test_commands_record(shell, tmp_path, suffix):
+def test_read_records_its_exchange(shell, tmp_path, suffix):
     shell.line()
     path = tmp_path / f"a{suffix}"
     assert shell("read", "vabus:1", "481", "--record", str(path)) == 0
@@ -19,7 +19,7 @@ def test_commands_record(shell, tmp_path, suffix):
     assert recorded_exchanges(capture)[0].reply
 
 
-def test_scans_and_statistics_record(shell, tmp_path):
+def test_scan_and_stats_record_their_exchanges(shell, tmp_path):
     shell.line()
     path = tmp_path / "a.jsonl"
     assert shell("scan", "--protocol", "vabus", "--addresses", "1-3", "--record", str(path)) == 0
@@ -29,14 +29,14 @@ def test_scans_and_statistics_record(shell, tmp_path):
     assert {each.request[1:2] for each in recorded_exchanges(read_capture(path))} <= {b"A", b""}
 
 
-def test_a_wrong_file_is_one_sentence(shell, tmp_path):
+def test_wrong_file_name_is_refused_in_one_sentence(shell, tmp_path):
     shell.line()
     assert shell("read", "vabus:1", "481", "--record", str(tmp_path / "a.txt")) == 2
     assert shell.err.count("\n") == 1
     assert "name it .jsonl, or .pcapng for Wireshark" in shell.err
 
 
-def test_who_does_not_record_says_so(shell, tmp_path):
+def test_command_that_cannot_record_refuses_the_option(shell, tmp_path):
     shell.line()
     path = tmp_path / "a.jsonl"
     assert shell("doctor", "--record", str(path)) == 2
@@ -44,7 +44,7 @@ def test_who_does_not_record_says_so(shell, tmp_path):
     assert not path.exists()
 
 
-def test_one_file_is_for_one_line(shell, tmp_path):
+def test_record_of_several_lines_is_refused(shell, tmp_path):
     shell.line(virtual_drive("vabus", 1), name="one")
     shell.line(virtual_drive("vabus", 2), name="two")
     plan = tmp_path / "plan.toml"

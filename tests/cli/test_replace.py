@@ -1,4 +1,4 @@
-"""replace: a new drive gets the approved settings, and a wrong one gets nothing."""
+"""The replace command: a new drive gets the approved settings, and a wrong drive gets nothing."""
 
 import re
 import shlex
@@ -31,7 +31,7 @@ OLD_SERIAL = "999999A111"
 
 @pytest.fixture
 def line(shell, tmp_path, monkeypatch):
-    """A plant in this folder; the drives of its baselines are gone, and new ones are in their places."""
+    """Create a plant with baselines of former drives in the current folder; return a line with new drives."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("DRIVECOMM_PLANT", raising=False)
     Path("plant.toml").write_text(PLANT, encoding="utf-8")
@@ -71,7 +71,7 @@ def test_new_drive_gets_the_approved_settings_and_its_watchdog_last(shell, line)
     assert shell("drift", "fan", port=None) == 0
 
 
-def test_nothing_is_written_without_yes_where_nobody_can_be_asked(shell, line):
+def test_replace_writes_nothing_without_yes_or_a_terminal(shell, line):
     before = line.drives[0].peek("3-41", 0.0)
     assert replace(shell, "fan") == 1
     assert shell.out.splitlines()[-1] == "fan  nothing was written; --yes writes it"
@@ -97,7 +97,7 @@ def test_drive_that_was_not_replaced_is_left_alone(shell, line):
     assert line.drives[0].peek("3-41", 0.0) != 1234
 
 
-def test_drive_that_reports_no_type_needs_a_person_who_compared_name_plates(shell, line):
+def test_drive_that_reports_no_type_needs_the_plate_compared_flag(shell, line):
     assert replace(shell, "pump", "--yes") == 2
     assert "does not report its type and size" in shell.err
     assert line.drives[1].peek("482[3]", 0.0) != "000005DC"
@@ -105,7 +105,7 @@ def test_drive_that_reports_no_type_needs_a_person_who_compared_name_plates(shel
     assert line.drives[1].peek("482[3]", 0.0) == "000005DC"
 
 
-def test_silent_drive_is_set_up_at_its_panel_first(shell, line):
+def test_replace_lists_the_panel_settings_for_a_silent_drive(shell, line):
     line.power_off(line.drives[0])
     assert replace(shell, "fan", "--yes") == 4
     assert "8-31" in shell.out
@@ -113,7 +113,7 @@ def test_silent_drive_is_set_up_at_its_panel_first(shell, line):
     assert "drivecomm scan line --protocol danfoss-fc --wide" in shell.err
 
 
-def test_running_motor_gets_nothing(shell, line):
+def test_drive_with_a_running_motor_gets_nothing(shell, line):
     with drivecomm.open_bus(line.port) as bus:
         fan = bus.drive("danfoss-fc", 3, model="fc300")
         fan.set_reference(percent=10)
@@ -135,7 +135,7 @@ def test_interrupted_replacement_continues(shell, line):
     assert [fan.peek(address, 0.0) for address in ("3-41", "3-42", "8-03")] == [1234, 2345, 30]
 
 
-def test_drive_without_a_baseline_needs_a_file(shell, line):
+def test_drive_without_a_baseline_needs_a_backup_file(shell, line):
     assert line
     Path("baselines/fan.toml").rename("fan-before.toml")
     assert replace(shell, "fan", "--yes") == 2

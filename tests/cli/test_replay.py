@@ -1,4 +1,4 @@
-"""replay and vectors from-capture: a recorded file answers, asks, and becomes vectors."""
+"""replay and vectors from-capture: a capture is played as master or as drives, and becomes test vectors."""
 
 import json
 import os
@@ -22,7 +22,7 @@ READ_AND_START = (["read", "danfoss-fc:3", "16-30"], ["start", "danfoss-fc:3", "
 
 @pytest.fixture
 def session(shell, tmp_path):
-    """A recorded session with a drive: a read, a command, another read."""
+    """Record a session with a drive, a read and ten seconds later a start; return the capture file."""
     shell.line(virtual_drive("danfoss-fc", 3))
     path = tmp_path / "session.jsonl"
     parts = []
@@ -37,7 +37,7 @@ def session(shell, tmp_path):
     return path
 
 
-def test_the_same_line_answers_the_same(shell, session):
+def test_replay_to_the_same_line_finds_no_difference_and_starts_nothing(shell, session):
     line = shell.line(virtual_drive("danfoss-fc", 3))
     assert shell("replay", str(session)) == 0
     assert "0 answered differently" in shell.out
@@ -45,14 +45,14 @@ def test_the_same_line_answers_the_same(shell, session):
     assert line.drives[0].motor.command is Command.OFF
 
 
-def test_commands_are_sent_when_they_are_wanted(shell, session):
+def test_commands_flag_also_sends_the_recorded_commands(shell, session):
     line = shell.line(virtual_drive("danfoss-fc", 3))
     assert shell("replay", str(session), "--commands", "--faster", "2") == 0
     assert "--commands" not in shell.out
     assert line.drives[0].motor.command is Command.RUN
 
 
-def test_differences_are_a_table(shell, session):
+def test_differences_are_printed_as_a_table(shell, session):
     line = shell.line(virtual_drive("danfoss-fc", 3))
     line.drives[0].poke("16-30", 321)
     assert shell("replay", str(session)) == 1
@@ -61,7 +61,7 @@ def test_differences_are_a_table(shell, session):
     assert "is 321" in shell.out
 
 
-def test_differences_as_objects(shell, session):
+def test_differences_are_printed_as_json(shell, session):
     line = shell.line(virtual_drive("danfoss-fc", 3))
     line.drives[0].poke("16-30", 321)
     assert shell("replay", str(session), "--json") == 1
@@ -71,14 +71,14 @@ def test_differences_as_objects(shell, session):
     assert [bool(each["difference"]) for each in outcomes].count(True) == 1
 
 
-def test_other_line_settings(shell, session):
+def test_given_line_settings_override_those_of_the_capture(shell, session):
     shell.line(virtual_drive("danfoss-fc", 3, baudrate=19200))
     assert shell("replay", str(session), "--timeout", "0.1") == 1
     assert "nothing came" in shell.out
     assert shell("replay", str(session), "--baudrate", "19200") == 0
 
 
-def test_what_is_cut_off_is_said(shell, session):
+def test_cut_off_capture_is_replayed_with_a_note(shell, session):
     shell.line(virtual_drive("danfoss-fc", 3))
     content = session.read_bytes()
     session.write_bytes(content[:-10])
@@ -86,7 +86,7 @@ def test_what_is_cut_off_is_said(shell, session):
     assert "is cut off and left out" in shell.err
 
 
-def test_calls_that_cannot_be(shell, session, tmp_path):
+def test_replay_refuses_wrong_arguments(shell, session, tmp_path):
     shell.line()
     for words, what in [
         (["replay", str(tmp_path / "absent.jsonl")], "there is no such file"),
@@ -104,8 +104,8 @@ def test_calls_that_cannot_be(shell, session, tmp_path):
     assert "give --port" in shell.err
 
 
-def test_a_tap_does_not_say_who_spoke(shell, session, tmp_path):
-    """It is found out by the protocols, so that its capture replays as any other."""
+def test_capture_without_senders_replays_like_any_other(shell, session, tmp_path):
+    """The protocols show the sender of each telegram, so a capture without senders replays like any other."""
     recorded, path = read_capture(session), tmp_path / "tap.pcapng"
     with CaptureWriter(path, recorded.provenance) as writer:
         for piece in recorded.pieces:
@@ -114,14 +114,14 @@ def test_a_tap_does_not_say_who_spoke(shell, session, tmp_path):
     assert shell("replay", str(path)) == 0
     said = shell.out
     assert shell("replay", str(session)) == 0
-    # A process block of a Danfoss drive is a sound MOVILINK telegram, too, and neither is sent.
+    # The count of unsent telegrams may differ: a Danfoss process block is also a valid MOVILINK telegram.
     assert re.sub(r"\d+ not sent", "not sent", shell.out) == re.sub(r"\d+ not sent", "not sent", said)
     assert line.drives[0].motor.command is Command.OFF
 
 
 @pytest.mark.soak
 @posix
-def test_a_recording_answers_other_programs(session, tmp_path):
+def test_replay_at_a_listening_port_answers_other_programs(session, tmp_path):
     place = tmp_path / "line"
     process = subprocess.Popen(
         [sys.executable, "-m", "drivecomm", "replay", str(session), "--listen", f"pty:{place}", "--json"],
@@ -166,7 +166,7 @@ def test_a_recording_answers_other_programs(session, tmp_path):
         process.communicate()
 
 
-def test_captures_become_vectors(shell, session, tmp_path):
+def test_capture_becomes_vectors(shell, session, tmp_path):
     path = tmp_path / "captured.toml"
     assert shell("vectors", "from-capture", str(session), "--protocol", "danfoss-fc", port=None) == 0
     printed = shell.out
@@ -177,7 +177,7 @@ def test_captures_become_vectors(shell, session, tmp_path):
     assert main(["vectors", "check", str(path)]) == 0
 
 
-def test_vectors_that_cannot_be(shell, session, tmp_path):
+def test_from_capture_refuses_wrong_arguments(shell, session, tmp_path):
     for words, what in [
         (["--protocol", "vabus"], "no telegram of vabus"),
         (["--protocol", "profibus"], "no installed protocol"),
@@ -189,7 +189,7 @@ def test_vectors_that_cannot_be(shell, session, tmp_path):
         assert what in shell.err
 
 
-def test_a_cut_off_capture_becomes_vectors_and_says_so(shell, tmp_path):
+def test_cut_off_capture_becomes_vectors_with_a_note(shell, tmp_path):
     path = tmp_path / "a.pcapng"
     with CaptureWriter(path, Provenance()) as writer:
         for time_s in range(2):

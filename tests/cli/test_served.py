@@ -1,4 +1,4 @@
-"""Every command against a plant that a server owns and against bare ports: the same output, the same exit code."""
+"""Commands through a server and at bare ports: the same output and the same exit code."""
 
 import os
 import re
@@ -55,7 +55,7 @@ trip = {{ code = 14, at_s = 0 }}
 """
 
 PORT = "{folder}/hall"
-"""Stands for the port of the plant's line."""
+"""Port of the plant's line; `Place` fills in the folder."""
 
 COMMANDS = {
     "read": ["read", "pump", "output_frequency", "480"],
@@ -124,7 +124,7 @@ COMMANDS = {
     "grow a model": ["models", "grow", "fan", "3-41", "3-42", "--write", "{folder}/grown.toml"],
     "compare": ["compare", "pump", "pump"],
 }
-"""By what they show."""
+"""Command lines by the name of the test case."""
 
 TIMES = (
     (re.compile(r"^(ok|note) +time .*", re.MULTILINE), "REPLY TIMES"),
@@ -146,7 +146,7 @@ def masked(text):
 
 
 class Place:
-    """A plant of virtual drives that runs, and commands in it. file: its plant file."""
+    """Folder with a running virtual plant, in which commands are run. file: the plant file."""
 
     def __init__(self, folder, capsys):
         self.folder = folder
@@ -163,10 +163,10 @@ class Place:
 
 @pytest.fixture
 def place(request, tmp_path, capsys, monkeypatch):
-    """A folder with a plant file, whose drives a thread serves."""
-    # Sockets have room for a hundred characters.
+    """Serve the drives of a plant file in a thread; yield the folder as a `Place`."""
+    # The path of a Unix socket has at most about a hundred characters.
     runtime = Path(tempfile.mkdtemp(prefix="dc"))
-    request.addfinalizer(lambda: shutil.rmtree(runtime, ignore_errors=True))  # noqa: PT021 - whatever follows fails
+    request.addfinalizer(lambda: shutil.rmtree(runtime, ignore_errors=True))  # noqa: PT021 - runs even if a later step fails
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     for name in ("DRIVECOMM_PORT", "DRIVECOMM_PLANT", "RUNTIME_DIRECTORY"):
@@ -179,7 +179,7 @@ def place(request, tmp_path, capsys, monkeypatch):
 
 @pytest.mark.soak
 @pytest.mark.parametrize("command", every(4, COMMANDS))
-def test_the_same_through_a_server_as_on_bare_ports(place, command):
+def test_command_prints_the_same_through_a_server_as_at_bare_ports(place, command):
     words = COMMANDS[command]
     if words[0] == "restore":
         assert place("backup", "fan", words[2])[0] == 0
@@ -191,7 +191,7 @@ def test_the_same_through_a_server_as_on_bare_ports(place, command):
 
 
 def started(*arguments, end=lambda process: process.send_signal(signal.SIGINT)):
-    """Run a start that stays, end it when it says that the motor was started, and return what came of it."""
+    """Run a start that stays, call `end` when the motor has started, and return the exit code and the output."""
     command = [sys.executable, "-m", "drivecomm", "start", *arguments]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         said = []
@@ -209,7 +209,7 @@ def started(*arguments, end=lambda process: process.send_signal(signal.SIGINT)):
 
 @pytest.mark.soak
 @pytest.mark.parametrize("further", [[], ["--json"], ["--watchdog", "3", "--percent", "40", "--reverse"]], ids=str)
-def test_a_start_that_stays_until_ctrl_c(place, further):
+def test_start_until_ctrl_c_prints_the_same_through_a_server(place, further):
     bare = started("pump", *further)
     with running_server(place.file):
         served = started("pump", *further)
@@ -219,7 +219,7 @@ def test_a_start_that_stays_until_ctrl_c(place, further):
 
 
 @pytest.mark.soak
-def test_a_start_is_ended_by_the_stop_of_another_program(place):
+def test_start_ended_by_another_stop_prints_the_same_through_a_server(place):
     def stop(_):
         subprocess.run([sys.executable, "-m", "drivecomm", "stop", "pump"], check=True, capture_output=True)
 
@@ -244,7 +244,7 @@ def test_drift_is_the_same_through_a_server(place):
     assert "482[1] fixed_frequency_3  25.00 Hz -> 15.00 Hz" in bare[1]
 
 
-def test_a_start_refuses_what_the_server_refuses(place):
+def test_refused_start_prints_the_same_through_a_server(place):
     bare = place("start", "fan", "--arm", "--link-loss", "ramp", "--watchdog", "2.55")
     with running_server(place.file):
         served = place("start", "fan", "--arm", "--link-loss", "ramp", "--watchdog", "2.55")
@@ -253,26 +253,26 @@ def test_a_start_refuses_what_the_server_refuses(place):
 
 
 @pytest.mark.parametrize("as_json", [[], ["--json"]], ids=["text", "json"])
-def test_stop_all_through_the_server_tells_what_each_drive_has_confirmed(place, as_json):
+def test_stop_all_through_a_server_reports_each_confirmed_drive(place, as_json):
     code, bare, _ = place("stop", "--all", *as_json)
     with running_server(place.file):
         code_served, served, complaint = place("stop", "--all", *as_json)
     assert code_served == code == 0
     assert complaint == ""
-    # Each is told as soon as it has confirmed.
+    # The drives are printed in the order of their confirmations.
     assert sorted(served.splitlines()) == sorted(bare.splitlines())
     assert ":*" in served
 
 
 def until(condition):
-    """Wait for what the server does in a moment of its own."""
+    """Wait until the condition holds, which the server brings about in the background; fail after 10 s."""
     end = time.monotonic() + 10
     while not condition():
         assert time.monotonic() < end
         time.sleep(0.01)
 
 
-def test_status_shows_the_stop_that_stands_in_the_server(place):
+def test_status_shows_a_standing_stop_of_the_server(place):
     plc = Caller(name="10.0.0.4", role=Role.OPERATE, door="modbus-tcp 127.0.0.1:502")
     said = "stop (ramp) demanded by 10.0.0.4 (modbus-tcp 127.0.0.1:502)"
     with running_server(place.file) as plant:
@@ -301,7 +301,7 @@ def test_stop_all_of_a_port_stops_the_drives_of_its_line(place):
 
 @pytest.mark.soak
 @pytest.mark.parametrize("command", [["stop", "pump"], ["stop", "--all"], ["stop", "danfoss-fc:*"]], ids=" ".join)
-def test_a_stop_goes_to_the_port_when_the_server_does_not_answer(place, command):
+def test_stop_goes_to_the_port_if_the_server_does_not_answer(place, command):
     bare = place(*command)
     with serving(place.file) as server:
         for plant in server.plants.values():
@@ -317,7 +317,7 @@ def test_a_stop_goes_to_the_port_when_the_server_does_not_answer(place, command)
 
 
 @pytest.mark.soak
-def test_a_command_names_the_server_that_does_not_answer(place):
+def test_command_names_the_server_that_does_not_answer(place):
     with serving(place.file) as server:
         server.hang.set()
         code, _, complaint = place("read", "pump", "480")
@@ -326,7 +326,7 @@ def test_a_command_names_the_server_that_does_not_answer(place):
 
 
 @pytest.mark.parametrize("command", [["tune", "pump"], ["replay", "{folder}/said.jsonl"]], ids=lambda each: each[0])
-def test_what_needs_the_port_for_itself_names_the_server(place, command):
+def test_command_that_needs_the_port_itself_names_the_server(place, command):
     assert place("read", "pump", "480", "--record", "{folder}/said.jsonl")[0] == 0
     with running_server(place.file):
         code, _, complaint = place(*command)
@@ -335,26 +335,26 @@ def test_what_needs_the_port_for_itself_names_the_server(place, command):
 
 
 @pytest.mark.parametrize("flag", ["--rs485", "--echo", "--low-latency"])
-def test_what_the_server_has_decided_is_refused(place, flag):
+def test_line_flag_without_effect_at_a_server_is_refused(place, flag):
     with running_server(place.file):
         code, _, complaint = place("read", "pump", "480", flag)
     assert code == 2
     assert f"so {flag} has no effect; leave it out" in complaint
 
 
-def test_a_trace_through_the_server_has_what_was_asked(place):
+def test_trace_through_a_server_holds_the_telegrams_of_the_command(place):
     code, said, trace = place("read", "pump", "480", "--trace")
     with running_server(place.file):
         code_served, said_served, trace_served = place("read", "pump", "480", "--trace")
     assert (code_served, said_served) == (code, said)
     asked = [text for text in trace.splitlines() if "->" in text or "<-" in text]
     assert len(asked) == 3
-    # What the server asks of itself stands between.
+    # The trace also holds the requests of the server itself.
     left = iter(trace_served.splitlines())
     assert all(text in left for text in asked)
 
 
-def test_a_recording_through_the_server_has_what_was_asked(place):
+def test_recording_through_a_server_holds_the_telegrams_of_the_command(place):
     with running_server(place.file):
         code, _, complaint = place("read", "pump", "480", "--record", "{folder}/said.jsonl")
     assert (code, complaint) == (0, "")
@@ -374,8 +374,8 @@ def test_sniff_listens_to_the_servers_own_traffic(place):
     assert "through its server" in complaint
 
 
-def test_stop_all_reports_each_drive_as_it_confirms_and_one_that_does_not(place, monkeypatch):
-    """The silent drive is answered for only when the other one has been reported."""
+def test_stop_all_reports_each_drive_as_it_confirms_or_fails(place, monkeypatch):
+    """Hold the failure of the silent drive back until the other drive has been reported."""
     reported, carry_out = threading.Event(), FakeServer.command
 
     def command(server, drive, verb, body):
@@ -418,14 +418,14 @@ NOBODYS = {
         "drivecomm.client.line_trace",
     ),
 }
-"""What goes through a server needs none of these."""
+"""Modules that no command through a server needs."""
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize(
     "command", [["read", "pump", "output_frequency"], ["status", "pump"], ["reference", "pump", "1Hz"]]
 )
-def test_what_goes_through_a_server_loads_little(place, command):
+def test_command_through_a_server_loads_few_modules(place, command):
     with running_server(place.file):
         done = subprocess.run(
             [sys.executable, "-c", LOADING, *command], capture_output=True, text=True, check=True, timeout=60

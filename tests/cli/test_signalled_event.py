@@ -1,4 +1,4 @@
-"""An event that a signal sets: at whatever instruction the handler comes, nobody waits for ever."""
+"""Events set by a signal handler: a wait always ends, whichever of its instructions the handler interrupts."""
 
 import sys
 import time
@@ -12,13 +12,13 @@ from drivecomm.bus import WatchdogKeeper
 from drivecomm.cli.signals import SignalledEvent
 
 INSTRUCTIONS = 150
-"""More than a short wait has; what comes later is set by the end of the test."""
+"""More instructions than a short wait has; a handler that was not called by then is called at the end of the test."""
 
 
 def interrupted_at(place, wait, handler):
-    """Call the handler within a wait, before its instruction with this number; returns whether the wait ended.
+    """Call the handler during a wait, before instruction number `place`; return whether the wait ended.
 
-    A signal handler comes in the same way: in between, and in the same thread.
+    A signal handler runs in the same way: between two instructions, in the same thread.
     """
     passed = 0
 
@@ -48,14 +48,14 @@ def interrupted_at(place, wait, handler):
 
 
 @pytest.mark.parametrize("place", every(5, range(1, INSTRUCTIONS, 7)))
-def test_a_wait_ends_wherever_it_is_interrupted(place):
+def test_wait_ends_at_whichever_instruction_the_event_is_set(place):
     event = SignalledEvent()
     assert interrupted_at(place, event.wait, event.set)
     assert event.is_set()
 
 
 @pytest.mark.parametrize("place", every(5, range(1, INSTRUCTIONS, 3)))
-def test_a_motor_is_kept_no_longer_wherever_that_is_interrupted(place):
+def test_watchdog_keeper_ends_at_whichever_instruction_the_event_is_set(place):
     event = Event()
     keeper = SimpleNamespace(
         _drive=SimpleNamespace(bus=SimpleNamespace(real_time=True)), _failed=Event(), _raise_first=lambda: None
@@ -63,7 +63,7 @@ def test_a_motor_is_kept_no_longer_wherever_that_is_interrupted(place):
     assert interrupted_at(place, lambda: WatchdogKeeper.until(keeper, event), event.set)
 
 
-def test_all_that_wait_go_on():
+def test_set_event_wakes_all_waiting_threads():
     event, ended = SignalledEvent(), []
     threads = [Thread(target=lambda: ended.append(event.wait(5)), daemon=True) for _ in range(3)]
     for thread in threads:
@@ -78,7 +78,7 @@ def test_all_that_wait_go_on():
     assert event.wait()
 
 
-def test_a_wait_has_its_time():
+def test_wait_returns_false_after_its_timeout():
     event = SignalledEvent()
     assert not event.wait(0.01)
     assert not event.wait(0)

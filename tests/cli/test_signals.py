@@ -1,4 +1,4 @@
-"""SIGTERM and SIGHUP are Ctrl-C by other names; SIGHUP is left ignored; missing descriptors are filled."""
+"""SIGTERM and SIGHUP end a command as Ctrl-C does, an ignored SIGHUP stays ignored; missing streams are filled."""
 
 import asyncio
 import os
@@ -19,7 +19,7 @@ CODES = {"SIGINT": 130, "SIGTERM": 143, "SIGHUP": 129}
 
 @pytest.fixture
 def interruptible(monkeypatch):
-    """As in a process of its own."""
+    """Install the signal handlers of a command process; restore the earlier handlers after the test."""
     monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
     before = {number: signal.getsignal(number) for number in map(signal.Signals.__getitem__, CODES)}
     signals.interrupt()
@@ -30,7 +30,7 @@ def interruptible(monkeypatch):
 
 @pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("name", CODES)
-def test_a_scan_keeps_what_was_found(shell, tmp_path, name):
+def test_interrupted_scan_writes_the_drives_found_so_far(shell, tmp_path, name):
     line = shell.line(virtual_drive("vabus", 1), virtual_drive("vabus", 2))
     path = tmp_path / "plant.toml"
     line.call_at(3, lambda: signal.raise_signal(signal.Signals[name]))
@@ -42,7 +42,7 @@ def test_a_scan_keeps_what_was_found(shell, tmp_path, name):
 
 @pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("name", CODES)
-def test_a_reading_is_interrupted(shell, name):
+def test_signal_interrupts_a_read(shell, name):
     line = shell.line()
     line.power_off(line.drives[0])
     line.call_at(0.1, lambda: signal.raise_signal(signal.Signals[name]))
@@ -53,7 +53,7 @@ def test_a_reading_is_interrupted(shell, name):
 
 
 @pytest.mark.usefixtures("interruptible")
-def test_two_signals_at_once_are_one_wish(shell):
+def test_two_signals_in_a_row_count_as_the_first(shell):
     line = shell.line()
     line.call_at(0.001, lambda: (signal.raise_signal(signal.SIGHUP), signal.raise_signal(signal.SIGTERM)))
     assert shell("read", "vabus:1", "481") == CODES["SIGHUP"]
@@ -61,17 +61,17 @@ def test_two_signals_at_once_are_one_wish(shell):
 
 
 class Finalized:
-    """No exception gets out of the end of an object: the interpreter tells of it and goes on."""
+    """Object whose finaliser raises a signal; the interpreter reports an exception there and does not propagate it."""
 
     def __del__(self):
         signal.raise_signal(signal.SIGINT)
 
 
 @pytest.mark.usefixtures("interruptible")
-def test_a_signal_where_no_exception_gets_out_is_not_lost(shell, tmp_path):
+def test_signal_in_a_finaliser_is_not_lost(shell, tmp_path):
     line = shell.line(virtual_drive("vabus", 1))
     line.call_at(0.5, Finalized)
-    # It is repeated by a thread, which a busy machine may let wait.
+    # A thread repeats the signal, and on a busy machine the thread may run late.
     line.call_at(0.6, lambda: [time.sleep(0.01) for _ in range(1000)])
     given = ("--wide", "--protocol", "vabus", "-a", "1-63", "--write", str(tmp_path / "plant.toml"))
     assert shell("scan", *given) == CODES["SIGINT"]
@@ -86,7 +86,7 @@ class Broken:
 
 
 @pytest.mark.usefixtures("interruptible")
-def test_other_errors_where_no_exception_gets_out_are_told(shell):
+def test_other_error_in_a_finaliser_is_reported(shell):
     line = shell.line(virtual_drive("vabus", 1))
     line.call_at(0.001, Broken)
     assert shell("read", "vabus:1", "481") == 0
@@ -97,7 +97,7 @@ POLL = [sys.executable, "-m", "drivecomm", "poll", "vabus:1", "481", "--port", "
 
 
 @pytest.mark.parametrize("name", CODES)
-def test_a_process_is_interrupted(name):
+def test_signal_interrupts_a_process(name):
     with subprocess.Popen(POLL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as polling:
         polling.stdout.readline()
         polling.send_signal(signal.Signals[name])
@@ -105,7 +105,7 @@ def test_a_process_is_interrupted(name):
     assert (polling.returncode, told) == (CODES[name], "drivecomm: interrupted\n")
 
 
-def test_what_nohup_started_goes_on_without_its_terminal():
+def test_process_under_nohup_survives_the_end_of_its_terminal():
     command = ["sh", "-c", 'trap "" HUP; exec "$@"', "sh", *POLL]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as polling:
         polling.stdout.readline()
@@ -116,7 +116,7 @@ def test_what_nohup_started_goes_on_without_its_terminal():
     assert polling.returncode == CODES["SIGTERM"]
 
 
-def test_nothing_is_opened_in_the_place_of_a_stream_that_is_missing():
+def test_opened_file_never_takes_the_number_of_a_missing_stream():
     program = (
         "import os, sys; [os.close(number) for number in (0, 1, 2)]; sys.stdin = sys.stdout = sys.stderr = None;"
         "from drivecomm.cli import streams; streams.guard();"
@@ -129,11 +129,11 @@ def test_nothing_is_opened_in_the_place_of_a_stream_that_is_missing():
 @pytest.mark.usefixtures("interruptible")
 class TestEventLoop:
     @pytest.fixture(autouse=True)
-    def _command_begins(self, interruptible):  # noqa: ARG002 - which comes first
+    def _command_begins(self, interruptible):  # noqa: ARG002 - must be set up first
         signals.loaded()
 
     @pytest.mark.parametrize("name", CODES)
-    def test_a_signal_cancels_what_awaits_which_ends_in_order(self, name):
+    def test_signal_cancels_a_coroutine_and_lets_it_clean_up(self, name):
         ended = []
 
         async def waiting():
@@ -148,7 +148,7 @@ class TestEventLoop:
         assert ended == [name]
         assert signals.interrupted() == signal.Signals[name]
 
-    def test_one_that_comes_while_the_loop_is_made_waits_until_it_stands(self, monkeypatch):
+    def test_signal_while_the_loop_is_created_prevents_the_coroutine(self, monkeypatch):
         make = asyncio.new_event_loop
 
         def interrupted():
@@ -165,7 +165,7 @@ class TestEventLoop:
             event_loop.run(never)
         assert not begun
 
-    def test_one_that_comes_when_all_is_done_changes_nothing(self, monkeypatch):
+    def test_signal_after_the_coroutine_has_ended_changes_nothing(self, monkeypatch):
         async def done():
             loop = asyncio.get_running_loop()
             monkeypatch.setattr(loop, "close", lambda: (signal.raise_signal(signal.SIGINT), type(loop).close(loop)))
@@ -173,7 +173,7 @@ class TestEventLoop:
 
         assert event_loop.run(done) == 7
 
-    def test_what_was_cancelled_by_itself_is_no_interruption(self):
+    def test_coroutine_that_cancels_itself_is_not_an_interruption(self):
         async def cancelled():
             raise asyncio.CancelledError
 

@@ -1,4 +1,4 @@
-"""simulate: virtual drives for other programs, as processes that talk to each other."""
+"""The simulate command: virtual drives for other programs, as processes that talk to each other."""
 
 import json
 import os
@@ -19,7 +19,7 @@ READS = {"vabus:1": "481", "danfoss-fc:3": "16-30", "vlt3500:5": "215", "fuji:7"
 
 @pytest.fixture(scope="module")
 def drivecomm(tmp_path_factory):
-    """Runs commands as processes of their own."""
+    """Yield a function that runs a command at a port, as a process of its own."""
     commands = Commands(tmp_path_factory.mktemp("commands"))
     yield lambda *arguments, port: commands(*arguments, "--port", port)
     commands.close()
@@ -27,7 +27,7 @@ def drivecomm(tmp_path_factory):
 
 @pytest.fixture
 def simulated():
-    """Start a simulator that listens at a place; returns its process and the port for a master."""
+    """Yield a function that starts a simulator at a place and returns its process and the port for a master."""
     running = []
 
     def start(listen, *more):
@@ -51,7 +51,7 @@ def simulated():
 @pytest.mark.soak
 @posix
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_it_stops_cleanly(simulated, tmp_path, number):
+def test_simulator_stops_cleanly_on_a_signal(simulated, tmp_path, number):
     path = tmp_path / "line"
     process, _ = simulated(f"pty:{path}")
     process.send_signal(number)
@@ -60,14 +60,14 @@ def test_it_stops_cleanly(simulated, tmp_path, number):
 
 
 def stop_when_it_serves(path):
-    """Send the signal once somebody takes it: the pseudo-terminal is there only after that."""
+    """Send SIGTERM when the pseudo-terminal exists, because from then on the signal is handled."""
     while not path.is_symlink():
         time.sleep(0.01)
     os.kill(os.getpid(), signal.SIGTERM)
 
 
 @posix
-def test_in_words(shell, tmp_path):
+def test_simulate_prints_how_to_stop_and_its_end(shell, tmp_path):
     threading.Thread(target=stop_when_it_serves, args=(tmp_path / "line",)).start()
     assert shell("simulate", "-d", "vabus:1", "-l", f"pty:{tmp_path / 'line'}", port=None) == 0
     assert shell.out.endswith("stopped\n")
@@ -76,7 +76,7 @@ def test_in_words(shell, tmp_path):
 
 @pytest.mark.soak
 @posix
-def test_every_verb_over_a_pseudo_terminal(drivecomm, simulated, tmp_path):
+def test_every_command_works_over_a_pseudo_terminal(drivecomm, simulated, tmp_path):
     path = tmp_path / "line"
     simulated(f"pty:{path}")
     for drive in EVERYBODY:
@@ -88,7 +88,7 @@ def test_every_verb_over_a_pseudo_terminal(drivecomm, simulated, tmp_path):
 
 @pytest.mark.soak
 @pytest.mark.parametrize("kind", ["tcp", "rfc2217"])
-def test_over_the_network(drivecomm, simulated, kind):
+def test_every_drive_is_read_over_the_network(drivecomm, simulated, kind):
     _, address = simulated(f"{kind}:127.0.0.1:0")
     url = f"{'socket' if kind == 'tcp' else 'rfc2217'}://{address.rpartition('//')[2].removeprefix(f'{kind}:')}"
     for drive in EVERYBODY:
@@ -99,7 +99,7 @@ def test_over_the_network(drivecomm, simulated, kind):
 
 @pytest.mark.soak
 @posix
-def test_a_reference_from_one_program_and_a_start_from_the_next(drivecomm, simulated, tmp_path):
+def test_reference_and_start_may_come_from_different_programs(drivecomm, simulated, tmp_path):
     path = tmp_path / "line"
     simulated(f"pty:{path}")
     for drive, value in zip(EVERYBODY, ("20Hz", "50%", "50%", "20Hz"), strict=True):
@@ -107,7 +107,7 @@ def test_a_reference_from_one_program_and_a_start_from_the_next(drivecomm, simul
         assert drivecomm("start", drive, "--link-loss", "hold", port=str(path)).code == 0
         again = drivecomm("reference", drive, value, port=str(path))
         if drive.startswith("danfoss"):
-            # Its reference goes out with a control word, and this program has commanded none.
+            # A Danfoss reference needs a control word beside it, and this program has commanded none.
             assert again.code == 5
             assert "came from another program" in again.err
             given = ("--percent", value.removesuffix("%"))
@@ -119,7 +119,7 @@ def test_a_reference_from_one_program_and_a_start_from_the_next(drivecomm, simul
 
 @pytest.mark.soak
 @posix
-def test_an_echoing_line(drivecomm, simulated, tmp_path):
+def test_every_drive_is_read_on_an_echoing_line(drivecomm, simulated, tmp_path):
     path = tmp_path / "line"
     simulated(f"pty:{path}", "--echo")
     for drive in EVERYBODY:
@@ -138,7 +138,7 @@ def test_an_echoing_line(drivecomm, simulated, tmp_path):
         (["--listen", "tcp:127.0.0.1:0"], "--drive"),
     ],
 )
-def test_what_cannot_be_simulated(shell, arguments, sentence):
+def test_simulate_refuses_wrong_arguments(shell, arguments, sentence):
     assert shell("simulate", *arguments, port=None) == 2
     assert sentence in shell.err
     assert shell.err.count("\n") == 1

@@ -1,4 +1,4 @@
-"""What simulate leaves behind for a master in any language: trace, record, violations, faults, listeners."""
+"""Evidence that simulate gives about a master in any language: trace, recording, violations, faults, listeners."""
 
 import json
 import os
@@ -20,7 +20,7 @@ ENQUIRY = b"\x04A00481\x05"
 
 @pytest.fixture
 def simulate(tmp_path):
-    """Start simulate; gives the process and what it printed."""
+    """Yield a function that starts simulate and returns its process and the first object that it prints."""
     with ExitStack() as opened:
 
         def start(*arguments):
@@ -145,7 +145,7 @@ def test_second_client_listens_while_the_master_is_served(simulate):
         (["--listeners"], "can have no listeners"),
     ],
 )
-def test_simulate_refuses_in_one_sentence(tmp_path, arguments, says):
+def test_simulate_refuses_wrong_options_in_one_sentence(tmp_path, arguments, says):
     (tmp_path / "there.jsonl").touch()
     listen = "rfc2217:127.0.0.1:0" if arguments == ["--listeners"] else "tcp:127.0.0.1:0"
     done = command("simulate", "--drive", "vabus:1", "--listen", listen, *arguments, cwd=tmp_path)
@@ -153,7 +153,7 @@ def test_simulate_refuses_in_one_sentence(tmp_path, arguments, says):
     assert says in done.stderr
 
 
-def test_keys_of_virtual_drives_are_options_on_the_command_line(simulate):
+def test_keys_of_virtual_drives_are_accepted_as_options(simulate):
     process, told = simulate("--drive", "vabus:2,needs_pause_s=0.5", "--listen", "tcp:127.0.0.1:0")
     second = b"\x04B00481\x05"
     with opened(told["listening"]) as port:

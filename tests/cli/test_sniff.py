@@ -1,4 +1,4 @@
-"""`drivecomm sniff`: captures and ports, as lines, objects and a table."""
+"""The sniff command at captures and ports: output as lines, JSON objects and a table."""
 
 import json
 import os
@@ -30,7 +30,7 @@ TALK = ((0.01, ENQUIRY), (0.04, VALUE), (0.10, READ), (0.70, ENQUIRY), (0.73, BR
 
 
 class Played:
-    """A port at which others talk, in virtual time; then Ctrl-C is pressed, or what else ends it."""
+    """Port that plays the traffic of others in virtual time and then raises Ctrl-C or another exception."""
 
     def __init__(self, talk, settings=SETTINGS, ends_with=KeyboardInterrupt):
         self._talk = list(talk)
@@ -95,7 +95,7 @@ def objects(output):
     return [json.loads(line) for line in output.out.splitlines()]
 
 
-def test_a_capture_is_shown_line_by_line_with_a_summary(run, capture):
+def test_capture_is_shown_line_by_line_with_a_summary(run, capture):
     code, output = run(capture, "--drive", "vabus:1,model=agile")
     lines = output.out.splitlines()
     assert code == 0
@@ -108,7 +108,7 @@ def test_a_capture_is_shown_line_by_line_with_a_summary(run, capture):
     assert any(line.startswith("| vabus:1 ") for line in lines)
 
 
-def test_objects_say_all_of_it(run, capture):
+def test_json_objects_hold_all_facts_of_each_telegram(run, capture):
     code, output = run(capture, "--json", "--names")
     found = objects(output)
     assert code == 0
@@ -131,7 +131,7 @@ def test_objects_say_all_of_it(run, capture):
     }
 
 
-def test_only_errors_of_one_drive_are_shown(run, capture):
+def test_errors_and_only_flags_filter_the_output(run, capture):
     _, output = run(capture, "--json", "--errors", "--only", "vabus:1")
     assert [one["what"] for one in objects(output) if one["what"] != "statistics"] == [
         "damaged",
@@ -142,7 +142,7 @@ def test_only_errors_of_one_drive_are_shown(run, capture):
     assert {one["drive"] for one in objects(output) if one["what"] != "statistics"} == {"fuji:5"}
 
 
-def test_the_table_has_the_last_value_of_each_drive(run, capture):
+def test_table_shows_the_last_value_of_each_drive(run, capture):
     code, output = run(capture, "--table", "--names")
     assert code == 0
     assert "last value" in output.out
@@ -152,7 +152,7 @@ def test_the_table_has_the_last_value_of_each_drive(run, capture):
 
 
 @pytest.mark.parametrize("last", [{}, {("", "danfoss-fc:3"): "reference_via_bus = 100.00 %"}])
-def test_the_table_fits_into_80_columns(monkeypatch, last):
+def test_table_fits_into_80_columns(monkeypatch, last):
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
     counted = defaultdict(Statistics)
     for drive in ("danfoss-fc:3", "vabus:12", "vlt3500:4", "line"):
@@ -169,13 +169,13 @@ def test_the_table_fits_into_80_columns(monkeypatch, last):
     assert not last or "reference_via_bus" in words
 
 
-def test_only_the_protocols_that_are_named_are_looked_for(run, capture):
+def test_protocol_flag_limits_the_decoded_protocols(run, capture):
     _, output = run(capture, "--json", "--protocol", "fuji")
     assert {one["what"] for one in objects(output)} == {"request", "unknown", "unanswered", "statistics"}
 
 
 def uss_capture(path, **provenance):
-    """Write a question to USS drive 3 and its reply, which are sound Danfoss FC telegrams as well."""
+    """Write a request to USS drive 3 and its reply, which are valid Danfoss FC telegrams as well; return the path."""
     request = bytes.fromhex("02 0E 03 14 3A 00 00 00 00 00 00 00 00 00 00 21")
     reply = bytes.fromhex("02 0E 03 24 3A 00 00 42 48 00 00 03 31 00 00 29")
     with CaptureWriter(path, Provenance(settings=LineSettings(parity="E"), **provenance)) as writer:
@@ -188,7 +188,7 @@ def drives_heard(output):
     return {one["drive"] for one in objects(output) if one["what"] in ("request", "reply")}
 
 
-def test_of_two_protocols_with_the_same_telegrams_that_of_the_named_drive_is_looked_for(run, tmp_path):
+def test_ambiguous_telegrams_are_decoded_by_the_protocol_of_the_named_drive(run, tmp_path):
     path = uss_capture(tmp_path / "uss.jsonl")
     for arguments, name in (((), "danfoss-fc:3"), (("--drive", "uss:3"), "uss:3"), (("--protocol", "uss"), "uss:3")):
         _, output = run(path, "--json", *arguments)
@@ -196,11 +196,11 @@ def test_of_two_protocols_with_the_same_telegrams_that_of_the_named_drive_is_loo
 
 
 @pytest.mark.parametrize("name", ["uss.jsonl", "uss.pcapng"])
-def test_recording_is_read_as_the_protocol_of_the_drives_that_it_names(run, tmp_path, name):
+def test_recording_is_decoded_by_the_protocol_of_its_drives(run, tmp_path, name):
     path = uss_capture(tmp_path / name, drives=("uss:3", "nothing:1", "uss", "uss:999"))
     _, output = run(path, "--json")
     assert drives_heard(output) == {"uss:3"}
-    # The recording does not name the model, so that no parameter has a name that may be wrong.
+    # The recording names no model, so parameters get no names, which could be wrong.
     assert not any(one.get("name") for one in objects(output) if one["what"] in ("request", "reply"))
     _, output = run(path, "--json", "--drive", "danfoss-fc:3")
     assert drives_heard(output) == {"danfoss-fc:3"}
@@ -220,7 +220,7 @@ def test_recording_takes_the_models_of_its_drives_from_the_plant(run, tmp_path, 
     assert drives_heard(output) == {"danfoss-fc:3"}, "the recording is not known to be of drives of the plant"
 
 
-def test_broken_plant_file_does_not_keep_a_recording_from_being_read(run, tmp_path, monkeypatch):
+def test_broken_plant_file_does_not_prevent_reading_a_recording(run, tmp_path, monkeypatch):
     plant = tmp_path / "plant.toml"
     plant.write_text("][ half saved", encoding="utf-8")
     monkeypatch.setenv("DRIVECOMM_PLANT", str(plant))
@@ -240,7 +240,7 @@ def test_ctrl_c_at_a_port_ends_with_a_summary_and_exit_code_0(run, at_port):
     assert {one["drive"] for one in objects(output) if one["what"] == "statistics"} == {"vabus:1", "fuji:5"}
 
 
-def test_what_is_heard_is_written_and_can_be_read_again(run, at_port, tmp_path):
+def test_written_capture_can_be_read_again(run, at_port, tmp_path):
     kept = tmp_path / "kept.jsonl"
     at_port(Played(TALK))
     _, live = run("/dev/ttyUSB9", "--json", "--write", str(kept), "--drive", "vabus:1,model=agile")
@@ -254,7 +254,7 @@ def test_what_is_heard_is_written_and_can_be_read_again(run, at_port, tmp_path):
     ]
 
 
-def test_a_port_that_is_lost_is_an_error_after_the_summary(run, at_port):
+def test_lost_port_is_reported_after_the_summary(run, at_port):
     at_port(Played(TALK, ends_with=LinkDownError("port /dev/ttyUSB9 is gone")))
     code, output = run("/dev/ttyUSB9", "--json")
     assert code == 3
@@ -263,7 +263,7 @@ def test_a_port_that_is_lost_is_an_error_after_the_summary(run, at_port):
 
 
 @pytest.mark.parametrize("seconds", [(), ("--for", "2")])
-def test_a_line_on_which_nobody_talks_is_said_to_be_silent(run, at_port, seconds):
+def test_line_without_traffic_is_reported_as_silent(run, at_port, seconds):
     at_port(Played([] if not seconds else [(100.0, b"too late")]))
     code, output = run("/dev/ttyUSB9", *seconds)
     assert code == 1
@@ -275,7 +275,7 @@ def test_a_line_on_which_nobody_talks_is_said_to_be_silent(run, at_port, seconds
 
 @pytest.mark.soak
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells who holds a port")
-def test_a_line_that_another_command_uses_is_left_to_it_unless_it_is_shared_on_purpose(run):
+def test_port_in_use_is_refused_unless_it_is_shared(run):
     near, far = os.openpty()
     name = os.ttyname(far)
     program = [sys.executable, "-m", "drivecomm", "sniff", name]
@@ -292,7 +292,7 @@ def test_a_line_that_another_command_uses_is_left_to_it_unless_it_is_shared_on_p
     os.close(far)
 
 
-def test_the_line_settings_are_found_by_listening(run, at_port):
+def test_detect_finds_the_line_settings(run, at_port):
     talk = [(number * 0.1 + part, data) for number in range(60) for part, data in ((0.0, ENQUIRY), (0.03, VALUE))]
     at_port(Played([(time_s + 0.5, data) for time_s, data in talk]))
     code, output = run("/dev/ttyUSB9", "--json", "--detect")
@@ -304,14 +304,14 @@ def test_the_line_settings_are_found_by_listening(run, at_port):
     assert "reply" in {one["what"] for one in found[1:]}
 
 
-def test_a_line_that_is_not_understood_is_an_error(run, at_port):
+def test_detect_exits_with_3_if_nothing_can_be_decoded(run, at_port):
     at_port(Played([(1000.0, b"never")]))
     code, output = run("/dev/ttyUSB9", "--detect")
     assert code == 3
     assert output.err.startswith("drivecomm: /dev/ttyUSB9: nothing could be decoded with the usual line settings")
 
 
-def test_where_settings_are_not_carried_there_is_nothing_to_detect(run):
+def test_detect_is_refused_at_a_port_without_line_settings(run):
     near, far = os.openpty()
     code, output = run(os.ttyname(far), "--detect")
     os.close(near)
@@ -320,7 +320,7 @@ def test_where_settings_are_not_carried_there_is_nothing_to_detect(run):
     assert "nothing to detect" in output.err
 
 
-def test_a_serial_server_is_listened_to_and_gets_nothing(run):
+def test_sniff_sends_nothing_to_a_serial_server(run):
     got = []
 
     def serve(door):
@@ -331,7 +331,7 @@ def test_a_serial_server_is_listened_to_and_gets_nothing(run):
             got.append(server.recv(100))
 
     with socket.create_server(("127.0.0.1", 0)) as door:
-        # A command that does not connect fails the test and does not hold it up.
+        # If the command does not connect, the test fails after 5 s and does not hang.
         door.settimeout(5)
         thread = threading.Thread(target=serve, args=(door,))
         thread.start()
@@ -357,14 +357,14 @@ def test_a_serial_server_is_listened_to_and_gets_nothing(run):
         (["socket://127.0.0.1:1", "--shared"], "shared by its server"),
     ],
 )
-def test_what_cannot_be_is_one_sentence(run, arguments, text):
+def test_sniff_refuses_wrong_arguments_in_one_sentence(run, arguments, text):
     code, output = run(*arguments)
     assert code == 2
     assert text in output.err
     assert output.err.count("\n") == 1
 
 
-def test_a_capture_needs_no_detection(run, capture):
+def test_detect_is_refused_for_a_capture(run, capture):
     code, output = run(capture, "--detect")
     assert code == 2
     assert "--detect" in output.err
@@ -377,7 +377,7 @@ REFUSAL = encode("danfoss-fc", {**FC, "ak": 7, "pwe": 17, "status_word": 0x607, 
 
 @pytest.fixture
 def written(tmp_path):
-    """Return a function that writes a capture of several lines: line, time, bytes."""
+    """Return a function that writes a capture of several lines from triples of line, time and bytes."""
 
     def write(*pieces):
         path = tmp_path / "lines.jsonl"
@@ -400,7 +400,7 @@ def test_several_lines_of_a_capture_are_kept_apart(run, written):
     assert counted == {("west", "vabus:1"), ("east", "fuji:5")}
 
 
-def test_a_refusal_is_shown_with_its_reason(run, written):
+def test_refusal_is_shown_with_its_reason(run, written):
     path = written(("", 5.0, WRITE), ("", 5.02, REFUSAL))
     _, output = run(path, "--names")
     assert "3-41 ramp_1_up_time: the drive refused parameter 3-41 with code 17" in output.out
@@ -408,7 +408,7 @@ def test_a_refusal_is_shown_with_its_reason(run, written):
     assert "code 17" in objects(output)[1]["refusal"]
 
 
-def test_late_replies_and_those_that_nobody_asked_for_are_marked(run, written):
+def test_late_and_unrequested_replies_are_marked(run, written):
     other = encode("vabus", {"kind": "value", "address": 9, "parameter": 7, "data": "0001"}, direction="reply")
     path = written(("", 0.0, ENQUIRY), ("", 0.7, READ), ("", 0.9, VALUE), ("", 5.0, other))
     _, output = run(path, "--errors")
@@ -417,7 +417,7 @@ def test_late_replies_and_those_that_nobody_asked_for_are_marked(run, written):
     assert any(line.endswith("[not asked for]") for line in lines)
 
 
-def test_what_is_not_understood_is_shown_as_bytes(run, written):
+def test_undecodable_bytes_are_shown_in_hexadecimal(run, written):
     path = written(("", 1.0, b"hello"), ("", 9.0, WRITE[:8] + b"\x00"), ("", 20.0, ENQUIRY), ("", 20.3, b"\x04"))
     _, output = run(path, "--errors")
     assert "~~" in output.out
@@ -428,7 +428,7 @@ def test_what_is_not_understood_is_shown_as_bytes(run, written):
     assert ambiguous["readings"] == [{"protocol": "vabus", "direction": "request", "fields": {"kind": "eot"}}]
 
 
-def test_a_capture_that_is_read_is_not_written_to(run, capture):
+def test_sniff_refuses_to_write_to_the_capture_that_is_read(run, capture):
     code, output = run(capture, "--write", capture)
     assert code == 2
     assert "is the capture that is read; write to another file" in output.err

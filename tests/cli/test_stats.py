@@ -1,4 +1,4 @@
-"""stats: ask drives for a while, and show what was counted."""
+"""The stats command: polls drives for a while and prints counters and reply times."""
 
 import pytest
 
@@ -17,7 +17,7 @@ def rows_of(text):
     return {row[0]: row[1:] for row in cells}
 
 
-def test_two_drives_and_all(shell):
+def test_stats_prints_each_drive_and_the_total(shell):
     shell.line(virtual_drive("vabus", 1), virtual_drive("danfoss-fc", 3))
     assert shell("stats", "vabus:1", "danfoss-fc:3", "--for", "2") == 0
     counters, times, *histograms = shell.out.split("\n\n")
@@ -38,13 +38,13 @@ def test_two_drives_and_all(shell):
     assert all("####" in text for text in histograms)
 
 
-def test_one_drive_has_no_sum(shell):
+def test_single_drive_has_no_total(shell):
     shell.line()
     assert shell("stats", "vabus:1", "--for", "1") == 0
     assert "all" not in rows_of(shell.out)
 
 
-def test_json(shell):
+def test_stats_prints_json(shell):
     shell.line(virtual_drive("vabus", 1))
     assert shell("stats", "vabus:1", "vabus:2", "--for", "3", "--json") == 1
     alive, dead, bus = shell.objects
@@ -63,7 +63,7 @@ def test_json(shell):
 
 
 @pytest.mark.soak
-def test_a_dead_drive_leaves_the_line_to_the_others(shell):
+def test_dead_drives_barely_slow_down_a_live_drive(shell):
     shell.line(virtual_drive("vabus", 1))
     shell("stats", "vabus:1", "--for", "60", "--json")
     alone = shell.objects[0]["counters"]["replies"]
@@ -71,7 +71,7 @@ def test_a_dead_drive_leaves_the_line_to_the_others(shell):
     assert shell.objects[0]["counters"]["replies"] > 0.9 * alone
 
 
-def test_only_dead_drives_end_in_time(shell):
+def test_stats_of_a_dead_drive_ends_in_time(shell):
     line = shell.line()
     assert shell("stats", "vabus:7", "--for", "10") == 1
     assert 10 <= line.time < 10.6
@@ -79,7 +79,7 @@ def test_only_dead_drives_end_in_time(shell):
 
 
 @pytest.mark.soak
-def test_without_a_name_the_line_is_scanned(shell):
+def test_stats_without_a_drive_scans_the_line_first(shell):
     shell.line(virtual_drive("fuji", 4), virtual_drive("vlt3500", 2))
     assert shell("stats", "--for", "1", "--json") == 0
     assert [each.get("drive") for each in shell.objects] == ["fuji:4", "vlt3500:2", None]
@@ -87,14 +87,14 @@ def test_without_a_name_the_line_is_scanned(shell):
     assert "scanned first" in shell.err
 
 
-def test_nobody_found(shell):
+def test_stats_exits_with_1_if_no_drive_is_found(shell):
     shell.lines["line"] = VirtualLine()
     assert shell("stats", "--for", "1") == 1
     assert "no drive found" in shell.err
 
 
 @pytest.mark.soak
-def test_trouble_has_columns_of_its_own(shell):
+def test_errors_get_columns_of_their_own(shell):
     faults = FaultPlan(rate=0.3, seed=1, kinds=[Fault.CORRUPT, Fault.DUPLICATE], requests=False)
     shell.line(virtual_drive("vabus", 1), echo=True, faults=faults)
     assert shell("stats", "vabus:1", "--for", "60", "--echo") == 0
@@ -104,7 +104,7 @@ def test_trouble_has_columns_of_its_own(shell):
 
 
 def fail_after(number, error):
-    """Return a line that fails in the middle of a measurement."""
+    """Return a line that raises the error at transmission number `number`."""
 
     class Failing(VirtualLine):
         sent = 0
@@ -118,7 +118,7 @@ def fail_after(number, error):
     return Failing([virtual_drive("vabus", 1)])
 
 
-def test_what_was_counted_is_shown_when_the_line_goes_down(shell):
+def test_counters_are_printed_if_the_line_breaks(shell):
     line = shell.lines["line"] = VirtualLine([virtual_drive("vabus", 1)])
     hear = line.drives[0].hear
     heard = []
@@ -134,7 +134,7 @@ def test_what_was_counted_is_shown_when_the_line_goes_down(shell):
     assert "broken" in shell.err
 
 
-def test_what_was_counted_is_shown_on_ctrl_c(shell):
+def test_counters_are_printed_on_ctrl_c(shell):
     shell.lines["line"] = fail_after(20, KeyboardInterrupt())
     assert shell("stats", "vabus:1", "--for", "5") == 130
     assert int(rows_of(shell.out)["vabus:1"][1]) > 5
@@ -152,7 +152,7 @@ def test_what_was_counted_is_shown_on_ctrl_c(shell):
         (["profibus:1"], "profibus"),
     ],
 )
-def test_what_cannot_be_asked(shell, arguments, sentence):
+def test_stats_refuses_wrong_arguments(shell, arguments, sentence):
     shell.line()
     assert shell("stats", *arguments) == 2
     assert sentence in shell.err

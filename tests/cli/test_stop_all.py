@@ -1,4 +1,4 @@
-"""stop --all: broadcasts first, then every drive by itself, all lines at once, and no word more than was confirmed."""
+"""stop --all: broadcasts, then a stop for each drive, all lines concurrently; only confirmed stops count."""
 
 import os
 import signal
@@ -22,11 +22,11 @@ from drivecomm.virtual import virtual_drive
 
 posix = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are POSIX")
 
-# The beginnings of VABus selects to the drives 1 and 2.
+# First bytes of VABus select telegrams to drives 1 and 2.
 PUMP, LIFT = b"\x04\x41\x02", b"\x04\x42\x02"
 
 
-def test_a_plant(shell, plant):
+def test_stop_all_stops_every_drive_of_the_plant(shell, plant):
     path, lines, heard = plant
     assert shell("stop", "--all", "--plant", str(path), port=None) == 0
     assert sorted(shell.out.splitlines()) == [
@@ -42,7 +42,7 @@ def test_a_plant(shell, plant):
     assert first[0].startswith(b"\x02\x06\x80"), "Danfoss, to all; VABus drives would coast all at once, not ramp down"
 
 
-def test_in_json(shell, plant):
+def test_stop_all_prints_json(shell, plant):
     path, _, _ = plant
     assert shell("stop", "--all", f"--plant={path}", "--how=quick", "--json", port=None) == 0
     confirmed = {each["drive"]: each["stop"] for each in shell.objects if each["confirmed"]}
@@ -50,7 +50,7 @@ def test_in_json(shell, plant):
     assert {each["drive"] for each in shell.objects} - set(confirmed) == {"danfoss-fc:*", "fuji:*"}
 
 
-def test_what_a_drive_cannot_is_done_otherwise_and_said(shell, plant):
+def test_drive_that_lacks_the_kind_of_stop_is_stopped_another_way(shell, plant):
     path, lines, _ = plant
     assert shell("stop", "--all", "--how", "coast", "--plant", str(path), port=None) == 0
     assert "yard: mill  stop (ramp, because it cannot by coast) confirmed" in shell.out
@@ -59,7 +59,7 @@ def test_what_a_drive_cannot_is_done_otherwise_and_said(shell, plant):
     assert motors(lines) == [False] * 4
 
 
-def test_one_that_is_silent_keeps_nobody_from_being_stopped(shell, plant):
+def test_silent_drive_does_not_delay_the_stop_of_others(shell, plant):
     path, lines, heard = plant
     hall = lines["hall"]
     hall.power_off(hall.drives[0])
@@ -77,7 +77,7 @@ def test_one_that_is_silent_keeps_nobody_from_being_stopped(shell, plant):
     assert len(pump) == 5, "412 and 0000 in each round, the last with its second attempt"
 
 
-def test_one_that_missed_a_telegram_is_stopped_in_the_end(shell, plant, monkeypatch):
+def test_drive_that_missed_a_telegram_is_stopped_by_a_retry(shell, plant, monkeypatch):
     path, lines, _ = plant
     pump = lines["hall"].drives[0]
     hear, missed = pump.hear, []
@@ -94,7 +94,7 @@ def test_one_that_missed_a_telegram_is_stopped_in_the_end(shell, plant, monkeypa
     assert "hall: pump  stop (ramp) confirmed" in shell.out
 
 
-def test_a_port_that_takes_long_to_open_keeps_no_other_line_waiting(shell, plant, monkeypatch):
+def test_slow_port_does_not_delay_other_lines(shell, plant, monkeypatch):
     path, lines, _ = plant
     stopped, opened = threading.Event(), shell.open
     lines["yard"].monitors.append(lambda sent: stopped.set() if sent.source == "drive" else None)
@@ -108,7 +108,7 @@ def test_a_port_that_takes_long_to_open_keeps_no_other_line_waiting(shell, plant
     assert shell("stop", "--all", "--plant", str(path), port=None) == 0
 
 
-def test_a_line_that_is_not_there_keeps_no_other_from_being_stopped(shell, plant):
+def test_missing_port_does_not_prevent_the_stop_of_other_lines(shell, plant):
     path, lines, _ = plant
     del shell.lines["hall"]
     assert shell("stop", "--all", "--plant", str(path), port=None) == 5
@@ -117,7 +117,7 @@ def test_a_line_that_is_not_there_keeps_no_other_from_being_stopped(shell, plant
     assert motors({"yard": lines["yard"]}) == [False]
 
 
-def test_a_drive_that_says_no_is_asked_once(shell, plant):
+def test_drive_in_local_operation_is_reported_as_not_confirmed(shell, plant):
     path, lines, _ = plant
     lines["hall"].drives[2].machine.local = True
     assert shell("stop", "--all", "--plant", str(path), port=None) == 5
@@ -125,7 +125,7 @@ def test_a_drive_that_says_no_is_asked_once(shell, plant):
     assert "local operation" in shell.err
 
 
-def test_broadcasts_that_cannot_be_keep_no_drive_from_being_stopped(shell, plant, monkeypatch):
+def test_failed_broadcast_does_not_prevent_the_stop_of_each_drive(shell, plant, monkeypatch):
     path, lines, _ = plant
     broadcast = Bus.broadcast
 
@@ -146,7 +146,7 @@ def test_broadcasts_that_cannot_be_keep_no_drive_from_being_stopped(shell, plant
     assert "vabus: not stopped, because" in shell.out
 
 
-def test_a_plant_of_one_line_takes_the_port_that_is_given(shell, tmp_path):
+def test_plant_of_one_line_takes_the_given_port(shell, tmp_path):
     line = shell.line(virtual_drive("vabus", 1))
     shell("start", "vabus:1", "--link-loss", "hold")
     path = tmp_path / "plant.toml"
@@ -157,7 +157,7 @@ def test_a_plant_of_one_line_takes_the_port_that_is_given(shell, tmp_path):
     assert motors({"line": line}) == [False]
 
 
-def test_without_a_plant_everybody_is_told_and_nobody_confirms(shell):
+def test_stop_all_without_a_plant_broadcasts_without_confirmation(shell):
     line = shell.line(virtual_drive("vabus", 1), virtual_drive("danfoss-fc", 3), virtual_drive("fuji", 7))
     for name in ("vabus:1", "danfoss-fc:3", "fuji:7"):
         shell("start", name, "--link-loss", "hold")
@@ -186,7 +186,7 @@ def test_errors_are_one_sentence(shell, arguments, code, sentence):
     assert shell.err.count("\n") == 1
 
 
-def test_ports_that_are_missing(shell, tmp_path):
+def test_stop_all_reports_missing_ports(shell, tmp_path):
     assert shell("stop", "--all", port=None) == 2
     assert "give --port" in shell.err
     assert shell("stop", "--all", port="nowhere") == 3
@@ -197,7 +197,7 @@ def test_ports_that_are_missing(shell, tmp_path):
     assert "nothing to stop" in shell.err
 
 
-def test_recording_of_several_lines_is_left_out_and_holds_up_no_stop(shell, plant, tmp_path):
+def test_recording_of_several_lines_is_left_out_and_prevents_no_stop(shell, plant, tmp_path):
     path, lines, _ = plant
     assert shell("stop", "--all", "--plant", str(path), "--record", str(tmp_path / "x.jsonl"), port=None) == 0
     assert "--record is for one line" in shell.err
@@ -205,7 +205,7 @@ def test_recording_of_several_lines_is_left_out_and_holds_up_no_stop(shell, plan
     assert motors(lines) == [False] * 4
 
 
-def test_ctrl_c(shell, monkeypatch):
+def test_interrupted_stop_all_exits_with_130(shell, monkeypatch):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
@@ -215,7 +215,7 @@ def test_ctrl_c(shell, monkeypatch):
 
 
 @posix
-def test_a_signal_does_not_break_off_the_first_round(shell, plant):
+def test_signal_does_not_end_the_first_round(shell, plant):
     path, lines, _ = plant
     hall = lines["hall"]
     hall.power_off(hall.drives[0])
@@ -226,7 +226,7 @@ def test_a_signal_does_not_break_off_the_first_round(shell, plant):
     assert motors(lines)[1:] == [False] * 3
 
 
-def test_after_a_signal_there_is_no_second_round(shell, plant, monkeypatch):
+def test_signal_prevents_the_second_round(shell, plant, monkeypatch):
     path, lines, heard = plant
     hall = lines["hall"]
     hall.power_off(hall.drives[0])
@@ -241,7 +241,7 @@ def test_after_a_signal_there_is_no_second_round(shell, plant, monkeypatch):
     )
 
 
-def test_a_mistake_of_ours_in_a_thread_is_not_swallowed(shell, plant, monkeypatch, capsys):
+def test_programming_error_in_a_thread_is_not_hidden(shell, plant, monkeypatch, capsys):
     path, lines, _ = plant
 
     stopping_line = lines_at_once.stopping_line
@@ -254,12 +254,12 @@ def test_a_mistake_of_ours_in_a_thread_is_not_swallowed(shell, plant, monkeypatc
     monkeypatch.setattr(lines_at_once, "stopping_line", fall)
     with pytest.raises(ZeroDivisionError):
         shell("stop", "--all", "--plant", str(path), port=None)
-    # Nor does it keep the other lines from being stopped.
+    # The other lines are stopped all the same.
     assert "yard: mill  stop (ramp) confirmed" in capsys.readouterr().out
     assert motors({"yard": lines["yard"]}) == [False]
 
 
-# The short way and the usual way are one
+# The quick parser of the stop arguments agrees with the usual one
 
 LONG = ["--all", "--json", "--port", "--plant", "--how", "--how=coast", "--port=line", "--plant=x.toml", "--port="]
 SHORT = ["-p", "-pline", "-m", "--model=act", "--al", "--", "-", "--help", "--trace", "--timeout"]
@@ -268,7 +268,7 @@ WORDS = st.sampled_from([*LONG, *SHORT, "quick", "ramp", "dc-brake", "line", "va
 
 @settings(max_examples=60, deadline=None)
 @given(words=st.lists(WORDS, max_size=6))
-def test_what_is_understood_in_haste_is_understood_the_same_way_otherwise(words):
+def test_quick_parser_agrees_with_the_usual_parser(words):
     understood = quick_arguments(words)
     if understood is None:
         return
@@ -296,13 +296,13 @@ def test_what_is_understood_in_haste_is_understood_the_same_way_otherwise(words)
     assert came[0][0][2] is Stop(understood.get("how", "ramp"))
 
 
-def test_the_port_may_come_from_the_environment(shell, monkeypatch):
+def test_port_may_come_from_the_environment(shell, monkeypatch):
     shell.line()
     monkeypatch.setenv("DRIVECOMM_PORT", "line")
     assert shell("stop", "--all", port=None) == 5
 
 
-def test_a_port_of_the_environment_hides_no_plant(shell, monkeypatch, tmp_path):
+def test_port_of_the_environment_does_not_hide_the_plant(shell, monkeypatch, tmp_path):
     shell.line()
     monkeypatch.chdir(tmp_path)
     (tmp_path / "plant.toml").write_text(
@@ -315,8 +315,8 @@ def test_a_port_of_the_environment_hides_no_plant(shell, monkeypatch, tmp_path):
 
 @pytest.mark.soak
 @posix
-def test_nothing_that_is_not_needed_is_loaded_before_the_motors_are_stopped(tmp_path):
-    """Loading is what takes the time of this command."""
+def test_stop_all_loads_no_unneeded_modules(tmp_path):
+    """Loading modules takes most of the time of this command."""
     path = tmp_path / "plant.toml"
     path.write_text(
         'format = 1\n[[line]]\nname = "hall"\nport = "nowhere"\n[[drive]]\ndrive = "vabus:1"\n', encoding="utf-8"
@@ -338,7 +338,7 @@ def test_nothing_that_is_not_needed_is_loaded_before_the_motors_are_stopped(tmp_
 
 
 @posix
-def test_the_other_stop_loads_no_other_command():
+def test_stop_of_one_drive_loads_no_other_command():
     program = (
         "import sys; from drivecomm.cli import main; code = main(sys.argv[1:]);"
         "commands = {'demo', 'scan', 'doctor', 'read', 'write', 'start', 'status', 'poll', 'watch', 'sniff', 'models'};"

@@ -1,4 +1,4 @@
-"""stop --all on lines with Modbus drives: what stops one series can start another, and is told to all only if alike."""
+"""stop --all on Modbus lines: broadcast only if all drives are of one series, because it may start another series."""
 
 import pytest
 
@@ -10,7 +10,7 @@ LINE = '[[line]]\nname = "hall"\nport = "hall"\n'
 
 @pytest.fixture
 def hall(shell, tmp_path):
-    """Let drives of some series stand on a line; gives the plant file, the line and the drives."""
+    """Return a function that puts drives of the named series on a line; it returns plant file, line and drives."""
 
     def stand(*series):
         drives = [virtual_drive("modbus", number, model=name) for number, name in enumerate(series, 1)]
@@ -29,7 +29,7 @@ def hall(shell, tmp_path):
     return stand
 
 
-def test_a_delta_is_stopped_without_starting_an_invt_beside_it(shell, hall):
+def test_stop_of_a_delta_does_not_start_an_invt_on_its_line(shell, hall):
     path, line, (delta, invt) = hall("delta", "invt")
     invt.poke("0x2001", 5000)
     assert shell("start", "modbus:1,model=delta", "--link-loss", "hold", port="hall") == 0
@@ -47,7 +47,7 @@ def test_a_delta_is_stopped_without_starting_an_invt_beside_it(shell, hall):
     assert True not in ever
 
 
-def test_drives_of_one_series_are_told_all_at_once(shell, hall):
+def test_drives_of_one_series_are_stopped_by_a_broadcast(shell, hall):
     path, line, drives = hall("delta", "delta")
     for number in (1, 2):
         assert shell("start", f"modbus:{number},model=delta", "--link-loss", "hold", port="hall") == 0
@@ -59,13 +59,13 @@ def test_drives_of_one_series_are_told_all_at_once(shell, hall):
         assert not drive.motor.running
 
 
-def test_without_a_plant_it_says_how_modbus_drives_are_stopped(shell, hall):
+def test_stop_all_without_a_plant_explains_how_to_stop_modbus_drives(shell, hall):
     _, _, _ = hall("delta")
     assert shell("stop", "--all", port="hall") == 5
     assert "modbus: not stopped, because that needs the models of its drives" in shell.out
     assert "drivecomm stop modbus:ADDRESS,model=MODEL --port hall" in shell.out
 
 
-def test_one_stop_fits_all_of_a_protocol_only_if_their_models_are_alike():
+def test_one_stop_fits_all_drives_only_if_their_models_are_alike():
     assert one_stop_fits_all("vabus", [{"model": "act"}, {"model": "agile"}])
     assert not one_stop_fits_all("modbus", [{"model": "delta"}, {}])

@@ -1,4 +1,4 @@
-"""stop GROUP: all drives of the group and no other, also where the plant file is damaged or gone."""
+"""stop GROUP: stops all drives of the group and no other, also by a damaged plant file."""
 
 import re
 from collections import Counter
@@ -18,7 +18,7 @@ for _name, _groups in GROUPS.items():
 
 @pytest.fixture
 def grouped(plant):
-    """The running plant with groups: pump and mill are "wet", pump and lift are "hall 2", fan is in none."""
+    """Add groups to the running plant: "wet" is pump and mill, "hall 2" is pump and lift; fan is in no group."""
     path, lines, heard = plant
     path.write_text(GROUPED, encoding="utf-8")
     return path, lines, heard
@@ -44,7 +44,7 @@ def test_stop_of_a_group_stops_its_drives_on_all_lines_and_no_other(shell, group
     assert not any(data.startswith(b"\x02\x06\x80") for _, source, data in heard if source == "master"), "no broadcast"
 
 
-def test_stop_of_a_group_whose_name_has_a_space_takes_one_word(shell, grouped):
+def test_group_name_with_a_space_is_one_argument(shell, grouped):
     path, lines, _ = grouped
     assert stop(shell, path, "hall 2", "--how", "coast") == 0
     assert running(lines) == {"pump": False, "lift": False, "fan": True, "mill": True}
@@ -58,13 +58,13 @@ def test_stop_of_overlapping_groups_and_drives_stops_each_drive_once(shell, grou
     assert running(lines) == {"pump": False, "lift": False, "fan": True, "mill": False}
 
 
-def test_stop_of_a_group_takes_options_behind_its_name_and_a_model(shell, grouped):
+def test_stop_of_a_group_takes_options_after_its_name_and_a_model(shell, grouped):
     path, lines, _ = grouped
     assert stop(shell, path, "hall 2,reply_timeout_s=1", "--model", "agile") == 0
     assert running(lines) == {"pump": False, "lift": False, "fan": True, "mill": True}
 
 
-def test_misspelt_name_beside_a_group_does_not_keep_the_group_running(shell, grouped):
+def test_misspelt_name_does_not_prevent_the_stop_of_a_group(shell, grouped):
     path, lines, _ = grouped
     assert stop(shell, path, "wte", "wet") == 2
     assert "there is no drive 'wte' in this plant" in shell.err
@@ -79,7 +79,7 @@ def test_misspelt_group_stops_nothing_and_suggests_the_group(shell, grouped):
     assert all(running(lines).values())
 
 
-def test_silent_drive_of_a_group_leaves_exit_code_5_and_the_others_stopped(shell, grouped):
+def test_silent_drive_of_a_group_exits_with_5_and_others_are_stopped(shell, grouped):
     path, lines, _ = grouped
     lines["hall"].power_off(lines["hall"].drives[0])
     assert stop(shell, path, "wet", "wte") == 5
@@ -87,7 +87,7 @@ def test_silent_drive_of_a_group_leaves_exit_code_5_and_the_others_stopped(shell
     assert running(lines)["mill"] is False
 
 
-def test_line_without_a_port_leaves_the_rest_of_the_group_stopped(shell, grouped):
+def test_line_without_a_port_does_not_prevent_the_stop_of_other_lines(shell, grouped):
     path, lines, _ = grouped
     path.write_text(GROUPED.replace('port = "hall"', ""), encoding="utf-8")
     assert stop(shell, path, "wet") == 5
@@ -96,7 +96,7 @@ def test_line_without_a_port_leaves_the_rest_of_the_group_stopped(shell, grouped
     assert running(lines)["mill"] is False
 
 
-def test_group_beside_the_port_of_one_line_complains_of_its_drives_elsewhere(shell, grouped):
+def test_group_with_the_port_of_one_line_reports_its_drives_elsewhere(shell, grouped):
     path, lines, _ = grouped
     assert shell("stop", "wet", "--plant", str(path), port="yard") == 5
     assert "pump is on line hall, at hall; leave --port yard out" in shell.err
@@ -114,7 +114,7 @@ BROKEN = {
 
 @pytest.mark.parametrize("what", BROKEN)
 @pytest.mark.parametrize("words", [("wet",), ("hall 2",), ("wet", "mill")], ids=" ".join)
-def test_stop_of_a_group_of_a_damaged_file_stops_what_can_be_read_and_is_never_a_success(shell, grouped, what, words):
+def test_stop_of_a_group_by_a_damaged_file_stops_readable_drives_and_exits_with_5(shell, grouped, what, words):
     path, lines, _ = grouped
     path.write_text(GROUPED.replace(*BROKEN[what], 1), encoding="utf-8")
     assert stop(shell, path, *words) == 5
@@ -125,7 +125,7 @@ def test_stop_of_a_group_of_a_damaged_file_stops_what_can_be_read_and_is_never_a
     assert f"the group {words[0]!r} may have more drives than can be read there; look at the motors" in shell.err
 
 
-def test_drive_of_a_group_that_cannot_be_read_is_named(shell, grouped):
+def test_unreadable_drive_of_a_group_is_named(shell, grouped):
     path, lines, _ = grouped
     path.write_text(GROUPED.replace('drive = "vabus:1"', 'drive = "vabus 1"'), encoding="utf-8")
     assert stop(shell, path, "wet") == 5
@@ -134,7 +134,7 @@ def test_drive_of_a_group_that_cannot_be_read_is_named(shell, grouped):
 
 
 def test_group_with_the_name_of_a_drive_stops_both(shell, grouped):
-    """The file is refused, and nobody knows which of them is meant."""
+    """The plant file is invalid, and the name may mean either of them."""
     path, lines, _ = grouped
     path.write_text(GROUPED.replace('"wet"', '"fan"'), encoding="utf-8")
     assert stop(shell, path, "fan") == 5
@@ -142,14 +142,14 @@ def test_group_with_the_name_of_a_drive_stops_both(shell, grouped):
     assert running(lines) == {"pump": False, "lift": True, "fan": False, "mill": False}
 
 
-def test_group_that_could_be_an_address_is_none_in_a_damaged_file(shell, grouped):
+def test_group_named_like_an_address_is_ignored_in_a_damaged_file(shell, grouped):
     path, lines, _ = grouped
     path.write_text(GROUPED.replace('"wet"', '"danfoss-fc:3"'), encoding="utf-8")
     assert stop(shell, path, "danfoss-fc:3") == 0
     assert running(lines) == {"pump": True, "lift": True, "fan": False, "mill": True}
 
 
-def test_group_that_a_damaged_file_does_not_show_is_a_mistake(shell, grouped):
+def test_group_missing_from_a_damaged_file_is_refused(shell, grouped):
     path, lines, _ = grouped
     path.write_text(GROUPED.replace('name = "mill"', 'name = "mill'), encoding="utf-8")
     assert stop(shell, path, "dry") == 2
@@ -158,7 +158,7 @@ def test_group_that_a_damaged_file_does_not_show_is_a_mistake(shell, grouped):
     assert all(running(lines).values())
 
 
-def test_stop_of_a_protocol_is_not_kept_by_faults_of_other_drives(shell, grouped):
+def test_fault_entry_of_another_drive_does_not_prevent_a_stop(shell, grouped):
     path, lines, _ = grouped
     path.write_text(GROUPED + '[[fault]]\ndrive = "mill"\ntrip = { code = 5, at_s = 9000 }\n', encoding="utf-8")
     assert stop(shell, path, "vabus:*") == 0
@@ -166,7 +166,7 @@ def test_stop_of_a_protocol_is_not_kept_by_faults_of_other_drives(shell, grouped
     assert running(lines) == {"pump": False, "lift": False, "fan": True, "mill": False}
 
 
-def test_group_of_one_drive_is_a_group(shell, tmp_path):
+def test_group_of_a_single_drive_is_stopped(shell, tmp_path):
     line = shell.line(virtual_drive("vabus", 1))
     assert shell("start", "vabus:1", "--link-loss", "hold") == 0
     path = tmp_path / "plant.toml"
@@ -178,7 +178,7 @@ def test_group_of_one_drive_is_a_group(shell, tmp_path):
 
 
 def damaged():
-    """Yield the file cut off in many places, and with each line left out or torn."""
+    """Yield the plant file cut off at many places, and with each line removed, cut in half or wrongly quoted."""
     lines = GROUPED.splitlines(keepends=True)
     for end in range(0, len(GROUPED), 23):
         yield GROUPED[:end]
@@ -187,7 +187,7 @@ def damaged():
             yield "".join((*lines[:number], instead, *lines[number + 1 :]))
 
 
-def test_stop_of_a_group_succeeds_only_by_a_file_that_can_be_read_whole(shell, grouped):
+def test_stop_of_a_group_succeeds_only_by_an_intact_plant_file(shell, grouped):
     path, _, _ = grouped
     codes = Counter()
     for text in damaged():
@@ -198,7 +198,7 @@ def test_stop_of_a_group_succeeds_only_by_a_file_that_can_be_read_whole(shell, g
         except DriveCommError:
             members = []
         if members:
-            # Without its settings, or its echo, a drive does not answer.
+            # A drive does not answer if the line settings or the echo of its line are lost.
             assert code in (0, 5), text
             assert code == 5 or shell.out.count("confirmed") == len(members), text
         else:

@@ -1,4 +1,4 @@
-"""Stopping in spite of what is wrong beside it: a model, an option, an entry or the whole of a plant file."""
+"""Stops despite errors beside them: in a model, an option, an entry or the whole of a plant file."""
 
 import re
 
@@ -9,7 +9,7 @@ from drivecomm.bus import Drive
 from drivecomm.virtual import virtual_drive
 
 
-def test_what_goes_wrong_with_one_drive_keeps_no_other_from_being_stopped(shell, plant, monkeypatch):
+def test_error_of_one_drive_does_not_prevent_the_stop_of_others(shell, plant, monkeypatch):
     path, lines, _ = plant
     stop = Drive.stop
 
@@ -26,7 +26,7 @@ def test_what_goes_wrong_with_one_drive_keeps_no_other_from_being_stopped(shell,
 
 
 @pytest.mark.parametrize("option", ['model = "nowhere.toml"', 'model = "nonsense"', "model = 5", "nonsense = 1"])
-def test_options_that_cannot_be_are_left_out(shell, plant, option):
+def test_stop_all_leaves_invalid_options_out(shell, plant, option):
     path, lines, _ = plant
     path.write_text(PLANT.replace('model = "agile"', option), encoding="utf-8")
     assert shell("stop", "--all", "--plant", str(path), port=None) == 0
@@ -34,7 +34,7 @@ def test_options_that_cannot_be_are_left_out(shell, plant, option):
     assert motors(lines) == [False] * 4
 
 
-def test_one_drive_is_stopped_without_options_that_cannot_be(shell, plant):
+def test_stop_of_one_drive_leaves_invalid_options_out(shell, plant):
     path, lines, _ = plant
     path.write_text(PLANT.replace('model = "agile"', 'model = "nowhere.toml"'), encoding="utf-8")
     assert shell("stop", "pump", "--plant", str(path), port=None) == 0
@@ -58,7 +58,7 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("what", BROKEN)
-def test_a_plant_file_that_is_wrong_somewhere_stops_all_that_can_be_read(shell, plant, what):
+def test_stop_all_by_a_damaged_plant_file_stops_all_readable_drives(shell, plant, what):
     path, lines, _ = plant
     path.write_text(PLANT.replace(*BROKEN[what], 1), encoding="utf-8")
     assert shell("stop", "--all", "--plant", str(path), port=None) == 5
@@ -70,7 +70,7 @@ def test_a_plant_file_that_is_wrong_somewhere_stops_all_that_can_be_read(shell, 
 
 
 @pytest.mark.parametrize("wrong", ['drive = "vabus:', 'drive = "vabus 2"', ""])
-def test_a_drive_that_cannot_be_read_is_named_and_stopped_with_all_of_its_protocol(shell, plant, wrong):
+def test_unreadable_drive_is_named_and_stopped_by_a_broadcast(shell, plant, wrong):
     path, lines, _ = plant
     path.write_text(PLANT.replace('drive = "vabus:2"', wrong), encoding="utf-8")
     assert shell("stop", "--all", "--plant", str(path), port=None) == 5
@@ -79,7 +79,7 @@ def test_a_drive_that_cannot_be_read_is_named_and_stopped_with_all_of_its_protoc
     assert motors(lines) == [False] * 4
 
 
-def test_one_drive_of_a_plant_file_that_is_wrong_somewhere_else(shell, plant):
+def test_drive_is_stopped_despite_an_error_elsewhere_in_the_plant_file(shell, plant):
     path, lines, _ = plant
     path.write_text(PLANT.replace('drive = "vabus:2"', 'drive = "vabus:'), encoding="utf-8")
     assert shell("stop", "mill", "--plant", str(path), port=None) == 0
@@ -93,7 +93,7 @@ def test_one_drive_of_a_plant_file_that_is_wrong_somewhere_else(shell, plant):
 @pytest.mark.parametrize(
     "text", [None, "", "rubbish", "format = 1", "[[drive]]\ndrive = 5", '[[drive]]\ndrive = "fuji:1"']
 )
-def test_where_nothing_of_a_plant_file_can_be_read_the_port_that_is_given_is_left(shell, tmp_path, text):
+def test_given_port_is_stopped_if_the_plant_file_is_unreadable(shell, tmp_path, text):
     line = shell.line(virtual_drive("vabus", 1))
     assert shell("start", "vabus:1", "--link-loss", "hold") == 0
     path = tmp_path / "plant.toml"

@@ -1,9 +1,9 @@
-"""A stop goes out at once; that it may have been another word to its drive is found out, and told, afterwards."""
+"""Stops by the model of another series: sent immediately, and the mismatch is found and reported afterwards."""
 
 from drivecomm.virtual import virtual_drive
 
 
-def test_stop_by_the_model_of_another_series_is_told(shell):
+def test_stop_by_the_model_of_another_series_is_reported(shell):
     line = shell.line(virtual_drive("modbus", 1, model="invt"))
     sent = []
     line.monitors.append(lambda piece: sent.append(piece.data) if piece.sender is None else None)
@@ -14,7 +14,7 @@ def test_stop_by_the_model_of_another_series_is_told(shell):
     assert sent[0][1] == 6, "the stop goes out before anything is asked"
 
 
-def test_stop_of_all_tells_of_a_drive_of_another_series(shell, tmp_path):
+def test_stop_all_reports_a_drive_of_another_series(shell, tmp_path):
     shell.line(virtual_drive("modbus", 1, model="invt"), name="hall")
     plant = tmp_path / "plant.toml"
     plant.write_text(
@@ -25,7 +25,7 @@ def test_stop_of_all_tells_of_a_drive_of_another_series(shell, tmp_path):
     assert "is not a drive of that model" in shell.err
 
 
-def test_stop_by_the_right_model_says_nothing_more(shell):
+def test_stop_by_the_right_model_prints_no_warning(shell):
     shell.line(virtual_drive("modbus", 1, model="invt"))
     assert shell("stop", "modbus:1,model=invt") == 0
     assert (shell.out, shell.err) == ("modbus:1  stop (ramp) commanded\n", "")

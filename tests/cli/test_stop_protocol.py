@@ -1,4 +1,4 @@
-"""stop PROTOCOL:* with a plant: its drives on all lines, each of which confirms; the other protocols go on."""
+"""stop PROTOCOL:* with a plant: its drives on all lines confirm their stop; other protocols keep running."""
 
 import pytest
 from running_plant import motors
@@ -33,7 +33,7 @@ line = "yard"
 
 @pytest.fixture
 def two_lines(shell, tmp_path):
-    """Two lines with running drives; gives the plant file and the lines."""
+    """Start the drives of two lines; return the plant file and the lines."""
     lines = {
         "hall": shell.line(virtual_drive("danfoss-fc", 3), virtual_drive("fuji", 7), name="hall"),
         "yard": shell.line(virtual_drive("danfoss-fc", 5), name="yard"),
@@ -46,7 +46,7 @@ def two_lines(shell, tmp_path):
     return path, lines
 
 
-def test_its_drives_on_all_lines_are_stopped_and_no_other(shell, two_lines):
+def test_stop_of_a_protocol_stops_its_drives_on_all_lines_and_no_other(shell, two_lines):
     path, lines = two_lines
     assert shell("stop", "danfoss-fc:*", "--plant", str(path), port=None) == 0
     assert sorted(shell.out.splitlines()) == [
@@ -58,7 +58,7 @@ def test_its_drives_on_all_lines_are_stopped_and_no_other(shell, two_lines):
     assert motors(lines) == [False, True, False]
 
 
-def test_the_plant_of_this_folder_is_meant_and_a_port_of_the_environment_hides_it_not(shell, two_lines, monkeypatch):
+def test_plant_of_the_current_folder_outranks_a_port_of_the_environment(shell, two_lines, monkeypatch):
     path, lines = two_lines
     monkeypatch.chdir(path.parent)
     monkeypatch.setenv("DRIVECOMM_PORT", "hall")
@@ -66,14 +66,14 @@ def test_the_plant_of_this_folder_is_meant_and_a_port_of_the_environment_hides_i
     assert motors(lines) == [False, True, False]
 
 
-def test_a_port_that_is_given_is_the_only_one(shell, two_lines):
+def test_given_port_limits_the_stop_to_its_line(shell, two_lines):
     path, lines = two_lines
     assert shell("stop", "danfoss-fc:*", "--plant", str(path), port="yard") == 0
     assert shell.out == "danfoss-fc:*  stop (ramp) sent to all; nobody confirms a broadcast\n"
     assert motors(lines) == [True, True, False]
 
 
-def test_a_line_that_is_not_there_keeps_no_other_from_being_stopped(shell, two_lines):
+def test_missing_port_does_not_prevent_the_stop_of_other_lines(shell, two_lines):
     path, lines = two_lines
     hall = shell.lines.pop("hall")
     assert shell("stop", "danfoss-fc:*", "--plant", str(path), port=None) == 5
@@ -81,7 +81,7 @@ def test_a_line_that_is_not_there_keeps_no_other_from_being_stopped(shell, two_l
     assert motors({"hall": hall, "yard": lines["yard"]}) == [True, True, False]
 
 
-def test_a_damaged_plant_file_stops_what_can_be_read_of_it_and_tells_all_on_each_line(shell, two_lines):
+def test_damaged_plant_file_stops_readable_drives_and_broadcasts_on_each_line(shell, two_lines):
     path, lines = two_lines
     path.write_text(PLANT.replace('drive = "danfoss-fc:5"', "drive = danfoss-fc:5"), encoding="utf-8")
     assert shell("stop", "danfoss-fc:*", "--plant", str(path), port=None) == 5
@@ -89,9 +89,9 @@ def test_a_damaged_plant_file_stops_what_can_be_read_of_it_and_tells_all_on_each
     assert motors(lines) == [False, True, False]
 
 
-def test_a_protocol_of_which_the_plant_has_no_drive_is_told_all_on_each_line(shell, two_lines):
+def test_protocol_without_drives_in_the_plant_is_stopped_by_broadcasts(shell, two_lines):
     path, lines = two_lines
-    # The file may be older than the plant.
+    # The plant file may be out of date.
     path.write_text(
         PLANT.replace('name = "mill"\ndrive = "fuji:7"', 'name = "mill"\ndrive = "vabus:7"'), encoding="utf-8"
     )
@@ -102,13 +102,13 @@ def test_a_protocol_of_which_the_plant_has_no_drive_is_told_all_on_each_line(she
 
 
 @pytest.mark.parametrize("port", [None, "hall"])
-def test_a_typo_in_its_name_is_not_the_ports_fault(shell, two_lines, port):
+def test_misspelt_protocol_gets_a_suggestion(shell, two_lines, port):
     path, _ = two_lines
     assert shell("stop", "danfos-fc:*", "--plant", str(path), port=port) == 2
     assert shell.err.startswith("drivecomm: no installed protocol is named 'danfos-fc'; did you mean 'danfoss-fc'?")
 
 
-def test_in_json(shell, two_lines):
+def test_stop_of_a_protocol_prints_json(shell, two_lines):
     path, _ = two_lines
     assert shell("stop", "danfoss-fc:*", "--plant", str(path), "--how", "coast", "--json", port=None) == 0
     assert {each["drive"] for each in shell.objects if each["confirmed"]} == {"fan", "mixer"}

@@ -1,4 +1,4 @@
-"""Stops through servers: found by a drive's name or by its port, whatever plant file is named and what it holds."""
+"""Stops through servers: a server is found by a drive's name or by its port, whatever the plant file holds."""
 
 import asyncio
 import os
@@ -48,7 +48,7 @@ reply_delay_s = 0.0
 
 
 class Place:
-    """A plant whose motors run. file: its plant file. another: one that leads to the same port by a link."""
+    """Plant with running motors. file: its plant file. another: a plant file with a link to the same port."""
 
     def __init__(self, folder, plant):
         self.folder = folder
@@ -62,9 +62,9 @@ class Place:
 
 @pytest.fixture
 def place(request, tmp_path, monkeypatch):
-    # Sockets have room for a hundred characters.
+    # The path of a Unix socket has at most about a hundred characters.
     runtime = Path(tempfile.mkdtemp(prefix="dc"))
-    request.addfinalizer(lambda: shutil.rmtree(runtime, ignore_errors=True))  # noqa: PT021 - whatever follows fails
+    request.addfinalizer(lambda: shutil.rmtree(runtime, ignore_errors=True))  # noqa: PT021 - runs even if a later step fails
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(runtime))
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     for name in ("DRIVECOMM_PORT", "DRIVECOMM_PLANT", "RUNTIME_DIRECTORY"):
@@ -130,7 +130,7 @@ def test_stop_without_any_plant_file_finds_the_server_that_knows_the_drive(place
         assert place.motors()["fan"] is False
 
 
-def test_stop_of_a_name_that_two_servers_know_says_so_and_stops_none(place, tmp_path, capsys):
+def test_stop_of_a_name_known_to_two_servers_is_refused(place, tmp_path, capsys):
     other = tmp_path / "other.toml"
     line = '[[line]]\nname = "yard"\nport = "/dev/ttyUSB99"\n'
     other.write_text(f'format = 1\n{line}[[drive]]\nname = "fan"\ndrive = "fuji:1"\n')
@@ -143,7 +143,7 @@ def test_stop_of_a_name_that_two_servers_know_says_so_and_stops_none(place, tmp_
     assert place.motors() == {"fan": False, "pump": True}
 
 
-def test_stop_of_a_group_that_two_servers_know_says_so_and_stops_none(place, tmp_path, capsys):
+def test_stop_of_a_group_known_to_two_servers_is_refused(place, tmp_path, capsys):
     other = tmp_path / "other.toml"
     line = '[[line]]\nname = "yard"\nport = "/dev/ttyUSB99"\n'
     other.write_text(f'format = 1\n{line}[[drive]]\nname = "air"\ndrive = "fuji:1"\n')
@@ -157,7 +157,7 @@ def test_stop_of_a_group_that_two_servers_know_says_so_and_stops_none(place, tmp
     assert place.motors() == {"fan": False, "pump": True}
 
 
-def test_group_of_the_plant_file_goes_before_a_drive_of_another_server(place, tmp_path, monkeypatch):
+def test_group_of_the_plant_file_outranks_a_drive_of_another_server(place, tmp_path, monkeypatch):
     other = tmp_path / "other.toml"
     line = '[[line]]\nname = "yard"\nport = "/dev/ttyUSB99"\n'
     other.write_text(f'format = 1\n{line}[[drive]]\nname = "air"\ndrive = "fuji:1"\n')
@@ -167,9 +167,9 @@ def test_group_of_the_plant_file_goes_before_a_drive_of_another_server(place, tm
     assert place.motors() == {"fan": False, "pump": True}
 
 
-def test_damaged_group_is_stopped_as_far_as_its_file_or_its_server_knows_it_and_is_no_success(place, capsys):
+def test_damaged_group_is_stopped_by_file_and_server_and_exits_with_5(place, capsys):
     with running_server(place.file):
-        # The fan can no longer be read, and only its server knows that it is wet.
+        # The fan can no longer be read from the file, and only the server knows that it belongs to the group "wet".
         place.file.write_text(place.file.read_text().replace('"danfoss-fc:3"', '"danfoss-fc'))
         assert main(["stop", "wet", "--plant", str(place.file), "--how", "coast"]) == 5
         said = capsys.readouterr()
@@ -193,7 +193,7 @@ def test_damaged_group_is_not_extended_by_a_group_of_another_plant(place, tmp_pa
     assert place.motors() == {"fan": False, "pump": True}
 
 
-def test_group_of_another_plant_is_no_success_where_the_own_file_cannot_be_read(place, tmp_path, monkeypatch, capsys):
+def test_group_of_another_plant_exits_with_5_if_the_plant_file_is_unreadable(place, tmp_path, monkeypatch, capsys):
     torn = tmp_path / "torn.toml"
     torn.write_text("][ half saved")
     monkeypatch.setenv("DRIVECOMM_PLANT", str(torn))
@@ -203,14 +203,14 @@ def test_group_of_another_plant_is_no_success_where_the_own_file_cannot_be_read(
     assert place.motors() == {"fan": False, "pump": True}
 
 
-def test_stop_of_a_name_that_nobody_knows_complains_of_the_plant_file(place, capsys):
+def test_stop_of_an_unknown_name_is_refused(place, capsys):
     with running_server(place.file):
         assert main(["stop", "mill", "--plant", str(place.file)]) == 2
         assert "mill" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("words", [("fan",), ("fan", "pump"), ("--all",), ("danfoss-fc:*",)], ids=" ".join)
-def test_stop_by_another_plant_file_goes_through_the_server_that_has_the_port(place, capsys, words):
+def test_stop_by_another_plant_file_goes_through_the_server_of_the_port(place, capsys, words):
     with running_server(place.file):
         assert main(["stop", *words, "--plant", str(place.another), "--how", "coast"]) == 0
         assert place.motors()["fan"] is False
@@ -227,7 +227,7 @@ def test_stop_by_another_plant_file_goes_through_the_server_that_has_the_port(pl
         ("socket://MOXA.example:4001", "socket://moxa.example:4001"),
     ],
 )
-def test_second_server_of_a_port_is_refused_by_whatever_name_it_has_the_port(place, first, second):
+def test_second_server_of_a_port_is_refused_under_any_name_of_the_port(place, first, second):
     one = Registration(plant=str(place.file), lines={"hall": first})
     two = Registration(plant=str(place.another), lines={"yard": "/dev/ttyUSB98", "again": second})
     refused = rf"line again is at .*, which drivecomm serve {place.file} \(pid {os.getpid()}\) has"
@@ -237,7 +237,7 @@ def test_second_server_of_a_port_is_refused_by_whatever_name_it_has_the_port(pla
         pass
 
 
-def test_second_server_of_a_port_does_not_begin(place):
+def test_second_server_of_a_port_does_not_start(place):
     refused = r"which drivecomm serve .*hall.toml .* has"
     with running_server(place.file):
         with pytest.raises(UsageError, match=refused):
@@ -258,8 +258,8 @@ def test_two_nodes_of_one_device_are_one_port(tmp_path):
 
 @pytest.mark.parametrize("error", [PortError("port is in use"), LinkDownError("the line is down")])
 @pytest.mark.parametrize("words", [("fan",), ("--all",)], ids=" ".join)
-def test_stop_goes_on_to_the_next_way_where_a_server_has_not_got_the_port(place, monkeypatch, words, error):
-    """A claim is not possession: its line is down, so the stop takes the port, or whoever has it."""
+def test_stop_opens_the_port_if_its_server_does_not_hold_it(place, monkeypatch, words, error):
+    """The server of a port does not hold it while the line is down; the stop then opens the port itself."""
 
     def command(*_):
         return {"id": "", "outcome": "open", "result": None, "error": error_content(error)}

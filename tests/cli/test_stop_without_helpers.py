@@ -1,4 +1,4 @@
-"""A stop goes out on a real line whatever the look-ups raise that only help it, and whatever others have put there."""
+"""Stops on a real line: sent even if helper functions raise, and whatever files are in the way."""
 
 import os
 import subprocess
@@ -18,7 +18,7 @@ DRIVE = "danfoss-fc:3"
 NOBODY = 65534
 
 HELPERS = (
-    # Who has the port, and where that is looked up.
+    # Holders of the port, and the folders in which they are looked up
     "drivecomm.cli.stop.ways.why_unusable",
     "drivecomm.cli.stop.ways.servers_of_port",
     "drivecomm.cli.stop.ways.holders_of_port",
@@ -33,7 +33,7 @@ HELPERS = (
     "os.path.realpath",
     "os.lstat",
     "os.listdir",
-    # The plant file, and its server.
+    # The plant file and its server
     "drivecomm.cli.drive_names.plant_file",
     "drivecomm.cli.stop.quick.plant_file",
     "drivecomm.cli.stop.one_drive.plant_file",
@@ -44,7 +44,7 @@ HELPERS = (
     "drivecomm.plant.read_plant",
     "drivecomm.plant.salvaged",
     "pathlib.Path.is_file",
-    # What is said, and to whom.
+    # Output
     "drivecomm.cli.stop.one_drive.tell",
     "drivecomm.cli.stop.in_spite.complain",
     "drivecomm.cli.stop.results.say",
@@ -52,12 +52,12 @@ HELPERS = (
     "drivecomm.cli.stop.whole_port.say",
     "drivecomm.cli.output.sentence",
 )
-"""Each is replaced by what raises, one after the other, as it is named where a stop calls it."""
+"""Functions by the names under which a stop calls them; each test makes one of them raise."""
 
 
 @pytest.fixture(scope="module")
 def simulated():
-    """A drive on a TCP line of this machine."""
+    """Serve a drive on a TCP line of this machine; yield the drive and its port."""
     drive = virtual_drive("danfoss-fc", 3, model="fc300", reply_delay_s=0.0)
     with served_in_thread(Server([drive], parse_listen("tcp:127.0.0.1:0"))) as server:
         yield drive, "socket://" + server.address.partition("://")[2]
@@ -65,7 +65,7 @@ def simulated():
 
 @pytest.fixture
 def running(simulated, tmp_path, monkeypatch):
-    """The drive, running, and its port; neither a login session nor a plant file."""
+    """Start the drive; return it and its port. There is neither a login session nor a plant file."""
     drive, port = simulated
     monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
     monkeypatch.delenv("RUNTIME_DIRECTORY", raising=False)
@@ -91,7 +91,7 @@ def raising(error):
 
 @pytest.mark.parametrize("error", [OSError(5, "no luck"), PermissionError(13, "not yours"), ValueError("nonsense")])
 @pytest.mark.parametrize("helper", HELPERS)
-def test_stop_goes_out_whatever_a_helper_raises(running, monkeypatch, helper, error):
+def test_stop_is_sent_although_a_helper_raises(running, monkeypatch, helper, error):
     drive, port = running
     with monkeypatch.context() as patch:
         patch.setattr(helper, raising(error))
@@ -101,7 +101,7 @@ def test_stop_goes_out_whatever_a_helper_raises(running, monkeypatch, helper, er
 
 @pytest.mark.parametrize("error", [OSError(5, "no luck"), ValueError("nonsense")])
 @pytest.mark.parametrize("helper", HELPERS)
-def test_stop_of_everything_goes_out_whatever_a_helper_raises(running, monkeypatch, helper, error):
+def test_stop_all_is_sent_although_a_helper_raises(running, monkeypatch, helper, error):
     drive, port = running
     with monkeypatch.context() as patch:
         patch.setattr(helper, raising(error))
@@ -125,7 +125,7 @@ OF_THE_FILE = ("read_plant", "plant_file", "known_plant", "salvaged", "realpath"
 
 @pytest.mark.parametrize("words", [("fan",), ("--all",), ("fan", "danfoss-fc:3"), ("danfoss-fc:*",)], ids=" ".join)
 @pytest.mark.parametrize("helper", HELPERS)
-def test_stop_by_a_plant_file_goes_out_whatever_another_helper_raises(running, monkeypatch, tmp_path, helper, words):
+def test_stop_by_a_plant_file_is_sent_although_a_helper_raises(running, monkeypatch, tmp_path, helper, words):
     drive, port = running
     if helper.rpartition(".")[2] in OF_THE_FILE:
         pytest.skip("without its file there is no such name")
@@ -137,7 +137,7 @@ def test_stop_by_a_plant_file_goes_out_whatever_another_helper_raises(running, m
     assert (code, drive.motor.running) == (0, False)
 
 
-def test_stop_says_once_what_was_wrong(running, monkeypatch, capsys):
+def test_stop_reports_a_failed_helper_once(running, monkeypatch, capsys):
     _, port = running
     monkeypatch.setattr("platformdirs.user_runtime_path", raising(PermissionError("taken by somebody")))
     assert main(["stop", DRIVE, "--port", port]) == 0
@@ -185,9 +185,7 @@ OBSTACLES = (a_file, a_pipe, a_link, a_broken_link, an_open_folder, a_closed_fol
 @pytest.mark.parametrize("inside", [False, True], ids=["runtime-UID", "its drivecomm"])
 @pytest.mark.parametrize("words", [(DRIVE,), ("--all",)], ids=" ".join)
 @pytest.mark.parametrize("obstacle", OBSTACLES)
-def test_stop_goes_out_whatever_somebody_has_put_in_the_folder_for_temporary_files(
-    running, tmp_path, obstacle, words, inside
-):
+def test_stop_is_sent_despite_foreign_files_in_the_temporary_folder(running, tmp_path, obstacle, words, inside):
     drive, port = running
     folder = tmp_path / f"runtime-{os.getuid()}"
     if inside:
@@ -201,14 +199,14 @@ def test_stop_goes_out_whatever_somebody_has_put_in_the_folder_for_temporary_fil
 
 
 @pytest.mark.parametrize("obstacle", [an_open_folder, a_strangers_folder, a_link])
-def test_command_that_has_the_port_continues_in_spite_of_a_foreign_folder(running, tmp_path, capsys, obstacle):
+def test_command_continues_despite_a_foreign_runtime_folder(running, tmp_path, capsys, obstacle):
     _, port = running
     obstacle(tmp_path / f"runtime-{os.getuid()}")
     assert main(["read", DRIVE, "3-03", "--port", port, "--timeout", "2"]) == 0
     assert "a stop from another program will not get through" in capsys.readouterr().err
 
 
-def test_recording_that_cannot_be_opened_holds_up_no_stop(running, tmp_path, capsys):
+def test_stop_is_sent_although_its_recording_cannot_be_opened(running, tmp_path, capsys):
     drive, port = running
     (tmp_path / "folder").mkdir()
     record = str(tmp_path / "folder" / "missing" / "x.jsonl")
@@ -251,7 +249,7 @@ def test_process_in_a_bad_state_sends_its_stop(running, before, words):
 
 @pytest.mark.soak
 @pytest.mark.skipif(os.getuid() != 0 if os.name == "posix" else True, reason="only root can be another user")
-def test_stop_of_one_user_goes_out_though_another_has_made_its_folder(running, tmp_path):
+def test_stop_is_sent_although_another_user_owns_the_runtime_folder(running, tmp_path):
     drive, port = running
     shared = tmp_path / "shared"
     shared.mkdir()
@@ -260,7 +258,7 @@ def test_stop_of_one_user_goes_out_though_another_has_made_its_folder(running, t
         if each != Path("/tmp"):
             each.chmod(each.stat().st_mode | 0o111)
     (shared / f"runtime-{NOBODY}").mkdir(mode=0o755)
-    # What is installed may be closed to others, so that all of it is loaded before it runs as one of them.
+    # Other users may not be able to read the installed modules, so load all before switching the user.
     script = (
         "import os, drivecomm\nfrom drivecomm.cli import main\n"
         f"main(['stop', '{DRIVE}', '--port', '{port}'])\n"

@@ -1,4 +1,4 @@
-"""Stops reach the program that has the port: what `start` keeps ends by that, all else is stopped over its bus."""
+"""Stops that reach the program holding the port: it releases its kept motor, or stops another drive over its bus."""
 
 import asyncio
 import json
@@ -36,7 +36,7 @@ PUMP = ("vabus:1", {"model": "agile"})
 
 @pytest.fixture(autouse=True)
 def folder(monkeypatch):
-    """A runtime folder of its own, whose name is short, as those of Unix sockets must be."""
+    """Make a runtime folder with a short path, as Unix sockets need; yield its subfolder drivecomm."""
     path = Path(tempfile.mkdtemp(prefix="dc"))
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(path))
     yield path / "drivecomm"
@@ -44,7 +44,7 @@ def folder(monkeypatch):
 
 
 class Line:
-    """A served line with a pump and a fan; `kept` is what runs for the pump."""
+    """Served line with a pump and a fan; `run_kept` starts the pump and keeps its motor until a stop comes."""
 
     def __init__(self, path):
         self.pump = virtual_drive("vabus", 1, model="agile", reply_delay_s=0.0)
@@ -105,12 +105,12 @@ def held(line):
 
 
 def asked(port, whom, how=Stop.RAMP):
-    """Return the program that has stopped a drive, None where none could."""
+    """Return the program that has stopped the drive, or None if no program could."""
     drive, options = whom if isinstance(whom, tuple) else (whom, {})
     return Ways(port, InSpite(as_json=False)).stopped_by(drive, how, lambda _: options)
 
 
-def test_stop_of_the_kept_drive_ends_the_command_with_its_watchdog_as_it_was(line, folder):
+def test_stop_of_the_kept_drive_ends_its_command_and_restores_the_watchdog(line, folder):
     with held(line):
         assert str(asked(line.port, PUMP)) == f"drivecomm start (pid {os.getpid()})"
         assert line.left_by == [Stop.RAMP]
@@ -118,7 +118,7 @@ def test_stop_of_the_kept_drive_ends_the_command_with_its_watchdog_as_it_was(lin
     assert list(folder.iterdir()) == []
 
 
-def test_stop_of_another_drive_goes_over_the_bus_and_ends_nothing(line, folder):
+def test_stop_of_another_drive_goes_over_the_bus_of_the_command(line, folder):
     with held(line):
         assert asked(line.port, FAN, how=Stop.QUICK)
         assert asked(line.port, "danfoss-fc:*")
@@ -143,7 +143,7 @@ def test_kind_of_stop_that_the_drive_lacks_is_refused_and_ends_nothing(line):
         assert not line.end.is_set()
 
 
-def test_silent_drive_and_address_that_cannot_be_are_told_as_over_a_bus(line):
+def test_silent_drive_and_invalid_address_raise_the_errors_of_a_bus(line):
     with held(line):
         with pytest.raises(ReplyError, match="did not answer"):
             asked(line.port, ("vabus:7", {"reply_timeout_s": 0.02, "attempts": 1}))
@@ -151,13 +151,13 @@ def test_silent_drive_and_address_that_cannot_be_are_told_as_over_a_bus(line):
             asked(line.port, "vabus:99")
 
 
-def test_stop_is_confirmed_though_ending_fails_afterwards(line):
+def test_stop_is_confirmed_although_its_command_fails_afterwards(line):
     line.fails = DriveError("it jammed")
     with held(line):
         assert asked(line.port, PUMP)
 
 
-def test_stop_that_came_before_the_drive_was_kept_keeps_it_from_being_started(line):
+def test_stop_before_the_drive_is_kept_prevents_its_start(line):
     stops, left_by = StopsFromOthers("drivecomm start"), []
     with drivecomm.open_bus(line.port) as bus, stops.over(line.port, bus):
         assert asked(line.port, PUMP)
@@ -169,7 +169,7 @@ def test_stop_that_came_before_the_drive_was_kept_keeps_it_from_being_started(li
 
 
 @pytest.mark.soak
-def test_stop_of_the_kept_drive_that_does_not_answer_is_not_confirmed(line):
+def test_stop_of_a_silent_kept_drive_is_not_confirmed(line):
     line.options["attempts"] = 1
     with held(line):
         line.pump.hear = lambda *_: None
@@ -213,13 +213,13 @@ def test_malformed_request_stops_nothing_and_the_door_stays_open(line, request_t
                 while guest.recv(1000):
                     pass
             except ConnectionError:
-                # Nobody waits for a client that says too much.
+                # The door closes the connection of a client that sends too much.
                 pass
         assert not line.end.is_set()
         assert asked(line.port, FAN)
 
 
-def test_without_a_program_or_with_one_that_was_killed_nobody_is_asked(folder):
+def test_missing_or_killed_program_is_not_contacted(folder):
     assert asked("/dev/ttyUSB9", FAN) is None
     script = (
         "import os, time; from drivecomm.client import stop_door; door = stop_door('/dev/ttyUSB9', 'x', print, print);"
@@ -232,13 +232,13 @@ def test_without_a_program_or_with_one_that_was_killed_nobody_is_asked(folder):
         killed.wait()
     assert list(holders_of_port("/dev/ttyUSB9")) == []
     assert len(list(folder.iterdir())) == 2
-    # The next program clears up.
+    # The next program removes the files of the killed one.
     with stop_door("/dev/ttyUSB8", "x", print, print):
         assert {each.name.partition("-")[0] for each in folder.iterdir()} == {str(os.getpid())}
 
 
-def test_stop_passes_a_watcher_over_its_awaited_bus(line, folder):
-    """As `watch` has it: the stop is awaited in the loop that polls, while another thread asks for it."""
+def test_stop_goes_over_the_awaited_bus_of_a_watcher(line, folder):
+    """As in `watch`, the stop is awaited in the event loop that polls, while another thread requests it."""
     with drivecomm.open_bus(line.port) as bus:
         fan = bus.drive("danfoss-fc", 3, model="fc300")
         fan.set_reference(percent=30)
@@ -275,7 +275,7 @@ def test_program_that_hangs_is_named_and_left_alone(capsys, monkeypatch):
     assert f"drivecomm poll (pid {os.getpid()}) does not answer" in capsys.readouterr().err
 
 
-def test_door_that_cannot_be_opened_is_noted_and_the_command_continues(line, folder, capsys):
+def test_command_continues_with_a_note_if_its_door_cannot_be_opened(line, folder, capsys):
     folder.mkdir()
     folder.chmod(0o777)
     with held(line):
@@ -284,7 +284,7 @@ def test_door_that_cannot_be_opened_is_noted_and_the_command_continues(line, fol
         assert "not a folder of this user alone" in said
 
 
-def test_error_that_is_no_errors_of_ours_is_told_and_confirms_nothing():
+def test_programming_error_in_a_stop_is_reported_and_confirms_nothing():
     def fall(_: StopOrder):
         raise ZeroDivisionError
 
@@ -292,7 +292,7 @@ def test_error_that_is_no_errors_of_ours_is_told_and_confirms_nothing():
         asked("/dev/ttyUSB9", FAN)
 
 
-def test_without_unix_sockets_a_token_in_the_record_is_needed(line, folder, monkeypatch):
+def test_door_without_unix_sockets_needs_the_token_of_the_record(line, folder, monkeypatch):
     monkeypatch.setattr("drivecomm.client.door_for_stops._HAS_UNIX_SOCKETS", False)
     with held(line):
         assert asked(line.port, FAN)
@@ -304,7 +304,7 @@ def test_without_unix_sockets_a_token_in_the_record_is_needed(line, folder, monk
     assert list(folder.iterdir()) == []
 
 
-def test_program_made_way_is_left_for_the_port_itself(monkeypatch, capsys):
+def test_command_that_needs_the_port_itself_ends_for_a_stop(monkeypatch, capsys):
     interrupted = threading.Event()
     monkeypatch.setattr("drivecomm.cli.signals.interrupt_main_thread", interrupted.set)
     with StopsFromOthers("drivecomm doctor").make_way("/dev/ttyUSB9"):
@@ -313,7 +313,7 @@ def test_program_made_way_is_left_for_the_port_itself(monkeypatch, capsys):
     assert "drivecomm doctor ends, because its port is needed for a stop" in capsys.readouterr().err
 
 
-# The commands
+# Stops between command processes
 
 PLANT = """
 format = 1
@@ -356,7 +356,7 @@ def started(*words):
 
 @pytest.fixture(params=["pty", "rfc2217"])
 def plant(request, tmp_path):
-    """Serve a plant of one line; gives the words that choose it, and its port."""
+    """Serve a plant of one line; yield the arguments that name its plant file, and its port."""
     place = f"pty:{tmp_path / 'line'}" if request.param == "pty" else "rfc2217:127.0.0.1:0"
     served = tmp_path / "served.toml"
     served.write_text(PLANT.replace("PLACE", f'listen = "{place}"'), encoding="utf-8")
@@ -368,7 +368,7 @@ def plant(request, tmp_path):
 
 
 @pytest.mark.soak
-def test_start_holds_the_line_and_stops_get_through_to_it(plant, capsys):
+def test_start_holds_the_line_and_accepts_stops(plant, capsys):
     where, _ = plant
     with started("pump", "--link-loss", "trip", *where) as start:
         by = f"by drivecomm start (pid {start.pid})"
@@ -383,7 +383,7 @@ def test_start_holds_the_line_and_stops_get_through_to_it(plant, capsys):
 
 
 @pytest.mark.soak
-def test_stop_all_gets_through_to_start(plant, capsys):
+def test_start_accepts_stop_all(plant, capsys):
     where, port = plant
     with started("pump", "--link-loss", "trip", *where) as start:
         assert main(["stop", "--all", *where]) == 0
@@ -400,7 +400,7 @@ def test_stop_all_gets_through_to_start(plant, capsys):
 
 
 @pytest.mark.soak
-def test_start_that_hangs_is_named_and_one_that_was_killed_is_in_nobodys_way(plant, capsys):
+def test_hanging_start_is_named_and_a_killed_start_is_ignored(plant, capsys):
     where, _ = plant
     with started("pump", "--link-loss", "trip", *where) as start:
         start.send_signal(signal.SIGSTOP)
@@ -419,12 +419,12 @@ HOLDERS = {
     "status of a wait": ("wait", "pump", "running", "--seconds", "60"),
     "scan": ("scan", "--protocol", "vabus", "--wide"),
 }
-"""Commands that have the port for long and continue when a stop has passed."""
+"""Commands that hold the port for long and continue after a stop."""
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("words", HOLDERS.values(), ids=HOLDERS)
-def test_stop_passes_a_command_that_has_the_port(plant, capsys, words):
+def test_stop_goes_through_a_command_that_holds_the_port(plant, capsys, words):
     where, port = plant
     options = ["--port", port] if words[0] == "scan" else where
     assert main(["start", "fan", "--link-loss", "hold", *where]) == 0
@@ -458,6 +458,6 @@ def test_command_with_the_bare_port_ends_for_a_stop(plant, capsys, words):
 
 
 def until_held(port, holder):
-    """Wait until a program lets stops through."""
+    """Wait until the program accepts stops for the port."""
     while not [program for program, _ in holders_of_port(port) if program.pid == holder.pid]:
         assert holder.poll() is None, holder.stderr.read()

@@ -1,4 +1,4 @@
-"""The tags commands: a table of all values with their addresses, and what comes back from a spreadsheet."""
+"""The tags commands: a table of all values with their addresses, exported and imported again from a spreadsheet."""
 
 import csv
 import io
@@ -101,7 +101,7 @@ def test_every_value_is_exported_with_its_address_at_each_door(run):
     assert rows["fan", "status"]["modbus-tcp"] == ""
 
 
-def test_export_comes_back_unchanged(run, tmp_path):
+def test_import_of_an_unchanged_export_changes_nothing(run, tmp_path):
     before = (tmp_path / "plant.toml").read_bytes()
     assert run("export", "plant.toml", "tags.csv") == (0, "tags.csv: 6 values\n", "")
     assert (tmp_path / "tags.csv").read_bytes().startswith(b"\xef\xbb\xbftag,drive,line,parameter,")
@@ -117,14 +117,14 @@ def test_imported_tags_are_exported(run, tmp_path):
     code, out, err = run("import", "new.csv", "plant.toml")
     assert (code, out) == (0, "plant.toml: 1 tag changed\n")
     assert err == "drivecomm: new.csv: columns that are not taken: remark\n"
-    # What a server polls of it usually is still polled.
+    # The fan is still polled for the usual values.
     row = rows_of(run("export", "plant.toml")[1])["fan", "output_current"]
     assert (row["tag"], row["deadband"]) == ("F1.A", "0.5")
     assert read_plant(tmp_path / "plant.toml").drives[1].tags == {"output_current": Tag(name="F1.A", deadband=0.5)}
     assert "# nothing is polled of it but what is usual\n[[drive]]" in (tmp_path / "plant.toml").read_text()
 
 
-def test_nothing_is_changed_unless_every_row_fits(run, tmp_path):
+def test_import_changes_nothing_unless_every_row_is_valid(run, tmp_path):
     (tmp_path / "new.csv").write_text("tag,drive,parameter\nF1.A,fan,output_current\nx,fna,status\ny,fan,481\n")
     code, out, err = run("import", "new.csv", "plant.toml")
     assert (code, out) == (2, "")
@@ -135,7 +135,7 @@ def test_nothing_is_changed_unless_every_row_fits(run, tmp_path):
     assert (tmp_path / "plant.toml").read_text() == PLANT
 
 
-def test_rows_are_objects_in_json(run):
+def test_export_prints_json_objects(run):
     code, out, _ = run("export", "plant.toml", "--json")
     rows = [json.loads(line) for line in out.splitlines()]
     assert (code, len(rows), rows[0]["drive_name"]) == (0, 6, "pump")

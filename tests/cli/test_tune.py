@@ -1,4 +1,4 @@
-"""tune: the pause that a drive needs, found, shown, and written into the plant file. On virtual lines."""
+"""The tune command on virtual lines: finds the pause that a drive needs and writes it into the plant file."""
 
 from itertools import count
 
@@ -39,7 +39,7 @@ def plant(tmp_path):
     return file
 
 
-def test_what_is_said(shell):
+def test_tune_prints_the_pause_and_the_gain(shell):
     assert shell("tune", "vlt3500:5", "--baudrate", "115200") == 0
     first, second, third, last = shell.out.splitlines()
     assert first == "vlt3500:5  pause 10 ms -> 1.42 ms; 1.016 ms was enough"
@@ -51,7 +51,7 @@ def test_what_is_said(shell):
     assert shell.err.endswith(" s at most\n")
 
 
-def test_what_a_maker_demands_stays(shell):
+def test_pause_that_the_maker_demands_stays(shell):
     assert shell("tune", "fuji:6", "--exchanges", "20") == 0
     assert "fuji:6  pause 10 ms stays: the maker demands it of some models; name the drive's --model\n" in shell.out
     assert "options of the drive" not in shell.out
@@ -59,7 +59,7 @@ def test_what_a_maker_demands_stays(shell):
     assert "fuji:6  pause 10 ms stays: the maker demands it\n" in shell.out
 
 
-def test_a_drive_that_needs_nearly_the_usual_pause(shell):
+def test_usual_pause_stays_if_the_drive_needs_nearly_all_of_it(shell):
     slow = virtual_drive("vlt3500", 5, baudrate=115200)
     slow.needs_pause_s = 0.009
     shell.line(slow, name="slow")
@@ -68,7 +68,7 @@ def test_a_drive_that_needs_nearly_the_usual_pause(shell):
     assert "was enough, which leaves no room for a margin" in shell.out
 
 
-def test_json(shell):
+def test_tune_prints_json(shell):
     assert shell("tune", "vlt3500:5", "--baudrate", "115200", "--exchanges", "50", "--json") == 0
     forecast, found = shell.objects
     assert forecast["seconds"] > 1
@@ -83,7 +83,7 @@ def test_json(shell):
 
 
 @pytest.mark.soak
-def test_the_plant_file_gets_it_and_is_used(shell, plant):
+def test_write_puts_the_pause_into_the_plant_file(shell, plant):
     assert shell("tune", "pump", "--plant", str(plant), port=None) == 0
     assert "; --write puts them into the plant file\n" in shell.out
     assert plant.read_text() == PLANT
@@ -99,7 +99,7 @@ def test_the_plant_file_gets_it_and_is_used(shell, plant):
     assert plant.read_text() == written
 
 
-def test_what_is_written_as_json(shell, plant):
+def test_write_reports_the_plant_file_as_json(shell, plant):
     assert shell("tune", "pump", "--exchanges", "20", "--plant", str(plant), "--write", "--json", port=None) == 0
     _, found, written = shell.objects
     named = {"name": "pump", "drive": "vlt3500:5", "line": "hall", "drive_name": "pump"}
@@ -107,7 +107,7 @@ def test_what_is_written_as_json(shell, plant):
     assert read_plant(plant).drive("pump").options.items() >= found["options"].items()
 
 
-def test_the_drive_may_be_named_by_its_address(shell, plant):
+def test_write_finds_the_drive_by_its_address(shell, plant):
     assert shell("tune", "vlt3500:5", "--exchanges", "20", "--plant", str(plant), "--write", port=None) == 0
     assert "tuned_turnaround_s" in read_plant(plant).drive("pump").options
 
@@ -118,7 +118,7 @@ def test_write_needs_a_plant(shell, line):
     assert line.time == 0, "said before anything is sent"
 
 
-def test_a_line_that_errs_anyway(shell, plant, line):
+def test_line_with_errors_at_any_pause_changes_nothing(shell, plant, line):
     line.faults = FaultPlan(rate=0.2, kinds=[Fault.CORRUPT], requests=False)
     assert shell("tune", "pump", "--plant", str(plant), "--write", port=None) == 1
     assert "pump  fails with its usual pause of 10 ms and with longer ones: " in shell.out
@@ -126,7 +126,7 @@ def test_a_line_that_errs_anyway(shell, plant, line):
     assert plant.read_text() == PLANT
 
 
-def test_a_drive_that_dies_in_the_middle(shell, plant, line):
+def test_drive_that_falls_silent_changes_nothing(shell, plant, line):
     line.call_at(3.5, lambda: line.power_off(line.drives[0]))
     assert shell("tune", "pump", "--plant", str(plant), "--write", port=None) == 4
     assert "pump  not done; the shortest pause that held so far is " in shell.out
@@ -135,7 +135,7 @@ def test_a_drive_that_dies_in_the_middle(shell, plant, line):
 
 
 @pytest.mark.parametrize("as_json", [False, True])
-def test_ctrl_c_keeps_what_was_found_and_changes_nothing(shell, plant, line, as_json):
+def test_ctrl_c_prints_the_pause_found_so_far_and_changes_nothing(shell, plant, line, as_json):
     telegrams = count()
 
     def interrupt(_sent):
@@ -163,10 +163,10 @@ def test_ctrl_c_keeps_what_was_found_and_changes_nothing(shell, plant, line, as_
         (["--arm"], "tune commands nothing, so --arm has no effect; leave it out"),
     ],
 )
-def test_what_has_no_sense_is_refused(shell, arguments, sentence):
+def test_tune_refuses_useless_arguments(shell, arguments, sentence):
     assert shell("tune", "vlt3500:5", *arguments) == 2
     assert sentence in shell.err
 
 
-def test_it_has_help():
+def test_tune_has_help():
     assert main(["tune", "--help"]) == 0

@@ -1,4 +1,4 @@
-"""The users commands: a token that is shown once, and what is kept of it."""
+"""The users commands: a token is shown once, and only its hash is stored."""
 
 import io
 import json
@@ -23,7 +23,7 @@ def run(capsys, tmp_path, monkeypatch):
 
 
 @pytest.mark.soak
-def test_added_listed_removed(run, tmp_path):
+def test_user_is_added_listed_and_removed(run, tmp_path):
     code, out, _ = run("add", "anna", "--role", "operate")
     assert code == 0
     said, token = out.splitlines()
@@ -37,7 +37,7 @@ def test_added_listed_removed(run, tmp_path):
 
 
 @pytest.mark.soak
-def test_with_a_password_from_a_pipe_in_json(run, monkeypatch):
+def test_password_is_read_from_a_pipe(run, monkeypatch):
     monkeypatch.setattr(sys, "stdin", io.StringIO("correct horse\nanything\n"))
     code, out, _ = run("add", "ben", "--role", "view", "--password", "--file", "other.toml", "--json")
     content = json.loads(out)
@@ -49,7 +49,7 @@ def test_with_a_password_from_a_pipe_in_json(run, monkeypatch):
 
 
 @pytest.mark.soak
-def test_a_password_is_typed_twice_and_not_shown(run, monkeypatch, tmp_path):
+def test_password_is_typed_twice_and_not_shown(run, monkeypatch, tmp_path):
     asked = []
     monkeypatch.setattr(sys, "stdin", io.StringIO())
     monkeypatch.setattr(sys.stdin, "isatty", lambda: True, raising=False)
@@ -70,7 +70,7 @@ def test_a_password_is_typed_twice_and_not_shown(run, monkeypatch, tmp_path):
         (("list", "--file", "."), ".: cannot be read as a file of users"),
     ],
 )
-def test_what_cannot_be(run, tmp_path, arguments, sentence):
+def test_users_commands_refuse_wrong_arguments(run, tmp_path, arguments, sentence):
     tmp_path.chmod(0o700)
     code, out, error = run(*arguments)
     assert (code, out) == (2, "")
@@ -78,7 +78,7 @@ def test_what_cannot_be(run, tmp_path, arguments, sentence):
     assert not (tmp_path / "users.toml").exists()
 
 
-def test_a_short_password_changes_nothing(run, monkeypatch, tmp_path):
+def test_short_password_changes_nothing(run, monkeypatch, tmp_path):
     monkeypatch.setattr(sys, "stdin", io.StringIO("short\n"))
     code, _, error = run("add", "ben", "--role", "view", "--password")
     assert (code, error) == (2, "drivecomm: a password has 8 to 200 characters; choose another one\n")

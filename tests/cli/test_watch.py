@@ -1,4 +1,4 @@
-"""The commands watch and plot, and --log of poll: what they take, and what they refuse."""
+"""The watch and plot commands, and poll --log: their results, and refused arguments."""
 
 import contextlib
 import os
@@ -42,14 +42,14 @@ def plant_file(tmp_path):
     return str(path)
 
 
-def test_lines_of_a_plant_file(plant_file):
+def test_watched_lines_come_from_the_plant_file(plant_file):
     (line,) = watching.watched_lines([plant_file], LineOptions(attempts=2))
     assert (line.name, line.port, line.options) == ("hall", "/dev/ttyUSB0", {"attempts": 2, "baudrate": 9600})
     assert [drive.name for drive in line.drives] == ["pump"]
 
 
 @pytest.mark.usefixtures("plant_file")
-def test_the_plant_of_who_names_none(tmp_path, monkeypatch):
+def test_watched_lines_come_from_the_default_plant(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("DRIVECOMM_PLANT", raising=False)
     (line,) = watching.watched_lines([], LineOptions())
@@ -64,7 +64,7 @@ def test_the_plant_of_who_names_none(tmp_path, monkeypatch):
     assert [line.name for line in watching.watched_lines([], LineOptions(port="/dev/ttyUSB0"))] == ["hall"]
 
 
-def test_drives_on_a_port():
+def test_watched_line_of_a_port_holds_the_named_drives():
     options = LineOptions(port="/dev/ttyUSB0", parity="e", echo="expect", rs485=True)
     (line,) = watching.watched_lines(["vabus:1,model=agile", "danfoss-fc:3"], options)
     assert (line.name, line.options) == ("/dev/ttyUSB0", {"parity": "E", "echo": "expect", "rs485": True})
@@ -74,7 +74,7 @@ def test_drives_on_a_port():
     ]
 
 
-def test_calls_that_cannot_be(shell, plant_file, tmp_path, monkeypatch):
+def test_watch_refuses_wrong_arguments(shell, plant_file, tmp_path, monkeypatch):
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
     for arguments, port, code, message in (
@@ -97,7 +97,7 @@ def in_a_terminal(monkeypatch, *but):
         monkeypatch.setattr(getattr(sys, name), "isatty", lambda: True, raising=False)
 
 
-def test_a_stream_that_is_no_terminal_is_named(shell, plant_file, monkeypatch):
+def test_watch_names_the_stream_that_is_not_a_terminal(shell, plant_file, monkeypatch):
     in_a_terminal(monkeypatch, "stderr")
     assert shell("watch", plant_file, port=None) == 2
     assert shell.err == (
@@ -105,7 +105,7 @@ def test_a_stream_that_is_no_terminal_is_named(shell, plant_file, monkeypatch):
     )
 
 
-def test_a_name_that_no_drive_has_is_refused(shell, plant_file, monkeypatch):
+def test_watch_refuses_a_name_that_no_drive_has(shell, plant_file, monkeypatch):
     in_a_terminal(monkeypatch)
     names = ("--name", "output_frequency", "--name", "torque", "--name", "inside_temperature")
     assert shell("watch", plant_file, *names, port=None) == 2
@@ -113,7 +113,7 @@ def test_a_name_that_no_drive_has_is_refused(shell, plant_file, monkeypatch):
     assert "output_frequency" not in shell.err
 
 
-def test_what_only_a_terminal_gets_to_see(shell, plant_file, monkeypatch):
+def test_watch_refuses_an_unknown_common_name_and_log_format(shell, plant_file, monkeypatch):
     in_a_terminal(monkeypatch)
     assert shell("watch", plant_file, "--name", "colour", port=None) == 2
     assert "unknown common name 'colour'" in shell.err
@@ -121,7 +121,7 @@ def test_what_only_a_terminal_gets_to_see(shell, plant_file, monkeypatch):
     assert "a log is .csv or .parquet" in shell.err
 
 
-def test_watch_without_textual(shell, plant_file, monkeypatch):
+def test_watch_without_textual_names_the_extra(shell, plant_file, monkeypatch):
     in_a_terminal(monkeypatch)
     for name in [name for name in sys.modules if name.startswith("drivecomm.cli.watch.screen")]:
         monkeypatch.delitem(sys.modules, name)
@@ -132,7 +132,7 @@ def test_watch_without_textual(shell, plant_file, monkeypatch):
 
 
 class Terminal:
-    """A terminal of 80 columns and 24 lines with a command in it."""
+    """Command in a terminal of 80 columns and 24 lines."""
 
     def __init__(self, *arguments):
         self._own, theirs = os.openpty()
@@ -159,14 +159,14 @@ class Terminal:
         try:
             return os.read(self._own, 65536)
         except OSError:
-            # On Linux the end of a terminal is an error.
+            # On Linux, reading a terminal whose program has ended raises OSError.
             raise AssertionError(f"it has ended after {self.shown[-2000:]!r}") from None
 
     def press(self, key):
         os.write(self._own, key)
 
     def left(self):
-        """Read the rest, wait for the end, and return the exit code."""
+        """Read the remaining output, wait until the command ends, and return its exit code."""
         with contextlib.suppress(OSError):
             while select.select([self._own], [], [], 20)[0] and (more := os.read(self._own, 65536)):
                 self.shown += more.decode("utf-8", "replace")
@@ -176,7 +176,7 @@ class Terminal:
 
 @pytest.mark.soak
 @pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals there")
-def test_in_a_terminal_on_a_served_line(tmp_path):
+def test_watch_shows_values_and_writes_a_log_in_a_terminal(tmp_path):
     link = tmp_path / "line"
     simulator = subprocess.Popen(
         [sys.executable, "-m", "drivecomm", "simulate", "-d", "vabus:1", "-l", f"pty:{link}"],
@@ -204,7 +204,7 @@ def test_in_a_terminal_on_a_served_line(tmp_path):
     assert list(tmp_path.glob("log*")) == [log]
 
 
-def test_nothing_slow_is_loaded_for_other_commands():
+def test_application_loads_no_slow_module():
     code = (
         "import sys, drivecomm.cli.app\n"
         "slow = {'textual', 'pyarrow', 'matplotlib', 'numpy', 'asyncio', 'csv', 'drivecomm.plant.watching', "
@@ -217,7 +217,7 @@ def test_nothing_slow_is_loaded_for_other_commands():
 
 @pytest.mark.soak
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
-def test_poll_keeps_a_log_and_plot_draws_it(shell, tmp_path, ending):
+def test_poll_writes_a_log_and_plot_draws_it(shell, tmp_path, ending):
     line = shell.line(virtual_drive("vabus", 1), virtual_drive("danfoss-fc", 3))
     log = tmp_path / f"log.{ending}"
     words = ["vabus:1,model=agile", "481", "output_frequency", "danfoss-fc:3,model=fc300", "16-30"]
@@ -242,7 +242,7 @@ def test_poll_keeps_a_log_and_plot_draws_it(shell, tmp_path, ending):
     assert shell.objects == [{"output": str(drawing), "curves": 1, "drives": 0, "faults": 0}]
 
 
-def test_ctrl_c_finishes_a_log(shell, tmp_path, monkeypatch):
+def test_ctrl_c_completes_the_log_file(shell, tmp_path, monkeypatch):
     shell.line()
     results = drivecomm.cli.poll.carry_out
 
@@ -259,7 +259,7 @@ def test_ctrl_c_finishes_a_log(shell, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == [log]
 
 
-def test_plots_that_cannot_be(shell, tmp_path):
+def test_plot_refuses_wrong_arguments(shell, tmp_path):
     shell.line()
     log = tmp_path / "log.csv"
     assert shell("poll", "vabus:1,model=agile", "481", "--cycles", "1", "--log", str(log)) == 0
@@ -273,14 +273,14 @@ def test_plots_that_cannot_be(shell, tmp_path):
         assert message in shell.err
 
 
-def test_a_log_that_cannot_be_is_said_before_anything_is_read(shell, tmp_path):
+def test_wrong_log_format_is_refused_before_anything_is_read(shell, tmp_path):
     line = shell.line()
     assert shell("poll", "vabus:1", "481", "--cycles", "1", "--log", str(tmp_path / "log.txt")) == 2
     assert "a log is .csv or .parquet" in shell.err
     assert line.time == 0
 
 
-def test_a_wrong_log_names_no_port(shell, tmp_path):
+def test_wrong_log_format_is_reported_before_a_missing_port(shell, tmp_path):
     shell.line()
     log = tmp_path / "log.xlsx"
     for option, message in (
@@ -291,13 +291,13 @@ def test_a_wrong_log_names_no_port(shell, tmp_path):
         assert shell.err == message
 
 
-def test_a_log_of_a_line_that_cannot_be_opened_is_not_begun(shell, tmp_path):
+def test_no_log_is_created_if_the_port_cannot_be_opened(shell, tmp_path):
     for name in ("log.csv", "log.parquet"):
         assert shell("poll", "vabus:1", "481", "--log", str(tmp_path / name), port="nowhere") == 3
     assert not list(tmp_path.iterdir())
 
 
-def test_what_can_never_be_read_is_refused_without_a_port_in_front_of_it(shell, tmp_path):
+def test_unreadable_parameters_are_refused_before_a_log_is_created(shell, tmp_path):
     line = shell.line()
     log = tmp_path / "log.csv"
     words = ["vabus:1,model=agile", "481", "output_colour", "fuji:7,model=g11s", "output_current"]
@@ -310,7 +310,7 @@ def test_what_can_never_be_read_is_refused_without_a_port_in_front_of_it(shell, 
     assert not log.exists()
 
 
-def test_a_log_says_what_the_screen_says(shell, tmp_path):
+def test_log_agrees_with_the_screen(shell, tmp_path):
     shell.line(virtual_drive("vabus", 1))
     log = tmp_path / "log.csv"
     words = ["vabus:1,model=agile", "output_frequency", "481", "999"]

@@ -1,4 +1,4 @@
-"""A command loads what it needs, and no other command: loading is most of what a short one takes."""
+"""Modules that commands load: only the needed ones, because loading takes most of the time of a short command."""
 
 import os
 import subprocess
@@ -34,7 +34,7 @@ NOBODYS = {
     *("drivecomm.transport.socket_channel", "drivecomm_danfoss_fc", "drivecomm_fuji", "drivecomm_vlt3500"),
     *("serial.tools.list_ports",),
 }
-"""What neither a program that reads needs, nor a command that reads or stops."""
+"""Modules that neither a reading program needs nor a command that reads or stops."""
 
 SHARED = (
     *("app", "commands", "drive_names", "entry", "line_command", "line_options", "options", "values"),
@@ -44,7 +44,7 @@ SHARED = (
 
 @pytest.fixture
 def port(tmp_path):
-    """A pseudo-terminal with a VABus drive."""
+    """Serve a VABus drive at a pseudo-terminal; yield its port."""
     with served_in_thread(
         Server([virtual_drive("vabus", 1, reply_delay_s=0.0)], parse_listen(f"pty:{tmp_path / 'line'}"))
     ) as server:
@@ -58,7 +58,7 @@ def loaded_by(program, *arguments, code=0):
         text=True,
         check=False,
         timeout=60,
-        # A login session says where sockets are, so that nobody has to look for the folder.
+        # A login session names the runtime folder, so that no library is loaded to find it.
         env={**os.environ, "XDG_RUNTIME_DIR": gettempdir()},
     )
     assert done.returncode == code, done.stderr
@@ -68,25 +68,25 @@ def loaded_by(program, *arguments, code=0):
 
 
 def commands_in(loaded):
-    """The modules of the command line that stand for one command, or a group."""
+    """Return the loaded modules that belong to a single command or a command group."""
     return {name for name in loaded if name.startswith("drivecomm.cli.")} - {f"drivecomm.cli.{name}" for name in SHARED}
 
 
-def test_a_program_that_reads(port):
+def test_reading_program_loads_no_unneeded_module(port):
     loaded = loaded_by(PROGRAM, port)
     assert not loaded & {*NOBODYS, "click", "drivecomm.cli", "platformdirs", "tomllib", "json"}
 
 
-def test_read(port):
+def test_read_loads_only_its_own_command(port):
     loaded = loaded_by(COMMAND, "read", "vabus:1", "481", "--port", port)
     assert not loaded & {*NOBODYS, "platformdirs", "tomllib"}
     assert commands_in(loaded) == {"drivecomm.cli.one_drive"}
 
 
 @pytest.mark.soak
-def test_stop_loads_least(port):
+def test_stop_loads_fewer_modules_than_read(port):
     loaded = loaded_by(COMMAND, "stop", "vabus:1", "--port", port)
-    # What stops a motor is in the control profile of the drive, which is TOML.
+    # tomllib is allowed: the control profile with the stop of the drive is a TOML file.
     assert not loaded & {*NOBODYS, "click", "platformdirs"}
     assert commands_in(loaded) == {
         *("drivecomm.cli.stop", "drivecomm.cli.stop.in_spite"),
@@ -96,7 +96,7 @@ def test_stop_loads_least(port):
 
 
 @pytest.mark.soak
-def test_stop_of_a_group_loads_no_more_than_that_of_several_drives(port, tmp_path):
+def test_stop_of_a_group_loads_no_more_modules_than_a_stop_of_drives(port, tmp_path):
     plant = tmp_path / "plant.toml"
     line = f'[[line]]\nname = "hall"\nport = "{port}"\n'
     plant.write_text(f'format = 1\n{line}[[drive]]\nname = "pump"\ndrive = "vabus:1"\ngroups = ["wet"]\n')
@@ -105,19 +105,19 @@ def test_stop_of_a_group_loads_no_more_than_that_of_several_drives(port, tmp_pat
     assert loaded <= loaded_by(COMMAND, "stop", "pump", "vabus:1", "--plant", str(plant))
 
 
-def test_status(port):
+def test_status_loads_only_its_own_command(port):
     loaded = loaded_by(COMMAND, "status", "vabus:1", "--port", port)
     assert not loaded & NOBODYS
     assert commands_in(loaded) == {"drivecomm.cli.one_drive", "drivecomm.cli.status"}
 
 
-def test_the_version():
+def test_version_flag_loads_no_command():
     loaded = loaded_by(COMMAND, "--version")
     assert not loaded & {*NOBODYS, "click", "drivecomm.bus", "drivecomm.link", "drivecomm.protocol", "json"}
     assert commands_in(loaded) == set()
 
 
-def test_the_list_of_commands_loads_none_of_them():
+def test_list_of_commands_loads_no_command():
     loaded = loaded_by(COMMAND, "--help")
     assert not {name.partition(".")[0] for name in loaded} & {"serial", "construct", "drivecomm_vabus", "pydantic"}
     assert not {name for name in loaded if name.startswith(("drivecomm.bus", "drivecomm.link.", "drivecomm.protocol."))}

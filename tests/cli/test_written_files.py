@@ -1,4 +1,4 @@
-"""Files that commands write: what is there stays unless --force is given, and what cannot be is said before."""
+"""Files that commands write: never replaced without --force, and errors are reported before work begins."""
 
 import os
 from pathlib import Path
@@ -35,7 +35,7 @@ COMMANDS = {
 
 @pytest.fixture
 def folder(shell, tmp_path, monkeypatch):
-    """A folder with what the commands read; gives the line."""
+    """Create the files that the commands read in the current folder; return the line."""
     line = shell.line(virtual_drive("vabus", 1))
     monkeypatch.chdir(tmp_path)
     words = ["poll", "vabus:1,model=agile", "480", "--cycles", "2", "--log", "values.csv", "--record", "heard.jsonl"]
@@ -49,7 +49,7 @@ def named(words, name):
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_file_that_is_there_stays_unless_force_is_given(shell, folder, name):
+def test_existing_file_is_replaced_only_with_force(shell, folder, name):
     words = named(COMMANDS[name], "there")
     file = Path(next(word for word in words if word.startswith("there")))
     file.write_text("mine", encoding="utf-8")
@@ -62,7 +62,7 @@ def test_a_file_that_is_there_stays_unless_force_is_given(shell, folder, name):
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_file_that_cannot_be_is_said_before_anything_is_asked(shell, folder, name):
+def test_missing_folder_is_reported_before_anything_is_sent(shell, folder, name):
     before = folder.time
     assert shell(*named(COMMANDS[name], "nowhere/there"), port=None) == 2
     assert "there is no folder nowhere; make it first" in shell.err
@@ -71,7 +71,7 @@ def test_a_file_that_cannot_be_is_said_before_anything_is_asked(shell, folder, n
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no such device")
 @pytest.mark.parametrize("name", ["scan", "sniff"])
-def test_a_full_disk_is_said_before_anything_is_asked(shell, folder, name, monkeypatch):
+def test_full_disk_is_reported_before_anything_is_sent(shell, folder, name, monkeypatch):
     def full(*_, **__):
         return Path("/dev/full").open("wb", buffering=0)
 
@@ -89,7 +89,7 @@ def test_force_without_a_file_is_refused(shell):
         assert "so that it has no effect; leave it out" in shell.err
 
 
-def test_a_backup_that_cannot_be_written_is_said_before_the_drive_is_asked(shell, folder):
+def test_unwritable_backup_is_reported_before_anything_is_sent(shell, folder):
     before = folder.time
     assert shell("backup", "vabus:1,model=agile", "/proc/pump.toml") == 2
     assert "/proc/pump.toml: cannot be written: " in shell.err
@@ -97,7 +97,7 @@ def test_a_backup_that_cannot_be_written_is_said_before_the_drive_is_asked(shell
 
 
 @pytest.mark.usefixtures("folder")
-def test_a_recording_that_is_there_stays_but_for_a_stop(shell):
+def test_existing_recording_is_replaced_only_by_a_stop(shell):
     file = Path("heard.jsonl")
     content = file.read_bytes()
     for command in (["read", "vabus:1", "480"], ["reset", "vabus:1"]):
@@ -110,6 +110,6 @@ def test_a_recording_that_is_there_stays_but_for_a_stop(shell):
 
 @pytest.mark.skipif(os.name != "posix", reason="there is no such device")
 @pytest.mark.usefixtures("folder")
-def test_a_device_is_no_file_that_could_be_lost(shell):
+def test_device_is_refused_as_an_output_file(shell):
     assert shell("serve", "plant.toml", "--registers", "--csv", "/dev/null", port=None) == 2
     assert "/dev/null: cannot be written: it is not a file" in shell.err

@@ -1,4 +1,4 @@
-"""Runtime folders and plants of a test's own."""
+"""Fixtures: a runtime folder and a virtual plant for each test."""
 
 import pytest
 from serving_threads import served_in_thread
@@ -31,7 +31,7 @@ reply_delay_s = 0.0
 
 @pytest.fixture(autouse=True)
 def runtime_folder(tmp_path, monkeypatch):
-    """Let servers and their clients meet in a folder of this test."""
+    """Give servers and clients of the test a runtime folder of their own; return its subfolder drivecomm."""
     (tmp_path / "run").mkdir(mode=0o700)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
@@ -41,7 +41,7 @@ def runtime_folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def plant(tmp_path):
-    """The file of a plant whose virtual drives answer."""
+    """Serve a plant of virtual drives; yield its plant file."""
     file = tmp_path / "plant.toml"
     file.write_text(PLANT.format(folder=tmp_path), encoding="utf-8")
     with served_in_thread(PlantServer(VirtualPlant(read_plant(file)))):

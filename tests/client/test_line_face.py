@@ -39,23 +39,23 @@ def arguments(kind, name):
 
 async def until(condition):
     async with asyncio.timeout(10.0):
-        while not condition():  # noqa: ASYNC110 - what it looks at tells nobody
+        while not condition():  # noqa: ASYNC110 - the condition sets no event
             await asyncio.sleep(0.01)
 
 
 @pytest.mark.parametrize(("face", "bus", "own"), BUSES)
-def test_public_names_of_a_bus_are_those_of_the_interface_and_its_own(face, bus, own):
+def test_public_names_of_a_bus_are_its_interface_and_known_extras(face, bus, own):
     assert public(bus) == public(face) | own
 
 
 @pytest.mark.parametrize(("face", "bus", "own"), BUSES)
-def test_methods_of_a_bus_take_what_the_interface_says(face, bus, own):
+def test_methods_of_a_bus_take_the_arguments_of_the_interface(face, bus, own):
     for name in public(face) - own:
         if callable(getattr(face, name)):
             assert arguments(bus, name) == arguments(face, name), name
 
 
-def test_drives_of_a_served_line_are_drives(plant):
+def test_drives_of_a_served_line_are_instances_of_drive(plant):
     with running_server(plant), drivecomm.open_plant(plant) as opened:
         line = opened.bus("hall")
         assert isinstance(line, ServedBus)
@@ -65,7 +65,7 @@ def test_drives_of_a_served_line_are_drives(plant):
         assert isinstance(line.broadcast("vabus"), Broadcast)
 
 
-def test_dir_of_a_served_drive_and_line_shows_what_a_user_may_use(plant):
+def test_dir_of_a_served_drive_and_line_lists_only_public_names(plant):
     async def of_awaited():
         (line,) = read_plant(plant).lines
         async with async_bus_of_server(line.reached_at) as bus:
@@ -83,7 +83,7 @@ def test_dir_of_a_served_drive_and_line_shows_what_a_user_may_use(plant):
     assert everybody == {"capabilities", "stop", "write"}
 
 
-def test_served_stop_all_takes_the_text_of_a_way_to_stop(plant):
+def test_served_stop_all_takes_the_kind_of_stop_as_text(plant):
     async def stopped():
         (line,) = read_plant(plant).lines
         async with async_bus_of_server(line.reached_at) as bus:
@@ -122,7 +122,7 @@ def test_awaited_served_line_polls_counts_and_broadcasts(plant):
         assert asyncio.run(used()) == (["good", "good"], False)
 
 
-def test_awaited_served_line_refuses_a_poll_of_a_drive_elsewhere(plant):
+def test_awaited_served_line_refuses_a_poll_of_a_drive_on_another_bus(plant):
     async def used():
         (line,) = read_plant(plant).lines
         async with async_bus_of_server(line.reached_at) as bus, async_bus_of_server(line.reached_at) as other:

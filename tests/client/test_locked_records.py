@@ -1,4 +1,4 @@
-"""Records that a process holds locked: what is removed meanwhile, or is no record, is never taken for one."""
+"""Locked records of processes: a removed record, a link, a pipe or an unheld file never counts as a record."""
 
 import json
 import os
@@ -11,8 +11,8 @@ from drivecomm.client.locked_records import hold, read_held
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="flock is POSIX")
 
 
-def test_record_that_its_holder_removes_before_it_is_locked_is_made_anew(tmp_path, monkeypatch):
-    """Who ends removes the record that somebody else has opened already: locked, it would be nobody's to find."""
+def test_record_removed_before_it_is_locked_is_created_again(tmp_path, monkeypatch):
+    """An ending process may remove the file that another has just opened; a lock on that file would be useless."""
     path, take, removed = tmp_path / "hall.json", locked_records._take, []
 
     def take_late(descriptor):
@@ -25,14 +25,14 @@ def test_record_that_its_holder_removes_before_it_is_locked_is_made_anew(tmp_pat
     held.write({"pid": 7})
     assert removed
     assert read_held(path) == {"pid": 7}
-    # Nor can a second one have it.
+    # A second holder cannot lock the new file.
     monkeypatch.setattr(locked_records, "_LOCK_S", 0.0)
     assert hold(path) is None
     held.release()
     assert not path.exists()
 
 
-def test_record_that_is_written_anew_holds_nothing_of_the_longer_one(tmp_path):
+def test_rewritten_record_holds_nothing_of_a_longer_earlier_one(tmp_path):
     held = hold(tmp_path / "hall.json")
     held.write({"name": "a long one"})
     held.write({"a": 1})
@@ -40,7 +40,7 @@ def test_record_that_is_written_anew_holds_nothing_of_the_longer_one(tmp_path):
     held.release()
 
 
-def test_file_that_nobody_holds_link_and_pipe_are_no_records(tmp_path):
+def test_unheld_file_link_and_pipe_are_not_records(tmp_path):
     (tmp_path / "left.json").write_text(json.dumps({"pid": 1}))
     held = hold(tmp_path / "held.json")
     held.write({"pid": 1})

@@ -1,4 +1,4 @@
-"""Local sockets ask who is at their other end, as programs of two users on a real socket see it."""
+"""Local sockets identify the user at their other end; tested with programs of two users on real sockets."""
 
 import os
 import socket
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="there ar
 NOBODY = 65534
 as_root = pytest.mark.skipif(os.name == "posix" and os.getuid() != 0, reason="only root can be another user")
 
-# Answers whatever it is asked, as a server would that has stopped everything.
+# Confirms every request, as a server would that has stopped everything.
 IMPOSTOR = """
 import os, socket, sys
 os.setgid(65534); os.setuid(65534)
@@ -55,13 +55,13 @@ except ConnectionError:
 
 @pytest.fixture
 def shared():
-    """A folder that all users can write to, with a short name."""
+    """Create a folder with a short path in which all users can write."""
     with tempfile.TemporaryDirectory(prefix="dc") as name:
         Path(name).chmod(0o777)
         yield Path(name)
 
 
-def test_user_of_the_other_end_is_known_and_commands():
+def test_user_of_the_other_end_is_known_and_may_command():
     ours, theirs = socket.socketpair(socket.AF_UNIX)
     with ours, theirs:
         assert user_of_peer(ours) == os.getuid()
@@ -76,8 +76,8 @@ def test_tcp_connection_has_no_user():
             check_peer(ours, "here")
 
 
-def test_where_the_system_uses_xucred_its_second_word_is_the_user(monkeypatch):
-    """macOS and FreeBSD: version, user, groups."""
+def test_second_word_of_xucred_is_the_user(monkeypatch):
+    """macOS and FreeBSD return `xucred`: version, user, groups."""
 
     class Connected:
         def getsockopt(self, level, option, size):
@@ -91,7 +91,7 @@ def test_where_the_system_uses_xucred_its_second_word_is_the_user(monkeypatch):
 
 @as_root
 def test_stop_is_not_confirmed_by_another_users_program(plant, shared, capsys, monkeypatch):
-    """The record is right, and somebody else listens at its socket: the stop goes to the port."""
+    """The record is valid, but another user's program listens at its socket: the stop goes to the port."""
     shared.chmod(0o755)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(shared))
     with serving(plant) as server:
@@ -99,7 +99,7 @@ def test_stop_is_not_confirmed_by_another_users_program(plant, shared, capsys, m
             each.close()
         place = local_socket(plant)
         place.unlink()
-        # Only so that the other user can make it there at all.
+        # Lets the other user create the socket in this folder.
         place.parent.chmod(0o733)
         with impostor(place):
             place.parent.chmod(0o700)
@@ -113,7 +113,7 @@ def test_stop_is_not_confirmed_by_another_users_program(plant, shared, capsys, m
 
 
 @as_root
-def test_door_for_stops_takes_no_orders_of_another_user(shared, monkeypatch, runtime_folder):
+def test_door_for_stops_refuses_requests_of_another_user(shared, monkeypatch, runtime_folder):
     came = []
     runtime_folder.mkdir(mode=0o700)
     monkeypatch.setattr("drivecomm.client.door_for_stops.holders_socket", lambda _: shared / "door.sock")
@@ -126,7 +126,7 @@ def test_door_for_stops_takes_no_orders_of_another_user(shared, monkeypatch, run
 
 
 @as_root
-def test_virtual_plant_takes_no_orders_of_another_user_and_a_client_believes_none(shared, tmp_path):
+def test_control_socket_refuses_another_user_at_either_end(shared, tmp_path):
     file = tmp_path / "virtual.toml"
     file.write_text('format = 1\n[[line]]\nname = "hall"\nlisten = "tcp:127.0.0.1:0"\n[[drive]]\ndrive = "vabus:1"\n')
     place = shared / "control.sock"
@@ -146,7 +146,7 @@ def test_virtual_plant_takes_no_orders_of_another_user_and_a_client_believes_non
         ControlClient(f"unix:{shared / 'other.sock'}")
 
 
-def test_link_in_the_place_of_a_control_socket_is_not_followed(shared, tmp_path):
+def test_link_at_the_path_of_a_control_socket_is_not_followed(shared, tmp_path):
     (shared / "control.sock").symlink_to(tmp_path / "elsewhere.sock")
     file = tmp_path / "virtual.toml"
     file.write_text('format = 1\n[[line]]\nname = "hall"\nlisten = "tcp:127.0.0.1:0"\n[[drive]]\ndrive = "vabus:1"\n')
@@ -159,7 +159,7 @@ def test_link_in_the_place_of_a_control_socket_is_not_followed(shared, tmp_path)
 
 
 def guest(place, request):
-    """Return what another user is told on a socket."""
+    """Send a request to a socket as another user; return the answer."""
     done = subprocess.run(
         [sys.executable, "-c", GUEST, str(place), request], capture_output=True, text=True, check=True, timeout=30
     )
@@ -167,7 +167,7 @@ def guest(place, request):
 
 
 class impostor:  # noqa: N801 - used as a function
-    """Another user's program that listens at a place."""
+    """Program of another user that listens at a socket path."""
 
     def __init__(self, place):
         self._place = place

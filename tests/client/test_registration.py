@@ -1,4 +1,4 @@
-"""Servers and their records: found by plant and by port, stale ones are ignored, one server a plant."""
+"""Records of servers: found by plant and by port, stale records are ignored, one server per plant."""
 
 import errno
 import json
@@ -28,14 +28,14 @@ with register(Registration(plant=sys.argv[1], lines={"hall": "/dev/ttyUSB7"}, st
 
 @pytest.fixture
 def file(tmp_path):
-    """A plant file; nobody reads what is in it."""
+    """Create an empty plant file; only its name matters."""
     (tmp_path / "hall.toml").write_text("")
     return tmp_path / "hall.toml"
 
 
 @pytest.fixture
 def elsewhere(file):
-    """A server of the plant in a process of its own."""
+    """Register a server of the plant in a process of its own; yield the process."""
     with subprocess.Popen([sys.executable, "-c", HOLD, str(file)], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout.readline() == "there\n"
         yield process
@@ -46,7 +46,7 @@ def record_of(file, folder):
     return folder / f"{identity(file)}.server.json"
 
 
-def test_a_server_whose_record_cannot_be_written_says_so(file, monkeypatch):
+def test_server_refuses_to_start_if_its_record_cannot_be_written(file, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -59,7 +59,7 @@ def test_a_server_whose_record_cannot_be_written_says_so(file, monkeypatch):
         assert server_of_plant(file) is not None
 
 
-def test_a_server_is_found_as_long_as_it_is_registered(file):
+def test_server_is_found_while_it_is_registered(file):
     about = Registration(plant=str(file), name="hall 2", socket="/x.sock", lines={"hall": "/dev/ttyUSB7"}, history="h")
     assert server_of_plant(file) is None
     with register(about) as record:
@@ -70,7 +70,7 @@ def test_a_server_is_found_as_long_as_it_is_registered(file):
     assert not record.exists()
 
 
-def test_a_plant_is_known_by_any_name_of_its_file(file, tmp_path, monkeypatch):
+def test_server_of_a_plant_is_found_by_any_name_of_its_file(file, tmp_path, monkeypatch):
     (tmp_path / "link.toml").symlink_to(file)
     monkeypatch.chdir(tmp_path)
     with register(Registration(plant=str(file))):
@@ -81,7 +81,7 @@ def test_a_plant_is_known_by_any_name_of_its_file(file, tmp_path, monkeypatch):
     assert local_socket(file).name.endswith(f"{identity(file)[-8:]}.sock")
 
 
-def test_a_line_is_found_by_any_name_of_its_port(file, tmp_path):
+def test_line_is_found_by_any_name_of_its_port(file, tmp_path):
     (tmp_path / "port").symlink_to("/dev/null")
     lines = {"hall": "/dev/null", "yard": "socket://localhost:4001"}
     with register(Registration(plant=str(file), lines=lines)):
@@ -90,14 +90,14 @@ def test_a_line_is_found_by_any_name_of_its_port(file, tmp_path):
         assert server_of_port("/dev/zero") is None
 
 
-def test_a_second_server_names_the_first(file, elsewhere):
+def test_second_server_of_a_plant_is_refused_and_names_the_first(file, elsewhere):
     already = rf"hall.toml has a server already \(pid {elsewhere.pid}, since 2\d\d\d-"
     with pytest.raises(UsageError, match=already), register(Registration(plant=str(file))):
         pass
     assert server_of_plant(file).pid == elsewhere.pid
 
 
-def test_a_server_that_was_killed_counts_for_nothing(file, elsewhere, runtime_folder):
+def test_record_of_a_killed_server_is_ignored(file, elsewhere, runtime_folder):
     assert server_of_port("/dev/ttyUSB7")[0].pid == elsewhere.pid
     elsewhere.send_signal(signal.SIGKILL)
     elsewhere.wait()
@@ -108,33 +108,33 @@ def test_a_server_that_was_killed_counts_for_nothing(file, elsewhere, runtime_fo
         assert server_of_plant(file).name == "again"
 
 
-def test_a_record_that_nobody_holds_counts_for_nothing(file, runtime_folder):
+def test_record_without_a_holder_is_ignored(file, runtime_folder):
     runtime_folder.mkdir(mode=0o700)
     record_of(file, runtime_folder).write_text(json.dumps({"plant": str(file), "pid": os.getpid(), "lines": {}}))
     assert server_of_plant(file) is None
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", '{"plant": 1}', '{"pid": "x", "plant": "y"}'])
-def test_a_record_that_makes_no_sense_is_no_server(file, content):
+def test_malformed_record_is_ignored(file, content):
     with register(Registration(plant=str(file))) as record:
         record.write_text(content)
         assert server_of_plant(file) is None
         assert [*servers()] == []
 
 
-def test_what_a_later_version_writes_besides_does_no_harm(file):
+def test_unknown_keys_of_a_record_are_ignored(file):
     with register(Registration(plant=str(file))) as record:
         record.write_text(json.dumps({**json.loads(record.read_text()), "colour": "blue"}))
         assert server_of_plant(file).plant == str(file)
 
 
-def test_a_record_is_written_again(file):
+def test_rewritten_record_replaces_the_lines(file):
     with register(Registration(plant=str(file), lines={"hall": "/dev/ttyUSB0", "yard": "/dev/ttyUSB1"})) as record:
         written_again(record, Registration(plant=str(file), lines={"hall": "/dev/ttyUSB7"}))
         assert server_of_plant(file).lines == {"hall": "/dev/ttyUSB7"}
 
 
-def test_a_folder_to_which_others_can_write_is_not_believed(file, runtime_folder):
+def test_folder_in_which_others_can_write_is_not_trusted(file, runtime_folder):
     with register(Registration(plant=str(file))):
         runtime_folder.chmod(0o777)
         assert server_of_plant(file) is None
@@ -146,7 +146,7 @@ def test_a_folder_to_which_others_can_write_is_not_believed(file, runtime_folder
         runtime_folder.chmod(0o700)
 
 
-def test_a_service_has_its_own_folder(file, tmp_path, monkeypatch):
+def test_service_uses_its_own_runtime_folder(file, tmp_path, monkeypatch):
     (tmp_path / "service").mkdir(mode=0o700)
     monkeypatch.setenv("RUNTIME_DIRECTORY", f"{tmp_path / 'service'}:/else")
     assert local_socket(file).parent == tmp_path / "service"
@@ -155,12 +155,12 @@ def test_a_service_has_its_own_folder(file, tmp_path, monkeypatch):
         assert server_of_plant(file)
 
 
-def test_the_token_is_not_shown(file):
+def test_text_of_a_registration_hides_the_token(file):
     assert "secret" not in repr(Registration(plant=str(file), token="secret"))
     assert str(Registration(plant="hall.toml", pid=7)) == "drivecomm serve hall.toml (pid 7)"
 
 
-def test_a_folder_with_a_long_name_has_its_socket_elsewhere(tmp_path, monkeypatch):
+def test_socket_lies_elsewhere_if_the_folder_has_a_long_path(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / ("long" * 30)))
     monkeypatch.delenv("RUNTIME_DIRECTORY", raising=False)
     socket = local_socket(tmp_path / "plant.toml")
@@ -168,7 +168,7 @@ def test_a_folder_with_a_long_name_has_its_socket_elsewhere(tmp_path, monkeypatc
     assert socket.parent.stat().st_mode & 0o077 == 0
 
 
-def test_without_flock_a_byte_is_locked_instead(file, monkeypatch):
+def test_record_is_locked_by_a_byte_where_flock_is_missing(file, monkeypatch):
     fcntl = pytest.importorskip("fcntl")
 
     def locking(descriptor, mode, _count):
@@ -185,7 +185,7 @@ def test_without_flock_a_byte_is_locked_instead(file, monkeypatch):
             pass
         left = record.read_bytes()
     assert server_of_plant(file) is None
-    # A server that was killed leaves its record.
+    # A killed server leaves its record behind.
     record.write_bytes(left)
     assert server_of_plant(file) is None
     with register(about):

@@ -1,4 +1,4 @@
-"""Which folders are trusted: by what they are, whose they are and what they are in, and never by their names."""
+"""Trust in runtime folders: by type, mode, owner and parent folder, and never by name."""
 
 import os
 from pathlib import Path
@@ -38,20 +38,20 @@ def test_link_to_a_private_folder_is_not_private(folder):
     assert not is_private(link)
 
 
-def test_file_and_nothing_are_not_private(folder):
+def test_file_and_missing_path_are_not_private(folder):
     (folder / "file").touch(mode=0o600)
     assert not is_private(folder / "file")
     assert not is_private(folder / "nothing")
 
 
 @pytest.mark.parametrize(("mode", "safe"), [(0o777, False), (0o775, False), (0o757, False), (0o1777, True)])
-def test_folder_is_private_only_where_others_cannot_rename_it(folder, mode, safe):
+def test_folder_is_private_only_if_others_cannot_rename_it(folder, mode, safe):
     folder.parent.chmod(mode)
     assert is_private(folder) is safe
 
 
 @as_root
-def test_folder_of_another_user_or_below_one_of_theirs_is_not_private(folder):
+def test_folder_of_another_user_or_inside_such_a_folder_is_not_private(folder):
     os.chown(folder, NOBODY, NOBODY)
     assert not is_private(folder)
     os.chown(folder, 0, 0)
@@ -59,8 +59,8 @@ def test_folder_of_another_user_or_below_one_of_theirs_is_not_private(folder):
     assert not is_private(folder)
 
 
-def test_folder_is_named_by_the_real_path_of_what_it_is_in(folder, monkeypatch, tmp_path):
-    """A link on the way that leads elsewhere later leads nobody astray: it is followed once."""
+def test_users_folder_is_given_by_its_real_path(folder, monkeypatch, tmp_path):
+    """A link in the path is resolved once, so changing the link later has no effect."""
     (tmp_path / "link").symlink_to(folder)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "link"))
     assert users_folder() == folder / "drivecomm"
@@ -87,7 +87,7 @@ def test_unusable_folder_is_left_out_and_named(monkeypatch, folder):
 
 
 @as_root
-def test_service_is_trusted_only_in_a_folder_that_root_has_made(monkeypatch, tmp_path):
+def test_service_is_trusted_only_in_a_folder_created_by_root(monkeypatch, tmp_path):
     system = tmp_path / "run" / "drivecomm"
     system.mkdir(parents=True, mode=0o755)
     os.chown(system, NOBODY, NOBODY)

@@ -1,4 +1,4 @@
-"""Drives through a server from Python: the same verbs, results and errors as on a bus of one's own."""
+"""Drives through a server from Python: the same methods, results and errors as on a bus with its own port."""
 
 import asyncio
 import time
@@ -30,7 +30,7 @@ from drivecomm.protocol import DriveState
 
 
 @pytest.mark.soak
-def test_the_same_verbs_and_results(plant):
+def test_served_drives_return_the_same_results_as_drives_at_a_port(plant):
     def carried_out(own_ports):
         with drivecomm.open_plant(plant, own_ports=own_ports) as opened:
             pump, fan = opened.drive("pump"), opened.drive("fan")
@@ -51,7 +51,7 @@ def test_the_same_verbs_and_results(plant):
             carried_out(own_ports=True)
 
 
-def test_a_plant_that_insists_on_its_server_opens_no_port(plant):
+def test_plant_that_requires_its_server_opens_no_port(plant):
     with pytest.raises(UsageError, match="exclude each other"):
         drivecomm.open_plant(plant, server=True, own_ports=True)
     with running_server(plant), drivecomm.open_plant(plant, server=True) as opened:
@@ -61,7 +61,7 @@ def test_a_plant_that_insists_on_its_server_opens_no_port(plant):
         opened.drive("pump")
 
 
-def test_plant_that_insists_on_its_server_opens_no_port_after_the_server_has_died(plant):
+def test_plant_that_requires_its_server_opens_no_port_after_the_server_dies(plant):
     with drivecomm.open_plant(plant, server=True) as opened:
         with running_server(plant):
             pump, fan = opened.drive("pump"), opened.drive("fan")
@@ -77,7 +77,7 @@ def test_plant_that_insists_on_its_server_opens_no_port_after_the_server_has_die
 
 
 @pytest.mark.soak
-def test_the_same_errors(plant):
+def test_served_drives_raise_the_same_errors_as_drives_at_a_port(plant):
     def refused(call):
         try:
             call()
@@ -121,7 +121,7 @@ def test_the_same_errors(plant):
     assert {ParameterAddressError, ValueRefusedError, NotSupported, ReadOnlyError, StateError} <= kinds
 
 
-def test_a_poll_plan(plant):
+def test_served_line_is_polled_and_counted(plant):
     with running_server(plant), drivecomm.open_plant(plant) as opened:
         items = [PollItem(drive=opened.drive("pump"), parameter="480", period_s=0.02)]
         items += [PollItem(drive=opened.drive("fan"), parameter="3-03", period_s=0.02)]
@@ -132,7 +132,7 @@ def test_a_poll_plan(plant):
         assert not opened.bus("hall").health["vabus:1"].given_up
 
 
-def test_what_is_read_only_here_stays_so_where_the_server_would_let_it_through(plant):
+def test_drive_made_read_only_by_the_program_sends_only_stops(plant):
     with serving(plant) as server, drivecomm.open_plant(plant) as opened:
         pump = opened.bus("hall").drive("vabus", 1, model="agile", read_only=True)
         pump.read_only_reason = "not today"
@@ -145,7 +145,7 @@ def test_what_is_read_only_here_stays_so_where_the_server_would_let_it_through(p
         assert [path.rpartition("/")[2] for _, path, _ in server.requests] == ["stop"]
 
 
-def test_what_is_said_of_a_drive_goes_along_and_nothing_else(plant):
+def test_only_the_given_options_of_a_drive_are_sent_to_the_server(plant):
     with serving(plant) as server, drivecomm.open_plant(plant, attempts=2) as opened:
         opened.drive("pump").read("480")
         opened.bus("hall").drive("vabus", 1, model="agile").read("480")
@@ -155,7 +155,7 @@ def test_what_is_said_of_a_drive_goes_along_and_nothing_else(plant):
     assert [body.get("arm") for body in bodies] == [None, None, None]
 
 
-def test_a_command_is_sent_once_and_a_question_again(plant):
+def test_read_is_repeated_after_a_lost_answer_and_a_command_is_not(plant):
     with serving(plant) as server, drivecomm.open_plant(plant) as opened:
         pump = opened.drive("pump")
         pump.read("480")
@@ -167,8 +167,8 @@ def test_a_command_is_sent_once_and_a_question_again(plant):
         assert [path.rpartition("/")[2] for _, path, _ in server.requests].count("reset") == 1
 
 
-def test_question_that_times_out_is_not_asked_again(plant):
-    """It was heard, and is still being answered: a second one would only make a slow server slower."""
+def test_request_that_times_out_is_not_repeated(plant):
+    """The server has received the request and still works on it; a repetition would only slow it down further."""
     with serving(plant) as server:
         local = LocalServer(server_of_plant(plant))
         local.ask("/api/v1/drives")
@@ -179,7 +179,7 @@ def test_question_that_times_out_is_not_asked_again(plant):
         assert [path for _, path, _ in server.requests] == ["/api/v1/drives"]
 
 
-def test_a_command_says_when_it_was_given_and_for_how_long_it_counts(plant):
+def test_command_carries_its_time_and_its_validity(plant):
     with serving(plant) as server, drivecomm.open_plant(plant) as opened:
         opened.drive("pump").reset()
         ((_, _, body),) = server.requests
@@ -188,7 +188,7 @@ def test_a_command_says_when_it_was_given_and_for_how_long_it_counts(plant):
 
 
 @pytest.mark.soak
-def test_a_server_that_hangs_is_given_up(plant):
+def test_hanging_server_raises_server_lost_error(plant):
     with serving(plant) as server, drivecomm.open_plant(plant) as opened:
         pump = opened.drive("pump")
         pump.read("480")
@@ -200,13 +200,13 @@ def test_a_server_that_hangs_is_given_up(plant):
 
 
 @pytest.mark.soak
-def test_a_server_that_takes_its_time_is_waited_for(plant):
+def test_client_waits_for_a_slow_server(plant):
     with serving(plant) as server, drivecomm.open_plant(plant) as opened:
         server.takes_s = 3.0
         assert opened.drive("pump").read("480").value == 30
 
 
-def test_what_no_server_does_is_refused(plant):
+def test_options_that_no_server_accepts_are_refused(plant):
     with serving(plant) as server, drivecomm.open_plant(plant) as opened:
         bus = opened.bus("hall")
         pump = bus.drive("vabus", 1)
@@ -221,7 +221,7 @@ def test_what_no_server_does_is_refused(plant):
         bus.now()
 
 
-def test_decimals_keep_their_digits_on_the_way():
+def test_decimals_keep_their_digits_in_json():
     for text in ("10.00", "50", "1E+3", "-0.1", "0"):
         assert str(parsed(json_text(Decimal(text)))) == text
         assert isinstance(parsed(json_text(Decimal(text))), Decimal)
@@ -229,7 +229,7 @@ def test_decimals_keep_their_digits_on_the_way():
 
 
 @pytest.mark.soak
-def test_watching_through_a_server(plant):
+def test_watcher_reads_and_stops_through_a_server(plant):
     async def watched():
         async with Watcher(
             lines_of(drivecomm.plant.read_plant(plant)), names=["output_frequency"], period_s=0.05
@@ -247,7 +247,7 @@ def test_watching_through_a_server(plant):
     assert telegrams
 
 
-def test_a_watchdog_that_the_server_would_feed_anyway_is_not_set_from_here(plant):
+def test_watchdog_of_a_served_drive_cannot_be_set_by_the_program(plant):
     with serving(plant) as server, drivecomm.open_plant(plant) as opened:
         pump = opened.drive("pump")
         with pytest.raises(UsageError, match=r"drivecomm.keep, which takes a lease"):
@@ -255,12 +255,12 @@ def test_a_watchdog_that_the_server_would_feed_anyway_is_not_set_from_here(plant
         with pytest.raises(UsageError, match="fed by the server's own questions"):
             asyncio.run(set_watchdog_async(pump, "trip", 2))
         assert server.requests == []
-        # To read it, or to switch it off, promises nothing.
+        # Reading the watchdog and switching it off stay allowed, because neither promises a stop.
         set_watchdog(pump, "hold")
         assert read_watchdog(pump).policy == "hold"
 
 
-def test_error_of_a_wrong_drive_comes_through_a_server_whole():
+def test_wrong_drive_error_keeps_its_attributes_through_a_server():
     error = WrongDriveError("modbus:1 is another", model="delta", found="it tells X", candidates=("invt",))
     there = error_of(error_content(error))
     assert (type(there), str(there), there.model, there.found, there.candidates) == (
@@ -291,7 +291,7 @@ def test_machine_reference_goes_to_a_server_as_hertz(plant):
         assert server.requests[-1][2]["arguments"] == {"hz": Decimal("5.00")}
 
 
-def test_machine_reference_is_taken_by_a_server_and_shown_by_it(plant):
+def test_server_takes_a_machine_reference_and_reports_its_unit(plant):
     plant.write_text(
         plant.read_text().replace("armed = true", 'armed = true\nmachine = { unit = "m/min", per_hz = "1.25" }')
     )

@@ -1,4 +1,4 @@
-"""A motor that the server keeps: for as long as the lease is renewed, and stopped when it is given back or runs out."""
+"""Motors kept by a server: they run while the lease is renewed, and stop when it is released or expires."""
 
 import threading
 import time
@@ -15,13 +15,13 @@ from drivecomm.protocol import DriveState
 
 @pytest.fixture
 def pump(plant):
-    """The pump, through a server."""
+    """Yield the pump as a drive of a running server."""
     with running_server(plant), drivecomm.open_plant(plant) as opened:
         yield opened.drive("pump")
 
 
 @pytest.mark.soak
-def test_it_turns_for_longer_than_one_lease(pump):
+def test_kept_motor_runs_for_longer_than_one_lease(pump):
     with ServedStart(pump, 2.0) as kept:
         kept.start("trip", watchdog_s=3, percent=40)
         until = time.monotonic() + 3.0
@@ -30,7 +30,7 @@ def test_it_turns_for_longer_than_one_lease(pump):
             time.sleep(0.2)
 
 
-def test_leaving_gives_the_lease_back_and_stops_the_motor(pump):
+def test_leaving_the_block_releases_the_lease_and_stops_the_motor(pump):
     stop = threading.Event()
     with ServedStart(pump, 20.0) as kept:
         kept.start("trip", watchdog_s=3, percent=5)
@@ -43,7 +43,7 @@ def test_leaving_gives_the_lease_back_and_stops_the_motor(pump):
     assert pump.wait_for(DriveState.READY, 5.0).state is DriveState.READY
 
 
-def test_an_error_inside_stops_the_motor_and_is_told(pump):
+def test_error_inside_the_block_stops_the_motor_and_is_raised(pump):
     def fail():
         with ServedStart(pump, 20.0) as kept:
             kept.start("trip", watchdog_s=3, percent=5)
@@ -54,13 +54,13 @@ def test_an_error_inside_stops_the_motor_and_is_told(pump):
     assert pump.wait_for(DriveState.READY, 5.0).state is DriveState.READY
 
 
-def test_what_the_drive_cannot_is_said_and_nothing_turns(pump):
+def test_impossible_policy_is_refused_and_the_motor_stays_off(pump):
     with pytest.raises(NotSupported, match="it can hold or trip"), ServedStart(pump, 5.0) as kept:
         kept.start("ramp", watchdog_s=3)
     assert not pump.status().running
 
 
-def test_nobody_else_starts_or_takes_it_meanwhile(pump, plant):
+def test_other_callers_cannot_acquire_the_lease_but_may_stop_the_motor(pump, plant):
     with ServedStart(pump, 20.0) as kept, drivecomm.open_plant(plant) as others:
         kept.start("trip", watchdog_s=3)
         with pytest.raises(LeaseError):
@@ -83,7 +83,7 @@ def test_lost_renewal_is_repeated_and_the_motor_keeps_its_lease(plant, monkeypat
         server.requests = Requests()
         with ServedStart(opened.drive("pump"), 0.0):
             server.drops = 1
-            # The first goes unanswered, and the lease is renewed all the same.
+            # The first renewal gets no answer, and the lease is renewed all the same.
             assert renewed.acquire(timeout=10)
             assert renewed.acquire(timeout=10)
             assert renewed.acquire(timeout=10)

@@ -1,4 +1,4 @@
-"""Traces and recordings of a line that a server has: one that fails costs nobody else anything."""
+"""Traces and recordings of a served line: one that fails does not disturb the others."""
 
 import pytest
 from running_server import running_server
@@ -6,7 +6,7 @@ from running_server import running_server
 import drivecomm
 
 
-def test_recording_goes_on_when_a_trace_function_raises(plant):
+def test_recording_continues_after_a_trace_function_raises(plant):
     told, kept = [], []
 
     class Record:

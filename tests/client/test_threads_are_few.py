@@ -1,4 +1,4 @@
-"""The threads of an event loop are few: where calls that hang have them all, lines are opened and motors stopped."""
+"""Event loops whose threads are all blocked: lines still open, and motors still stop."""
 
 import asyncio
 from concurrent.futures import ThreadPoolExecutor
@@ -16,7 +16,7 @@ SOON_S = 1.0
 
 @contextmanager
 def no_thread_left():
-    """Let the running loop have no thread for what is asked within the block."""
+    """Occupy the only executor thread of the running loop within the block."""
     over = Event()
     threads = ThreadPoolExecutor(1)
     loop = asyncio.get_running_loop()
@@ -28,7 +28,7 @@ def no_thread_left():
         over.set()
 
 
-def test_a_line_is_opened():
+def test_line_opens_without_a_free_thread():
     async def main():
         with no_thread_left():
             async with asyncio.timeout(SOON_S), open_bus_async(VirtualLine([Mortal("vabus")]).port) as bus:
@@ -37,7 +37,7 @@ def test_a_line_is_opened():
     asyncio.run(main())
 
 
-def test_a_drive_of_a_server_is_stopped(monkeypatch):
+def test_served_drive_is_stopped_without_a_free_thread(monkeypatch):
     monkeypatch.setattr(AsyncServedBus, "sent", lambda _bus, _of, verb, _arguments: f"{verb} was sent")
 
     async def main():

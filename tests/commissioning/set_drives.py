@@ -1,4 +1,4 @@
-"""Virtual drives of every model of every installed protocol, with settings that somebody has changed."""
+"""Virtual drives of every model of every installed protocol, with changed settings."""
 
 import string
 from contextlib import suppress
@@ -13,12 +13,12 @@ from drivecomm.models import load_model, model_names
 from drivecomm.protocol import installed
 from drivecomm.virtual import carry_out, drive_type
 
-# Of an inverter whose rating is not known, nobody knows the scale of its currents.
+# The scale of an inverter's currents depends on its rating.
 OPTIONS = {"fuji": {"rating_hp": 10}}
 
 
 class Case:
-    """One model of one protocol."""
+    """A model of a protocol, with its virtual drive."""
 
     def __init__(self, protocol, model):
         self.plugin = installed[protocol]
@@ -34,7 +34,7 @@ class Case:
 
     @property
     def settings(self):
-        """What a backup holds, by address of each value."""
+        """Address and parameter facts of each value that a backup holds."""
         return [
             (address, info)
             for info in self.model.parameters.values()
@@ -44,14 +44,14 @@ class Case:
 
     @property
     def can_be_set(self):
-        """Whether a backup holds something that can be set, besides what a restore leaves alone unless it is named."""
+        """Whether a backup holds a writable value that a restore writes without being asked for it by name."""
         watchdog = self.model.watchdog
         left = () if watchdog is None else (watchdog.time, watchdog.action)
         return any("w" in info.access and info.address not in left for _, info in self.settings)
 
     @property
     def tells_its_state(self):
-        """Whether it has a status; with some protocols that is up to the model."""
+        """Whether the drive has a status; with some protocols that depends on the model."""
         by_model = ("ei-bisynch", "lecom", "ls-bus", "modbus", "toshiba", "weg")
         return self.plugin.name not in by_model or bool(self.model.control.get("status"))
 
@@ -60,25 +60,25 @@ class Case:
         return self.type.new()
 
     def drive(self, bus):
-        """Return the master's side of it."""
+        """Return the master's drive object on the bus."""
         return bus.drive(self.plugin.name, self.address, model=self.model, **self.options)
 
     def held(self, virtual):
-        """Return what a drive holds, as its telegrams would carry it."""
+        """Return the raw values that the virtual drive holds, by address."""
         return {address: virtual.peek(address, 0.0) for address, _ in self.settings}
 
     def change(self, virtual, random, share=0.5):
-        """Change some settings, as a master that stores them would; return how many took another value."""
+        """Change some settings as a master does with stored writes; return how many values differ afterwards."""
         before = self.held(virtual)
         watchdog = self.model.watchdog
         left = () if watchdog is None else (watchdog.time, watchdog.action)
         for address, info in self.settings:
-            # Those are restored only when that is said.
+            # A restore writes the watchdog parameters only if they are named.
             if info.address not in left and random.random() < share:
                 with suppress(DriveCommError):
                     self._write(virtual, address, _another(info, random))
         if share < 1 and self.held(virtual) == before:
-            # A model with a handful of settings is easily missed by chance.
+            # With only a few settings, chance may pick none of them.
             return self.change(virtual, random, 1)
         return sum(value != before[address] for address, value in self.held(virtual).items())
 
@@ -92,19 +92,19 @@ class Case:
 
 @cache
 def cases_with_settings():
-    """Return those of whose drives a backup holds something that can be set, and that tell whether the motor runs."""
+    """Return the cases with a restorable setting whose drives report whether the motor runs."""
     return [case for case in cases() if case.can_be_set and case.tells_its_state]
 
 
 @cache
 def cases_without_status():
-    """Return those that can be set while nothing tells whether the motor runs."""
+    """Return the cases with a restorable setting whose drives do not report whether the motor runs."""
     return [case for case in cases() if case.can_be_set and not case.tells_its_state]
 
 
 @cache
 def cases():
-    """Return all that have a setting to restore; what they hold never changes."""
+    """Return all cases whose backup holds a setting. The cases are shared, so do not change them."""
     every = [
         Case(plugin.name, model) for plugin in installed.working() for model in model_names(plugin.package, plugin.name)
     ]
@@ -112,7 +112,7 @@ def cases():
 
 
 def _another(info, random):
-    """Return a value near the one that a parameter starts with."""
+    """Return a value near the start value of the parameter."""
     if info.type in ("text", "string"):
         return "".join(random.choices(string.ascii_uppercase + " ", k=random.randint(1, 12))).strip() or "X"
     start = info.start if isinstance(info.start, Decimal) else Decimal(0)
@@ -123,5 +123,5 @@ def _another(info, random):
         info.factor if info.factor != 1 else Decimal((0, (1,), int(start.as_tuple().exponent))), Decimal("0.0001")
     )
     away = step * random.choice((-1, 1)) * random.randint(1, 20)
-    # One that starts at its limit goes the other way.
+    # A start value at its limit can only move the other way.
     return next((each for each in (start + away, start - away) if info.allows(each)), start)

@@ -1,6 +1,6 @@
-"""Backup, factory reset, restore with the line cut at any moment and resumed, compare: the same bytes, on every model.
+"""Restores with the line cut at random moments and resumed: each model ends up with the bytes of the backup.
 
-DRIVECOMM_RESTORE_SEEDS=1000 plays a thousand courses; a few of each model are played otherwise.
+A few runs of each model are played; DRIVECOMM_RESTORE_SEEDS=1000 plays a thousand.
 """
 
 import os
@@ -32,16 +32,16 @@ from drivecomm.virtual import VirtualLine
 
 CASES = cases_with_settings()
 CUTS = Counter()
-"""How often each way of cutting a line was played, by the time at which somebody asks."""
+"""Number of cuts by way and phase; the key `courses` counts completed runs."""
 SEEDS = int(os.environ.get("DRIVECOMM_RESTORE_SEEDS", "0")) or 2 * len(CASES)
 
 
 class KilledError(BaseException):
-    """The program ends without being asked."""
+    """Sudden end of the program, as by a kill."""
 
 
 class Cut:
-    """Cuts a line when so many telegrams were on it, in one of the ways in which lines are cut."""
+    """Cut of a line at telegram number `after`, in one of the ways of `WAYS`."""
 
     WAYS = ("unplugged", "wire", "power", "killed")
 
@@ -74,7 +74,7 @@ class Cut:
 
 
 def restored(case, line, path, random):
-    """Restore, cut up to three times; return every parameter that was confirmed and not lost, in order."""
+    """Restore with up to three cuts; return the addresses that were confirmed and not lost again, in order."""
     confirmed = []
     for attempt in range(5):
         cut = None
@@ -102,7 +102,7 @@ def restored(case, line, path, random):
             confirmed += journal.written - before
             held = case.held(line.drives[0])
             cut.mend()
-            # What it held in RAM only is gone with its power, and has to be written again.
+            # Values held only in RAM are lost with the power and must be written again.
             lost = {address for address, raw in case.held(line.drives[0]).items() if raw != held[address]}
             confirmed = [address for address in confirmed if address not in lost]
     raise AssertionError
@@ -110,7 +110,7 @@ def restored(case, line, path, random):
 
 @pytest.mark.soak
 @pytest.mark.parametrize("seed", every(2, range(SEEDS)), ids=lambda seed: f"{CASES[seed % len(CASES)]}-{seed}")
-def test_the_same_bytes(seed, tmp_path):
+def test_resumed_restore_brings_back_the_same_bytes(seed, tmp_path):
     case, random, path = CASES[seed % len(CASES)], Random(seed), tmp_path / "drive.toml"
     virtual = case.new()
     assert case.change(virtual, random), "a drive as new tests nothing"
@@ -118,7 +118,7 @@ def test_the_same_bytes(seed, tmp_path):
     with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
         first = back_up(case.drive(bus))
     write_set(path, first)
-    # Factory settings, and not all of them: somebody has begun to set it up again.
+    # Factory settings with some changes, as if a person had begun to set the drive up again.
     line = VirtualLine([case.new()])
     case.change(line.drives[0], random, share=0.1)
     confirmed = restored(case, line, path, random)
@@ -131,7 +131,7 @@ def test_the_same_bytes(seed, tmp_path):
     assert len(confirmed) == len(set(confirmed)), "nothing is written twice"
 
 
-def test_lines_were_cut_in_all_ways_and_at_all_times():
+def test_cuts_covered_all_ways_and_phases():
     if CUTS["courses"] < SEEDS:
         pytest.skip("only some courses were played")
     assert CUTS.total() - CUTS["courses"] >= SEEDS / 4

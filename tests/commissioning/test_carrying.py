@@ -1,4 +1,4 @@
-"""Restoring across makers carries what settings do, not their numbers; what cannot be carried is listed."""
+"""Restores across makers carry the effect of settings, not their numbers, and list values that cannot be carried."""
 
 from dataclasses import replace
 from decimal import Decimal
@@ -28,7 +28,7 @@ TIMEOUT = RestoreOptions(another_drive=True, only=frozenset({"link_timeout"}))
 
 
 class Site:
-    """A line with one virtual drive, and its master."""
+    """Line with one virtual drive, and its master."""
 
     def __init__(self, case, values=None):
         self.virtual = case.new()
@@ -55,7 +55,7 @@ def reasons(done):
     return {item.address: item.reason for item in done.plan.to("skip")}
 
 
-def test_a_time_whose_function_is_off_switches_nothing_on():
+def test_watchdog_time_with_its_function_off_switches_nothing_on():
     fan = Site(FAN, {"8-03": 10, "8-04": 0})
     saw = Site(SAW, {"y08": 0, "y02": 0})
     done = restored(fan, saw)
@@ -63,14 +63,14 @@ def test_a_time_whose_function_is_off_switches_nothing_on():
     assert done.complete
 
 
-def test_a_watchdog_that_is_off_is_off_on_the_other_drive_too():
+def test_watchdog_that_is_off_is_switched_off_on_the_other_drive():
     done = restored(Site(FAN, {"8-03": 10, "8-04": 0}), saw := Site(SAW, {"y08": 5, "y02": 0}))
     assert (done.written, str(read_watchdog(saw.drive))) == (("y08",), "off")
     done = restored(Site(SAW, {"y08": 0, "y02": 0}), fan := Site(FAN, {"8-03": 10, "8-04": 5}))
     assert (done.written, str(read_watchdog(fan.drive))) == (("8-04",), "off")
 
 
-def test_a_watchdog_that_is_on_does_the_same_after_the_same_time():
+def test_watchdog_that_is_on_keeps_its_action_and_time():
     done = restored(Site(SAW, {"y08": 3, "y02": 0}), fan := Site(FAN, {"8-03": 10, "8-04": 0}))
     assert (done.written, str(read_watchdog(fan.drive))) == (("8-03", "8-04"), "trip after 3.0 s")
     done = restored(fan, pump := Site(PUMP, {"413": 0}))
@@ -85,14 +85,14 @@ def test_a_watchdog_that_is_on_does_the_same_after_the_same_time():
         ({"8-03": 45, "8-04": 5}, "cannot wait 4.5 s: parameter y08 counts in steps of 1 s"),
     ],
 )
-def test_what_the_other_watchdog_cannot_do_is_listed_and_nothing_of_it_is_written(values, reason):
+def test_watchdog_that_the_other_drive_cannot_match_is_listed_and_not_written(values, reason):
     done = restored(Site(FAN, values), Site(SAW, {"y08": 0, "y02": 0}))
     assert reason in reasons(done)["link_timeout"]
     assert done.written == ()
     assert not done.complete, "it was asked for by its name"
 
 
-def test_a_set_that_does_not_hold_the_function_says_nothing_of_the_watchdog():
+def test_set_without_the_watchdog_function_leaves_the_watchdog_alone():
     saved = back_up(Site(FAN, {"8-03": 10, "8-04": 0}).drive)
     saved = replace(saved, entries={address: each for address, each in saved.entries.items() if address != "8-04"})
     saw = Site(SAW, {"y08": 0, "y02": 0})
@@ -101,7 +101,7 @@ def test_a_set_that_does_not_hold_the_function_says_nothing_of_the_watchdog():
     assert read_watchdog(saw.drive).policy == "hold"
 
 
-def test_a_time_that_is_no_number_says_nothing_of_the_watchdog():
+def test_watchdog_time_that_is_not_a_number_is_listed_as_missed():
     saved = back_up(Site(FAN, {"8-03": 10, "8-04": 5}).drive)
     spoilt = replace(saved.entries["8-03"], value="soon")
     saw = Site(SAW, {"y08": 0, "y02": 0})
@@ -109,7 +109,7 @@ def test_a_time_that_is_no_number_says_nothing_of_the_watchdog():
     assert "'soon', which is not a number" in plan.missed[0].reason
 
 
-def test_a_set_whose_drive_has_no_watchdog_in_its_model_switches_none_on():
+def test_set_of_a_model_without_a_watchdog_switches_no_watchdog_on():
     entry = Entry(address="206", value=5, unit="s", name="ramp_up_time", common="link_timeout")
     saved = ParameterSet(protocol="danfoss-fc", drive="danfoss-fc:3", model="vlt6000", entries={"206": entry})
     saw = Site(SAW, {"y08": 0, "y02": 0})
@@ -117,7 +117,7 @@ def test_a_set_whose_drive_has_no_watchdog_in_its_model_switches_none_on():
     assert "the model vlt6000 of danfoss-fc:3 has no watchdog" in plan.missed[0].reason
 
 
-def test_without_the_model_of_a_set_nobody_knows_what_its_numbers_do():
+def test_set_of_an_unknown_model_is_refused_and_compared_with_a_remark():
     saved = replace(back_up(Site(FAN).drive), model="dryer")
     saw = Site(SAW)
     with pytest.raises(UsageError, match="said by its model dryer, and none is found by that name for danfoss-fc"):
@@ -126,7 +126,7 @@ def test_without_the_model_of_a_set_nobody_knows_what_its_numbers_do():
     assert any("whether every value of danfoss-fc:1 counts is not known" in remark for remark in found.remarks)
 
 
-def test_a_value_that_the_other_maker_cannot_hold_is_listed_and_the_rest_is_carried():
+def test_value_that_the_other_drive_cannot_hold_is_listed_and_the_rest_carried():
     fan, pump = Site(FAN, {"4-14": 10_000, "4-12": 50}), Site(PUMP)
     done = restored(fan, pump, ANOTHER)
     assert "1000.0 for parameter 419 is outside" in reasons(done)["maximum_frequency"]
@@ -134,7 +134,7 @@ def test_a_value_that_the_other_maker_cannot_hold_is_listed_and_the_rest_is_carr
     assert done.complete, "of another maker, not everything can be carried"
 
 
-def test_comparing_takes_a_watchdog_that_is_off_for_what_it_is():
+def test_compare_treats_a_watchdog_without_function_as_off():
     off = back_up(Site(FAN, {"8-03": 10, "8-04": 0}).drive)
     on = back_up(Site(SAW, {"y08": 1, "y02": 0}).drive)
     (difference,) = [each for each in compare(off, on).differences if each.address == "link_timeout"]
@@ -146,8 +146,8 @@ def test_comparing_takes_a_watchdog_that_is_off_for_what_it_is():
 @pytest.mark.soak
 @given(pair=st.sampled_from(PAIRS), data=st.data())
 @settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
-def test_restoring_across_makers_never_switches_on_what_was_off(pair, data):
-    """Whatever both watchdogs are set to: afterwards the drive does what the set says, or what it did before."""
+def test_restore_across_makers_never_switches_a_watchdog_on(pair, data):
+    """For any settings of both watchdogs, the drive ends up with those of the set or keeps its own."""
     source, target = (Site(case, data.draw(watchdog_values(case))) for case in pair)
     wanted, before = read_watchdog(source.drive), read_watchdog(target.drive)
     done = restored(source, target)
@@ -161,7 +161,7 @@ def test_restoring_across_makers_never_switches_on_what_was_off(pair, data):
 
 
 def watchdog_values(case):
-    """Raw values of the parameters of a drive's watchdog that it can hold."""
+    """Return a strategy for raw values of the watchdog parameters of a drive."""
     watchdog = case.model.watchdog
     values = {watchdog.time: st.sampled_from([*([] if watchdog.off is None else [watchdog.off]), 10, 20, 35])}
     if watchdog.action:
@@ -169,11 +169,11 @@ def watchdog_values(case):
     return st.fixed_dictionaries(values)
 
 
-# What counts only with some values of another parameter, in models of somebody's own
+# Parameters that count only with some values of another parameter, in models of a user
 
 
 def own(model, **parameters):
-    """Return a model to which parameters were added, or keys of its parameters changed."""
+    """Return the model with parameters added or with keys of its parameters changed."""
     changed = {
         address: replace(model.parameters.get(address) or ParameterInfo(address=address, name="own", title=""), **keys)
         for address, keys in parameters.items()
@@ -181,7 +181,7 @@ def own(model, **parameters):
     return replace(model, parameters={**model.parameters, **changed})
 
 
-def test_a_value_without_effect_is_not_carried():
+def test_value_without_effect_is_not_carried():
     limited = own(FAN.model, **{"4-14": {"only_with": {"3-00": (1,)}}})
     entries = {
         "4-14": Entry(address="4-14", value=Decimal(60), unit="Hz", name="high", common="maximum_frequency"),
@@ -204,7 +204,7 @@ def test_a_value_without_effect_is_not_carried():
         assert left.reason == "it counts only with some values of 3-00, which the set does not hold"
 
 
-def test_a_value_that_would_be_without_effect_on_this_drive_is_not_written():
+def test_value_without_effect_on_the_target_drive_is_not_written():
     saved = back_up(Site(SAW).drive)
     virtual = virtual_drive("danfoss-fc", 3, model="fc300")
     limited = own(FAN.model, **{"4-14": {"only_with": {"3-00": (1,)}}})
@@ -218,7 +218,7 @@ def test_a_value_that_would_be_without_effect_on_this_drive_is_not_written():
         assert "maximum_frequency" in [item.address for item in plan_restore(fan, saved, ANOTHER).to("write")]
 
 
-def test_a_value_of_which_the_drive_does_not_tell_whether_it_counts_is_not_written():
+def test_value_is_not_written_if_its_condition_cannot_be_read():
     limited = own(
         FAN.model, **{"4-14": {"only_with": {"0-02": (1,)}}, "0-02": {"type": "uint8", "name": "unit_of_speed"}}
     )

@@ -1,4 +1,4 @@
-"""What a bus commanded, or wrote to RAM, is no setting: no backup holds it, and no restore stores it."""
+"""Values that a bus commanded or wrote to RAM are not settings: no backup holds them, and no restore stores them."""
 
 from contextlib import suppress
 from dataclasses import replace
@@ -55,7 +55,7 @@ def test_reference_of_the_bus_is_not_in_a_vabus_backup():
         assert "480[1]" in back_up(pump(bus), ["measured"]).entries, "it is among what is shown, with --all"
 
 
-def test_restore_does_not_store_a_reference_of_an_older_backup():
+def test_restore_does_not_store_a_reference_from_an_older_backup():
     line = VirtualLine([virtual_drive("vabus", 1)])
     with drivecomm.open_bus(line.port) as bus:
         drive = pump(bus)
@@ -84,12 +84,12 @@ def test_value_written_to_ram_is_left_out_with_the_reason_until_it_is_stored():
         assert str(back_up(drive).entries["481[1]"]) == "7.00 Hz"
 
 
-def test_watchdog_that_a_bus_switched_on_is_not_restored_unless_it_is_named():
+def test_watchdog_that_a_bus_switched_on_is_restored_only_if_named():
     line = VirtualLine([virtual_drive("vabus", 1), virtual_drive("vabus", 2)])
     with drivecomm.open_bus(line.port) as bus:
         pump(bus).write("413", 5)
         assert "413" in back_up(pump(bus)).not_read
-        # Of a bus that was killed nothing is known.
+        # The state after a bus was killed: the next program does not know of its write.
         line.drives[0].poke("413", "0005")
         with drivecomm.open_bus(line.port) as later:
             saved = back_up(pump(later))

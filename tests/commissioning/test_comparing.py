@@ -1,4 +1,4 @@
-"""Comparing parameter sets: what is the same, what is not, and what cannot be told."""
+"""Comparison of parameter sets: equal, different and incomparable values."""
 
 from dataclasses import replace
 from decimal import Decimal
@@ -34,11 +34,11 @@ def the_one(left, right):
         (-1, 1, False),
     ],
 )
-def test_when_values_are_the_same(left, right, equal):
+def test_same_compares_numbers_by_value_and_texts_literally(left, right, equal):
     assert same(left, right) is same(right, left) is equal
 
 
-def test_units_are_converted_where_that_is_exact():
+def test_units_are_converted_if_the_result_is_exact():
     ours = a_set(Entry(address="480", value=Decimal("0.5"), unit="kHz"))
     assert compare(ours, a_set(Entry(address="480", value=500, unit="Hz"))).same
     theirs = a_set(Entry(address="480", value=500, unit="%"))
@@ -51,7 +51,7 @@ def test_units_are_converted_where_that_is_exact():
     )
 
 
-def test_what_one_side_does_not_have():
+def test_value_missing_on_one_side_is_not_a_difference():
     ours, nothing = a_set(Entry(address="480", value=1)), a_set()
     assert the_one(ours, nothing) == ("missing", "480", "")
     assert the_one(nothing, ours) == ("missing", "480", "")
@@ -61,7 +61,7 @@ def test_what_one_side_does_not_have():
     assert not compare(ours, unread).same
 
 
-def test_what_is_told_besides():
+def test_remarks_name_models_identity_firmware_and_unread_values():
     ours = a_set(not_read={"481": "no"}, firmware="1", identity={"serial number": "1", "software version": "1"})
     theirs = a_set(not_read={"481": "no"}, model="acu", identity={"serial number": "2", "software version": "2"})
     found = compare(ours, theirs)
@@ -74,14 +74,14 @@ def test_what_is_told_besides():
     )
 
 
-def test_communication_and_measured_values_only_when_asked():
+def test_communication_and_measured_values_are_compared_only_on_request():
     ours = a_set(Entry(address="10", value=1, part="communication"), Entry(address="210", value=1, part="measured"))
     theirs = a_set(Entry(address="10", value=2, part="communication"), Entry(address="210", value=2, part="measured"))
     assert compare(ours, theirs).same
     assert [each.address for each in compare(ours, theirs, ["measured"]).differences] == ["210"]
 
 
-def test_two_makers_who_share_nothing():
+def test_sets_of_two_makers_are_compared_only_by_common_names():
     ours = a_set(Entry(address="419", value=50, unit="Hz", common="maximum_frequency"))
     theirs = a_set(Entry(address="F07", value=6, unit="s"), protocol="fuji", drive="fuji:3", model="frenic")
     with pytest.raises(UsageError, match="share only parameters with common names"):
@@ -97,7 +97,7 @@ def test_two_makers_who_share_nothing():
     assert (difference.address, difference.name) == ("maximum_frequency", "419")
 
 
-def test_the_firmware_by_its_common_name():
+def test_firmware_is_read_by_its_common_name():
     model = load_model("drivecomm_danfoss_fc", "danfoss-fc", "fc102")
     mapped = replace(model, quantities={"software_version": "15-43"})
     with drivecomm.open_bus(VirtualLine([virtual_drive("danfoss-fc", 3, model="fc102")]).port) as bus:

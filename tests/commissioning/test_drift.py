@@ -1,4 +1,4 @@
-"""Drift: what differs in a drive from its approved set, with virtual drives of every protocol."""
+"""Drift of a drive from its approved set, with virtual drives of every protocol."""
 
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -109,7 +109,7 @@ def test_drift_is_empty_when_a_measured_value_moves(case, tmp_path):
         assert moved or not moving
         found = read_drift(drive, approved)
         assert (found.changed, found.not_comparable, found.equal) == ((), (), len(approved.entries))
-        # What a drive is is measured, too: one that tells something else is another one.
+        # The identity is measured, too: a changed identity means another drive.
         assert bool(found.replaced or found.untold) == (lasting(found.now.identity) != lasting(approved.identity))
 
 
@@ -124,14 +124,14 @@ def test_drift_is_empty_after_a_restore_to_a_fresh_drive(case, tmp_path):
         drive = case.drive(bus)
         assert read_drift(drive, approved).changed
         carry_out_plan(drive, plan_restore(drive, approved))
-    # Another program, which does not know what was written to RAM only: it compares everything.
+    # A new program does not know which values are only in RAM, so it compares all of them.
     with drivecomm.open_bus(fresh.port) as bus:
         found = read_drift(case.drive(bus), approved)
     assert (found.same, found.in_ram, found.equal) == (True, (), len(approved.entries))
 
 
 @each_protocol
-def test_another_drive_is_told_as_replaced(case, tmp_path):
+def test_drive_with_another_identity_is_reported_as_replaced(case, tmp_path):
     with drivecomm.open_bus(VirtualLine([case.new()]).port) as bus:
         drive = case.drive(bus)
         approved = accepted(case, drive, tmp_path)
@@ -145,7 +145,7 @@ def test_another_drive_is_told_as_replaced(case, tmp_path):
     assert not found.changed
 
 
-def test_what_this_program_wrote_to_ram_does_not_count(tmp_path):
+def test_values_that_the_program_wrote_to_ram_are_not_drift(tmp_path):
     case = CASES["vabus"]
     with drivecomm.open_bus(VirtualLine([case.new()]).port) as bus:
         drive = case.drive(bus)
@@ -158,7 +158,7 @@ def test_what_this_program_wrote_to_ram_does_not_count(tmp_path):
         assert "481[1]" in [each.address for each in read_drift(drive, approved).changed]
 
 
-def test_what_cannot_be_read_is_not_comparable_and_never_equal():
+def test_unreadable_value_is_not_comparable_and_never_equal():
     then = a_set({"1": 1, "2": 2, "3": 3, "4": 4, "9": 9}, not_read={"5": "refused", "6": "refused"})
     now = a_set({"1": 1, "5": 5, "7": 7}, not_read={"2": "refused", "3": IN_RAM, "6": "refused"})
     found = drift_between(then, now, live={"9"})
@@ -171,7 +171,7 @@ def test_what_cannot_be_read_is_not_comparable_and_never_equal():
     assert (found.in_ram, found.never_read, found.unapproved) == (("3",), ("6",), ("7",))
 
 
-def test_a_drive_that_does_not_tell_any_more_what_it_is_is_not_taken_for_the_same():
+def test_drive_that_no_longer_reports_its_identity_is_not_the_same():
     then = a_set({"1": 1}, identity={"serial number": "7", "software": "1"})
     found = drift_between(then, a_set({"1": 1}))
     assert (found.untold, found.replaced, found.same) == (("serial number",), "", False)
@@ -179,18 +179,18 @@ def test_a_drive_that_does_not_tell_any_more_what_it_is_is_not_taken_for_the_sam
 
 
 @pytest.mark.parametrize("now", [{"drive": "vabus:2"}, {"model": "acu"}, {"protocol": "fuji"}], ids=str)
-def test_a_plant_that_names_another_drive_now_is_told_as_replaced(now):
+def test_other_address_model_or_protocol_in_the_plant_means_replaced(now):
     found = drift_between(a_set({"1": 1}), a_set({"1": 2}, **now))
     assert found.replaced
     assert not found.same
 
 
-def test_what_is_no_setting_is_not_approved():
+def test_approved_set_holds_only_settings():
     shown = {part: Entry(address=part, value=1, part=part) for part in ("settings", "measured", "unknown")}
     assert list(approved_set(a_set({}, entries=shown), BY_ANNA).entries) == ["settings"]
 
 
-def test_files_of_different_drives_never_are_the_same():
+def test_baseline_files_of_different_drives_never_collide():
     names = ["pump", "Pump", "PUMP", "pump 1", "pump/1", "../pump", "pump%201", "vabus:1", "con", "CON", "pümp", "p~1"]
     paths = [baseline_path(Path("hall/plant.toml"), name) for name in names]
     assert len({str(path).lower() for path in paths}) == len(names)
@@ -200,7 +200,7 @@ def test_files_of_different_drives_never_are_the_same():
 
 
 class TestFile:
-    def test_an_approved_set_is_a_parameter_set(self, tmp_path):
+    def test_approved_set_is_readable_as_a_parameter_set(self, tmp_path):
         path = tmp_path / "baselines" / "pump.toml"
         approved = approved_set(a_set({"1": 1}), BY_ANNA)
         write_baseline(path, approved)
@@ -209,13 +209,13 @@ class TestFile:
         assert '[approved]\nby = "Anna"\nwhy = "as it ran in May"\ntime = 2026-05-04T12:00:00Z\n' in text
         assert [each.name for each in path.parent.iterdir()] == ["pump.toml"]
 
-    def test_a_backup_never_replaces_an_approved_set(self, tmp_path):
+    def test_backup_never_replaces_an_approved_set(self, tmp_path):
         path = tmp_path / "baselines" / "pump.toml"
         write_baseline(path, approved_set(a_set({"1": 1}), BY_ANNA))
         with pytest.raises(UsageError, match="only drivecomm baseline accept replaces"):
             must_be_free(path, "vabus:1")
 
-    def test_a_set_that_nobody_approved_is_no_baseline(self, tmp_path):
+    def test_set_without_an_approval_is_not_a_baseline(self, tmp_path):
         write_set(tmp_path / "pump.toml", a_set({"1": 1}))
         with pytest.raises(FileFormatError, match=r"is not approved.* --from"):
             read_baseline(tmp_path / "pump.toml")
@@ -229,7 +229,7 @@ class TestFile:
             ('by = "Anna"\ntime = 2026-05-04T12:00:00Z\nwho = "x"', "unknown key 'who'"),
         ],
     )
-    def test_a_wrong_approval_is_refused(self, tmp_path, table, wrong):
+    def test_malformed_approval_is_refused(self, tmp_path, table, wrong):
         path = tmp_path / "pump.toml"
         head = 'format = 1\nprotocol = "vabus"\ndrive = "vabus:1"\nmodel = "agile"\n'
         path.write_text(f"{head}[approved]\n{table}\n", encoding="utf-8")

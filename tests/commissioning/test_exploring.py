@@ -1,4 +1,4 @@
-"""Asking a drive for all it may hold: what is there, what is not, silence, and going on where it was cut off."""
+"""Exploration of all addresses that a drive may hold: answers, refusals, silence, and resumption after a cut."""
 
 import asyncio
 import json
@@ -42,7 +42,7 @@ from drivecomm.protocol import Reading, installed
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 PAIRS = [
-    # protocol, the model of the virtual drive, the model that it is taken for, and what only the first one has
+    # protocol, model of the virtual drive, model known to the master, addresses that only the virtual drive has
     ("vabus", "guesses", "agile", {"29", "524"}),
     ("vlt3500", "vlt3500", "vlt2000", {"601[0,0]", "601[19,9]", "602[10,2]"}),
     ("danfoss-fc", "vlt5000", "vlt6000", {"105", "615[10]"}),
@@ -60,13 +60,13 @@ def taken_for(bus, protocol, model, **options):
 
 @pytest.fixture
 def vabus():
-    """A line with a drive that holds more than its model knows."""
+    """Return a line with a drive that holds more parameters than its model knows."""
     return line_with("vabus", "guesses")
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize(("protocol", "real", "model", "more"), PAIRS)
-def test_what_the_model_knows_and_what_else_is_there(protocol, real, model, more):
+def test_exploration_finds_known_and_unknown_parameters(protocol, real, model, more):
     with drivecomm.open_bus(line_with(protocol, real).port) as bus:
         drive = taken_for(bus, protocol, model)
         known, found = back_up(drive, PARTS), back_up_everything(drive)
@@ -79,7 +79,7 @@ def test_what_the_model_knows_and_what_else_is_there(protocol, real, model, more
 
 
 @pytest.mark.parametrize(("protocol", "real", "model", "more"), PAIRS)
-def test_only_reads_are_sent(protocol, real, model, more):
+def test_exploration_sends_only_reads(protocol, real, model, more):
     line, sent = line_with(protocol, real), []
     hear = line.drives[0].hear
     line.drives[0].hear = lambda find, now: (sent.append(find.message), hear(find, now))[1]
@@ -89,7 +89,7 @@ def test_only_reads_are_sent(protocol, real, model, more):
     assert all(installed[protocol].intent(message).only_asks for message in sent)
 
 
-def test_data_sets_that_differ_are_read_one_by_one(vabus):
+def test_differing_data_sets_are_read_one_by_one(vabus):
     for dataset in range(1, 5):
         vabus.drives[0].poke(f"481[{dataset}]", dataset)
     model = load("vabus", "agile", without="481")
@@ -100,7 +100,7 @@ def test_data_sets_that_differ_are_read_one_by_one(vabus):
 
 
 class Scripted:
-    """Answers to an address as a table says, and refuses all others."""
+    """Drive that answers the given addresses and refuses all others."""
 
     def __init__(self, *answered):
         self.answered, self.asked = answered, []
@@ -118,20 +118,20 @@ class Scripted:
         return [answer.address for answer in answers if answer.told is not None]
 
 
-def test_an_array_is_read_until_its_end():
+def test_array_is_read_to_its_end():
     drive = Scripted("215", r"215\[[1-3]\]", "216")
     assert drive.on("215", "216") == ["215", "215[1]", "215[2]", "215[3]", "216"]
     assert drive.asked == ["215", "215[1]", "215[255]", "215[2]", "215[3]", "215[4]", "216", "216[1]"]
 
 
-def test_an_array_that_counts_from_1():
+def test_array_may_count_from_1():
     assert Scripted(r"216\[[12]\]").on("215", "216") == []
     drive = Scripted(r"215\[[12]\]")
     drive.read = lambda address, read=drive.read: read(address if "[" in address else f"{address}[0]")
     assert drive.on("215") == ["215[1]", "215[2]"]
 
 
-def test_a_drive_that_does_not_look_at_the_index_has_no_elements():
+def test_drive_that_ignores_the_index_has_no_array_elements():
     drive = Scripted("215.*", "216.*")
     assert drive.on("215", "216") == ["215", "216"]
     assert len(drive.asked) == 6
@@ -144,7 +144,7 @@ def load(protocol, name, without):
     )
 
 
-def test_silence_where_others_refuse_means_not_there():
+def test_silent_address_between_answering_ones_counts_as_missing():
     line = line_with("vabus", "guesses", silent_on=(11,))
     with drivecomm.open_bus(line.port) as bus:
         found = back_up_everything(taken_for(bus, "vabus", "agile"), within=["29", "30", "31"])
@@ -153,14 +153,14 @@ def test_silence_where_others_refuse_means_not_there():
 
 
 class TestADriveThatFallsSilent:
-    def test_is_asked_again(self, vabus):
+    def test_silent_drive_is_retried_after_pauses(self, vabus):
         with drivecomm.open_bus(vabus.port) as bus:
             drive = taken_for(bus, "vabus", "agile")
             away = _Away(vabus, after=120, for_s=sum(PAUSES_S[:2]))
             found = back_up_everything(drive, within=["29"], progress=away)
         assert "29" in found.entries
 
-    def test_for_good_ends_it_and_the_next_run_goes_on(self, vabus, tmp_path):
+    def test_lasting_silence_ends_the_run_and_the_next_run_resumes(self, vabus, tmp_path):
         path = tmp_path / "pump.toml.answers"
         with drivecomm.open_bus(vabus.port) as bus:
             drive = taken_for(bus, "vabus", "agile")
@@ -184,7 +184,7 @@ class TestADriveThatFallsSilent:
 
 
 class _Away:
-    """Has the drive fall silent after so many answers, for a while."""
+    """Progress callback that silences the drive for `for_s` seconds after `after` answers."""
 
     def __init__(self, line, after, for_s):
         self.line, self.after, self.for_s = line, after, for_s
@@ -215,10 +215,10 @@ class TestALogbook:
     def opened(self, path, **other):
         return Logbook(path, **{"drive": "vabus:1", "model": self.MODEL, "asked": "values", **other})
 
-    def test_is_beside_the_file(self):
+    def test_logbook_lies_beside_the_file(self):
         assert logbook_path(Path("saved/pump.toml")) == Path("saved/pump.toml.answers")
 
-    def test_remembers_exactly_what_was_told(self, path, vabus):
+    def test_logbook_remembers_answers_exactly(self, path, vabus):
         sent = []
         with drivecomm.open_bus(vabus.port, trace=sent.append) as bus:
             drive = taken_for(bus, "vabus", "agile")
@@ -237,22 +237,22 @@ class TestALogbook:
             ({"model": load("vabus", "agile", without="481")}, "model agile was changed since"),
         ],
     )
-    def test_of_something_else_is_refused(self, path, other, said):
+    def test_logbook_of_another_drive_model_or_command_is_refused(self, path, other, said):
         with pytest.raises(FileFormatError, match=said):
             self.opened(path, **other)
 
-    def test_of_another_drive_at_the_same_address_is_refused(self, path):
+    def test_logbook_of_another_serial_number_is_refused(self, path):
         logbook = self.opened(path)
         with pytest.raises(FileFormatError, match="another drive at the same address: its serial number is 'B'"):
             logbook.begin({"serial number": "B"})
 
     @pytest.mark.parametrize("text", ["[]\n", "nonsense\n", '{"drive": "vabus:1"}\n', '{"identity": 3}\n', "\x00\n"])
-    def test_no_such_file_is_refused(self, path, text):
+    def test_malformed_logbook_is_refused(self, path, text):
         path.write_text(text, encoding="utf-8")
         with pytest.raises(FileFormatError):
             self.opened(path)
 
-    def test_a_line_that_was_cut_counts_as_not_there(self, path):
+    def test_cut_off_line_of_a_logbook_is_ignored(self, path):
         whole = path.read_text(encoding="utf-8")
         path.write_text(whole[:-5], encoding="utf-8")
         logbook = self.opened(path)
@@ -263,7 +263,7 @@ class TestALogbook:
         assert self.opened(path).answers == {}
 
 
-def test_a_file_marks_what_the_model_does_not_know_and_nothing_of_it_is_restored(vabus, tmp_path):
+def test_unknown_values_are_marked_in_the_file_and_never_restored(vabus, tmp_path):
     path = tmp_path / "pump.toml"
     with drivecomm.open_bus(vabus.port) as bus:
         drive = taken_for(bus, "vabus", "agile")
@@ -279,7 +279,7 @@ def test_a_file_marks_what_the_model_does_not_know_and_nothing_of_it_is_restored
     assert compare(found, found, PARTS).same
 
 
-def test_raw_values_are_compared_with_what_a_better_model_reads(vabus):
+def test_raw_values_equal_those_that_a_better_model_reads(vabus):
     with drivecomm.open_bus(vabus.port) as bus:
         raw = back_up_everything(taken_for(bus, "vabus", "agile"), within=["29", "524"])
         known = back_up(taken_for(bus, "vabus", "guesses"), PARTS)
@@ -289,7 +289,7 @@ def test_raw_values_are_compared_with_what_a_better_model_reads(vabus):
     assert other.shares[0].held == 105
 
 
-def test_how_much_of_a_drive_a_set_holds(vabus):
+def test_share_counts_the_values_that_a_set_holds(vabus):
     with drivecomm.open_bus(vabus.port) as bus:
         drive = taken_for(bus, "vabus", "agile")
         settings, everything = back_up(drive), back_up(drive, PARTS)
@@ -298,14 +298,14 @@ def test_how_much_of_a_drive_a_set_holds(vabus):
     assert str(share_of(everything, drive.model)) == "105 of the 105 values that model agile knows (100 %)"
 
 
-def test_a_package_that_does_not_tell_its_addresses():
+def test_exploration_needs_the_address_space_of_the_package():
     stranger = replace(installed["vabus"], address_space=None)
     with pytest.raises(NotSupported, match="does not list the addresses of a vabus drive"):
         course(stranger, None, known=[])
 
 
 @pytest.mark.soak
-def test_a_forecast_is_near_what_it_takes(vabus):
+def test_forecast_is_near_the_actual_duration(vabus):
     with drivecomm.open_bus(vabus.port) as bus:
         drive = taken_for(bus, "vabus", "agile")
         way = way_through(subject(drive))
@@ -317,7 +317,7 @@ def test_a_forecast_is_near_what_it_takes(vabus):
     assert 0.5 < foreseen.seconds / took < 2
 
 
-def test_a_logbook_remembers_descriptions_too(tmp_path):
+def test_logbook_remembers_descriptions(tmp_path):
     path = tmp_path / "own.toml.answers"
     plugin = installed["danfoss-fc"]
     steps, asks = [], asking(plugin, None, {"option_texts": 3})
@@ -334,7 +334,7 @@ def test_a_logbook_remembers_descriptions_too(tmp_path):
     assert told[1].told.values[0] == "off"
 
 
-def test_awaited(vabus):
+def test_awaited_exploration_finds_the_same(vabus):
     async def found():
         async with drivecomm.open_bus_async(vabus.port) as bus:
             drive = taken_for(bus, "vabus", "agile")

@@ -1,4 +1,4 @@
-"""The journal of a restore: begun with the first write, gone at the end, and good after a power failure."""
+"""Journal of a restore: created at the first write, removed at the end, and valid after a power failure."""
 
 import os
 
@@ -18,11 +18,11 @@ def path(tmp_path):
     return journal_path(tmp_path / "pump.toml", "vabus:1")
 
 
-def test_it_stands_beside_the_set(path):
+def test_journal_lies_beside_the_set(path):
     assert path.name == "pump.toml.vabus-1.journal"
 
 
-def test_it_begins_with_the_first_write_and_goes_with_the_last(path):
+def test_journal_exists_from_the_first_write_to_the_end(path):
     journal = new_journal(path, a_set(), "vabus:1")
     assert not path.exists()
     journal.wrote("481")
@@ -44,7 +44,7 @@ def test_each_line_is_on_the_disk_before_the_next_parameter_is_written(path, mon
     assert len(on_disk) == 2
 
 
-def test_it_goes_on(path):
+def test_found_journal_is_continued(path):
     assert found_journal(path, a_set(), "vabus:1").written == frozenset()
     new_journal(path, a_set(), "vabus:1").wrote("480")
     again = found_journal(path, a_set(), "vabus:1")
@@ -54,7 +54,7 @@ def test_it_goes_on(path):
     assert path.read_text().count("restores") == 1
 
 
-def test_a_line_that_was_cut_counts_as_not_written(path):
+def test_parameter_in_a_cut_off_line_counts_as_not_written(path):
     journal = new_journal(path, a_set(), "vabus:1")
     journal.wrote("480")
     journal.wrote("481")
@@ -67,7 +67,7 @@ def test_a_line_that_was_cut_counts_as_not_written(path):
         assert found_journal(path, a_set(), "vabus:1").written == found.written
 
 
-def test_a_head_that_was_cut_is_a_journal_that_was_not_begun(path):
+def test_journal_with_a_cut_off_head_counts_as_empty(path):
     new_journal(path, a_set(), "vabus:1").wrote("480")
     head = path.read_bytes().split(b"\n")[0]
     for length in range(len(head)):
@@ -79,20 +79,20 @@ def test_a_head_that_was_cut_is_a_journal_that_was_not_begun(path):
 
 
 @pytest.mark.parametrize(("known", "drive"), [(a_set(2), "vabus:1"), (a_set(), "vabus:2")])
-def test_that_of_another_restore(path, known, drive):
+def test_journal_of_another_restore_is_refused(path, known, drive):
     new_journal(path, a_set(), "vabus:1").wrote("481")
     with pytest.raises(FileFormatError, match="of another parameter set or drive, or the set was changed since"):
         found_journal(path, known, drive)
 
 
 @pytest.mark.parametrize("text", ["what is this\n", "[]\n", '{"restores": 1}\n', "\udcff\n", "[" * 100_000 + "\n"])
-def test_a_file_that_is_none(path, text):
+def test_malformed_journal_is_refused(path, text):
     path.write_bytes(text.encode("utf-8", "surrogateescape"))
     with pytest.raises(FileFormatError, match="journal"):
         found_journal(path, a_set(), "vabus:1")
 
 
-def test_a_place_where_it_cannot_be_written(tmp_path):
+def test_unwritable_journal_raises_usage_error(tmp_path):
     journal = new_journal(tmp_path / "nowhere" / "x.journal", a_set(), "vabus:1")
     with pytest.raises(UsageError, match="the journal cannot be written"):
         journal.wrote("481")

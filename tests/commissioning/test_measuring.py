@@ -1,4 +1,4 @@
-"""What a diagnosis measures and finds, on virtual lines whose trouble is known."""
+"""Measurements and findings of the line diagnosis, on virtual lines with known faults."""
 
 import math
 from dataclasses import replace
@@ -43,7 +43,7 @@ def only(findings, about):
 
 
 class OnTicks:
-    """The port of a virtual line behind an adapter that hands bytes over at the ticks of its latency timer."""
+    """Port of a virtual line behind an adapter that delivers bytes only at the ticks of its latency timer."""
 
     paced, real_time, descriptor = True, False, None
 
@@ -69,7 +69,7 @@ class OnTicks:
         return data
 
 
-def test_a_line_without_trouble():
+def test_sound_line_has_no_problems():
     line = VirtualLine([virtual_drive("vabus", 1), virtual_drive("danfoss-fc", 2), virtual_drive("fuji", 2)])
     measurements, findings = diagnose(line, only=None)
     assert problems(findings) == []
@@ -84,7 +84,7 @@ def test_a_line_without_trouble():
 
 
 @pytest.mark.parametrize("said", ["off", "expect", "auto"])
-def test_echo(said):
+def test_echo_is_found_whatever_was_configured(said):
     line = VirtualLine([virtual_drive("vabus", 1)], echo=True)
     measurements, findings = diagnose(line, echo=said)
     assert [trial.kind for trial in measurements.echo] == ["whole"] * 3
@@ -95,13 +95,13 @@ def test_echo(said):
     assert (problems(findings) == []) == (said != "off")
 
 
-def test_an_echo_that_is_said_and_not_there():
+def test_configured_echo_that_is_missing_is_noted():
     _, findings = diagnose(VirtualLine([virtual_drive("vabus", 1)]), echo="expect")
     (found,) = [one for one in findings if one.about == "echo"]
     assert (found.weight, found.remedy) == ("note", "leave --echo out")
 
 
-def test_a_disturbed_echo():
+def test_changed_echo_suggests_two_transmitters():
     class Disturbed(VirtualLine):
         def receive(self, until, at_least):
             return bytes(byte ^ 1 for byte in super().receive(until, at_least))
@@ -111,7 +111,7 @@ def test_a_disturbed_echo():
     assert "two transmitters" in only(findings, "echo").remedy
 
 
-def test_an_echo_that_is_not_always_whole():
+def test_echo_that_is_not_always_whole_is_reported():
     class Fickle(VirtualLine):
         sent = 0
 
@@ -126,7 +126,7 @@ def test_an_echo_that_is_not_always_whole():
 
 
 @pytest.mark.soak
-def test_noise_and_what_it_may_be():
+def test_noise_is_reported_with_its_likely_cause():
     class Noisy(VirtualLine):
         noise = b""
 
@@ -146,14 +146,14 @@ def test_noise_and_what_it_may_be():
     assert "other master" in only(findings, "noise").remedy
 
 
-def test_nobody_there():
+def test_line_without_answers_is_a_problem():
     measurements, findings = diagnose(VirtualLine())
     assert (measurements.found, measurements.replies, measurements.elsewhere) == ([], [], [])
     assert "no drive answers at 2 addresses (vabus at 19200 7E1)" in only(findings, "drives").text
 
 
 @pytest.mark.parametrize("rate", [9600, 38400])
-def test_a_drive_at_another_baud_rate(rate):
+def test_drive_at_another_baud_rate_is_found(rate):
     line = VirtualLine([virtual_drive("vabus", 1, baudrate=rate)])
     measurements, findings = diagnose(line)
     assert [(found.name, settings.baudrate) for found, settings in measurements.elsewhere] == [("vabus:1", rate)]
@@ -164,7 +164,7 @@ def test_a_drive_at_another_baud_rate(rate):
     assert unsought.elsewhere == []
 
 
-def test_a_drive_that_answers_only_sometimes():
+def test_unreliable_drive_is_reported_with_its_answer_count():
     faults = FaultPlan(rate=0.3, seed=2, kinds=[Fault.DROP], requests=False)
     measurements, findings = diagnose(VirtualLine([virtual_drive("vabus", 1)], faults=faults))
     answered = len(measurements.replies[0].times_s)
@@ -200,7 +200,7 @@ def test_slow_drive_is_not_taken_for_one_at_another_baud_rate():
 
 
 class Changed(PortProxy):
-    """The port of a virtual line on which each reply is changed on its way."""
+    """Port of a virtual line on which `change` alters each reply."""
 
     def __init__(self, line, change):
         super().__init__(line.port())
@@ -237,7 +237,7 @@ def test_noise_byte_before_each_reply_is_a_problem(noise):
         (lambda reply: reply[:-2] + reply[:-3:-1], "check bytes are in the wrong order"),
     ],
 )
-def test_typical_damage_of_replies_is_named_with_the_bytes_that_came(change, cause):
+def test_typical_reply_damage_is_named_with_an_example(change, cause):
     line = VirtualLine([virtual_drive("modbus", 1, model="delta")])
     often = iter([True, True, True, True] + [False, True] * 100)
     port = Changed(line, lambda reply: reply if next(often) else change(reply))
@@ -260,7 +260,7 @@ def test_reply_from_another_address_is_named():
     assert "the drive of address 2 does in its place" in only(findings, "drives").text
 
 
-def test_other_baud_rates_are_not_tried_where_the_port_cannot_set_them():
+def test_other_baud_rates_are_not_tried_if_the_port_cannot_set_them():
     class Raw(PortProxy):
         def configure(self, settings):
             self._port.configure(settings)
@@ -280,7 +280,7 @@ def test_other_baud_rates_are_not_tried_where_the_port_cannot_set_them():
     assert not any("baud" in each for each in seen)
 
 
-def test_a_drive_that_is_always_damaged():
+def test_drive_with_only_damaged_replies_is_reported():
     faults = FaultPlan(rate=1, seed=1, kinds=[Fault.CORRUPT], requests=False, bits=1)
     line = VirtualLine([virtual_drive("danfoss-fc", 1)], faults=faults)
     measurements, findings = diagnose(line, only=["danfoss-fc"], addresses=[1])
@@ -289,7 +289,7 @@ def test_a_drive_that_is_always_damaged():
     assert "answers, but damaged" in only(findings, "drives").text
 
 
-def test_an_adapter_with_a_latency_timer():
+def test_latency_timer_is_found_by_the_reply_times():
     line = VirtualLine([virtual_drive("vabus", 1)])
     measurements, findings = diagnose(line, port=OnTicks(line, 0.016))
     assert latency_timer_s(measurements.replies[0].arrivals_s) == 0.016
@@ -299,7 +299,7 @@ def test_an_adapter_with_a_latency_timer():
 
 
 @pytest.mark.parametrize(("off", "timer_s"), [(1, 0.008), (4, None)])
-def test_a_tick_may_be_missed_now_and_then(off, timer_s):
+def test_latency_timer_is_found_despite_a_single_late_reply(off, timer_s):
     late = [0.003 if place < off else 0.0 for place in range(20)]
     arrivals, now = [], 0.0
     for place in range(20):
@@ -308,8 +308,8 @@ def test_a_tick_may_be_missed_now_and_then(off, timer_s):
     assert latency_timer_s([0.0, *arrivals]) == timer_s
 
 
-def test_a_slow_drive_is_no_latency_timer():
-    """A drive that takes exactly 16 ms keeps its time when it is asked at uneven ones."""
+def test_slow_drive_is_not_taken_for_a_latency_timer():
+    """Replies come exactly 16 ms after requests at uneven times; a latency timer would align their arrivals."""
     arrivals, now = [], 0.0
     for number in range(24):
         now += 0.016 + (0.0, 0.005, 0.011, 0.003, 0.007, 0.013, 0.002, 0.009)[number % 8]
@@ -318,7 +318,7 @@ def test_a_slow_drive_is_no_latency_timer():
     assert latency_timer_s(arrivals[:3]) is None
 
 
-def test_a_reply_time_close_to_the_limit():
+def test_reply_time_close_to_the_timeout_is_noted():
     line = VirtualLine([virtual_drive("vabus", 1)])
     limit = measure(line.port(), only=["vabus"], addresses=[1]).replies[0]
     close = max(limit.delays_s) * 1.2
@@ -338,13 +338,13 @@ def test_a_reply_time_close_to_the_limit():
         (PortReport(url="rfc2217://h:1", kind="RFC 2217", stable_name="rfc2217://h:1"), "an RFC 2217 connection"),
     ],
 )
-def test_what_cannot_be_known_is_said(report, part):
+def test_port_finding_states_what_cannot_be_known(report, part):
     _, findings = diagnose(VirtualLine([virtual_drive("vabus", 1)]), report)
     assert problems(findings) == []
     assert any(part in one.text for one in findings if one.about == "port")
 
 
-def test_a_slow_adapter_by_its_own_account():
+def test_latency_reported_by_the_adapter_is_a_problem():
     slow = PortReport(
         url="/dev/ttyUSB0",
         kind="serial port",
@@ -359,39 +359,39 @@ def test_a_slow_adapter_by_its_own_account():
     assert any(one.text == "something else" for one in findings)
 
 
-def test_an_adapter_that_does_not_tell_its_latency():
+def test_adapter_that_hides_its_latency_is_noted():
     dumb = PortReport(url="COM3", kind="serial port", usb=SERIAL.usb, stable_name="COM3")
     _, findings = diagnose(VirtualLine([virtual_drive("vabus", 1)]), dumb)
     assert any("does not show; see the reply times" in one.text for one in findings)
 
 
-def test_an_address_that_one_of_the_protocols_does_not_have():
+def test_address_invalid_for_a_protocol_is_not_probed():
     measurements, _ = diagnose(VirtualLine(), only=["vabus", "danfoss-fc"], addresses=[31], listen_s=0.1)
     assert measurements.addresses == 1
     assert measurements.elsewhere == []
 
 
-def test_a_protocol_that_finds_telegrams_everywhere(monkeypatch):
+def test_echo_is_not_tested_if_no_bytes_are_harmless(monkeypatch):
     monkeypatch.setattr("drivecomm.commissioning.doctor.listening._finds", lambda *_: [Framed(b"?", None)])
     assert harmless_bytes() == b""
     measurements, findings = diagnose(VirtualLine([virtual_drive("vabus", 1)]), probes=1)
     assert (measurements.echo, [one for one in findings if one.about == "echo"]) == ([], [])
 
 
-def test_a_line_that_goes_down_is_an_error():
+def test_broken_line_raises_link_down_error():
     line = VirtualLine([virtual_drive("vabus", 1)])
     port = line.port()
     with pytest.raises(LinkDownError):
         measure(port, only=["vabus"], progress=lambda *_: setattr(line, "broken", True))
 
 
-def test_an_unknown_protocol():
+def test_unknown_protocol_is_refused():
     with pytest.raises(UnknownProtocolError):
         measure(VirtualLine().port(), only=["profibus"])
 
 
 @pytest.mark.parametrize("way", ["request", "reply"])
-def test_what_is_sent_for_an_echo_is_no_telegram(way):
+def test_echo_test_bytes_are_not_a_telegram_of_any_protocol(way):
     for plugin in installed.working():
         framer = Framer(plugin.codec(plugin.options()), way)
         finds = [*framer.feed(harmless_bytes()), *framer.flush()]
@@ -400,7 +400,7 @@ def test_what_is_sent_for_an_echo_is_no_telegram(way):
 
 
 @pytest.mark.soak
-def test_no_drive_acts_on_what_is_sent():
+def test_echo_test_bytes_start_no_drive():
     drives = [virtual_drive(name, address_of(name)) for name in installed]
     line = VirtualLine(drives)
     port = line.port()

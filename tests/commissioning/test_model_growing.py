@@ -1,4 +1,4 @@
-"""Which parameters words name, and what a drive's word and a known model make together."""
+"""Parameters named by words, and models merged from a drive's descriptions and a known model."""
 
 from dataclasses import replace
 from decimal import Decimal
@@ -28,18 +28,18 @@ from drivecomm.virtual import VirtualLine, virtual_drive
         ([], []),
     ],
 )
-def test_words_and_the_parameters_that_they_name(words, addresses):
+def test_words_name_parameters_and_ranges(words, addresses):
     assert addresses_in(words) == addresses
 
 
 @pytest.mark.parametrize("word", ["16-10..17-10", "10..9", "..5", "5..", "a..b", "1..100000", "1..x2"])
-def test_what_is_no_range(word):
+def test_invalid_range_is_refused(word):
     with pytest.raises(UsageError, match="range"):
         addresses_in([word])
 
 
 @given(first=st.integers(0, 999), length=st.integers(1, 300))
-def test_a_range_has_all_between_its_ends_once(first, length):
+def test_range_holds_each_number_between_its_ends_once(first, length):
     last = first + length - 1
     assert [int(each) for each in addresses_in([f"{first}..{last}"])] == list(range(first, last + 1))
 
@@ -84,7 +84,7 @@ def test_two_parameters_with_one_title_have_two_names():
     assert [info.name for info in model.parameters.values()] == ["speed", "speed_16_02"]
 
 
-def test_the_drives_word_goes_before_what_was_known_and_the_rest_stays():
+def test_description_of_the_drive_overrides_the_known_model():
     model = make(told("1", "RAMP", factor=Decimal("0.01"), extra={"elements": 8}), base=BASE)
     info = model.parameters["1"]
     assert (info.name, info.title, info.factor, info.source, info.sure) == (
@@ -100,7 +100,7 @@ def test_the_drives_word_goes_before_what_was_known_and_the_rest_stays():
     assert (model.options, model.faults) == ({"bits": 12}, {5: "overload"})
 
 
-def test_common_names_and_watchdog_stay_where_their_parameters_are():
+def test_common_names_and_watchdog_stay_only_with_their_parameters():
     model = make(told("1", "RAMP"), base=BASE)
     assert model.quantities == {"acceleration_time": "1", "fault_code": "1[1]"}
     assert model.watchdog is None
@@ -111,7 +111,7 @@ def test_common_names_and_watchdog_stay_where_their_parameters_are():
 
 
 @pytest.mark.parametrize("protocol", [plugin.name for plugin in installed.working() if plugin.name != "danfoss-fc"])
-def test_a_protocol_whose_drives_do_not_tell(protocol):
+def test_protocol_without_descriptions_cannot_grow_a_model(protocol):
     virtual = virtual_drive(protocol, installed[protocol].addresses[0])
     line = VirtualLine([virtual])
     with drivecomm.open_bus(line.port) as bus:
@@ -134,7 +134,7 @@ def test_a_protocol_whose_drives_do_not_tell(protocol):
         ("danfoss-fc", "fc302", "fc101", "3-41"),
     ],
 )
-def test_a_model_of_all_that_a_drive_answers(tmp_path, protocol, real, base, unknown):
+def test_model_grown_from_all_answers_is_valid(tmp_path, protocol, real, base, unknown):
     plugin, path = installed[protocol], tmp_path / "own.toml"
     line = VirtualLine([virtual_drive(protocol, 1, model=real)])
     with drivecomm.open_bus(line.port) as bus:
@@ -160,7 +160,7 @@ def test_a_model_of_all_that_a_drive_answers(tmp_path, protocol, real, base, unk
         assert back_up_everything(drive, within=[]).of(["unknown"]) == []
 
 
-def test_what_nobody_asks_for_stays_in_the_model():
+def test_unreadable_parameters_and_commands_stay_in_the_model():
     base = load_model(installed["vabus"].package, "vabus", "agile")
     assert [info.address for info in unasked(installed["vabus"], base)] == [
         info.address for info in base.parameters.values() if "r" not in info.access or info.kind == "command"
@@ -179,6 +179,6 @@ def test_data_sets_become_one_parameter():
     assert (info.address, info.name, info.extra) == ("900", "parameter_900", {"datasets": 4})
 
 
-def test_options_of_describe_where_there_is_none():
+def test_description_options_are_refused_without_descriptions():
     with pytest.raises(UsageError, match="vabus drives do not describe their parameters"):
         asking(installed["vabus"], None, {"option_texts": 3})

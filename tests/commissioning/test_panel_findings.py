@@ -1,4 +1,4 @@
-"""What doctor says of panels behind a serial server, which may set the line otherwise."""
+"""Findings of doctor about panels behind a serial server, which may use line settings of its own."""
 
 import pytest
 
@@ -13,7 +13,7 @@ from drivecomm.protocol import DriveConfig, PanelSetting
     [({}, True, "problem"), ({}, False, "note"), ({"baudrate": 19200}, False, "problem")],
     ids=["a port of its own", "a serial server", "a serial server, and the plant says the rate"],
 )
-def test_rate_behind_a_serial_server_is_a_problem_where_the_plant_says_it(options, carries, weight):
+def test_baud_rate_behind_a_serial_server_is_a_problem_if_the_plant_states_it(options, carries, weight):
     setting = PanelSetting(parameter="P1", name="rate", purpose="line", made_from="baudrate", source="a page")
     row = SheetRow(setting=setting, value="19200", made_of="19200 baud")
     drive = DriveConfig(protocol="uss", address=3, options=options)

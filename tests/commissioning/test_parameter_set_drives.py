@@ -1,4 +1,4 @@
-"""Backup and restore with virtual drives: by who awaits, after a drive's own reset, with faults, across makers."""
+"""Backup and restore with virtual drives: awaited, after a reset, on a bad line, and across makers."""
 
 import asyncio
 from dataclasses import replace
@@ -34,7 +34,7 @@ def changed_drive(case, seed=1):
 
 
 @pytest.mark.parametrize("case", cases(), ids=repr)
-def test_nothing_that_commands_or_cuts_the_line_is_a_setting(case):
+def test_no_command_or_communication_parameter_is_a_setting(case):
     words = {"control", "command", "station", "address", "baud", "parity", "node", "initialise", "tuning"}
     known = {
         "control_site", "control_word_source", "control_word_timeout_time", "control_word_timeout_function",
@@ -45,7 +45,7 @@ def test_nothing_that_commands_or_cuts_the_line_is_a_setting(case):
     assert named <= known
 
 
-def test_awaiting_is_the_same():
+def test_awaited_backup_and_restore_give_the_same_result():
     case = Case("vabus", "agile")
 
     async def main():
@@ -68,7 +68,7 @@ def test_awaiting_is_the_same():
         assert back_up(bus.drive("vabus", 1, model=case.model)).entries == saved.entries
 
 
-def test_after_a_reset_that_the_drive_does_itself():
+def test_restore_undoes_a_factory_reset_by_the_drive():
     case = Case("fuji", "frenic")
     line = VirtualLine([changed_drive(case)])
     with drivecomm.open_bus(line.port) as bus:
@@ -80,7 +80,7 @@ def test_after_a_reset_that_the_drive_does_itself():
         assert compare(saved, back_up(drive)).same
 
 
-def test_in_a_plant_after_a_power_cut_with_a_reset():
+def test_restore_undoes_a_factory_reset_at_power_on():
     planned = DriveConfig(name="pump", protocol="danfoss-fc", address=3, line="hall", options={"model": "fc102"})
     plant = VirtualPlant(Plant(lines=(PlantLine(name="hall"),), drives=(planned,)))
     with drivecomm.open_bus(plant.lines["hall"].port) as bus:
@@ -97,7 +97,7 @@ def test_in_a_plant_after_a_power_cut_with_a_reset():
 
 
 @pytest.mark.parametrize("protocol", ["vabus", "danfoss-fc", "fuji", "vlt3500"])
-def test_on_a_bad_line(protocol):
+def test_backup_and_restore_work_on_a_bad_line(protocol):
     case = Case(protocol, {"vabus": "acu", "danfoss-fc": "fc300", "fuji": "g11s", "vlt3500": "vlt3000"}[protocol])
     virtual = changed_drive(case)
     held = case.held(virtual)
@@ -113,7 +113,7 @@ def test_on_a_bad_line(protocol):
     assert case.held(line.drives[0]) == held
 
 
-def test_a_parameter_that_is_met_with_silence_is_listed():
+def test_parameter_without_an_answer_is_listed_as_not_read():
     line = VirtualLine([drivecomm.virtual.virtual_drive("vabus", 1, silent_on=frozenset({11}))])
     line.drives[0].store._infos.pop(481)
     with drivecomm.open_bus(line.port) as bus:
@@ -125,7 +125,7 @@ def test_a_parameter_that_is_met_with_silence_is_listed():
             back_up(bus.drive("vabus", 1, model="agile"))
 
 
-def test_a_motor_drive_of_another_maker():
+def test_motor_settings_are_carried_to_a_drive_of_another_maker():
     own = {"maximum_frequency": "419", "motor_rated_power": "376"}
     theirs = {"maximum_frequency": "4-14", "motor_rated_power": "1-20", "output_current": "16-14"}
     fc, vabus = Case("danfoss-fc", "fc102"), Case("vabus", "agile")
@@ -155,7 +155,7 @@ def _mapping(model, quantities):
     return replace(model, quantities=quantities)
 
 
-def test_factory_values_that_a_drive_tells():
+def test_factory_values_are_read_from_the_drive():
     case = Case("danfoss-fc", "fc102")
     line = VirtualLine([case.new()])
     with drivecomm.open_bus(line.port) as bus:
@@ -168,7 +168,7 @@ def test_factory_values_that_a_drive_tells():
         assert "3-41" in [each.address for each in compare(back_up(drive), factory).differences]
 
 
-def test_a_drive_whose_texts_cannot_be_written():
+def test_unwritable_texts_are_left_alone_with_the_reason():
     case = Case("danfoss-fc", "fc101")
     line = VirtualLine([case.new()])
     with drivecomm.open_bus(line.port) as bus:
@@ -181,7 +181,7 @@ def test_a_drive_whose_texts_cannot_be_written():
         assert "reading texts only" in {item.address: item.reason for item in done.plan.to("skip")}["0-37"]
 
 
-def test_volatile_only_where_it_makes_a_difference():
+def test_volatile_restore_is_refused_if_every_write_is_stored():
     case = Case("vabus", "act")
     line = VirtualLine([case.new()])
     with drivecomm.open_bus(line.port) as bus:

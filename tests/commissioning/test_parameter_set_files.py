@@ -1,4 +1,4 @@
-"""Parameter sets as files: what is written is read, in one order, and what is wrong is said with its line."""
+"""Parameter sets as files: read back as written, in a fixed order, with errors located by line."""
 
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -67,7 +67,7 @@ def _to_the_second(time):
 @pytest.mark.soak
 @FEW
 @given(known=sets())
-def test_what_is_written_is_read(known, tmp_path_factory):
+def test_written_set_is_read_back_unchanged(known, tmp_path_factory):
     path = tmp_path_factory.mktemp("sets") / "set.toml"
     write_set(path, known)
     found = read_set(path)
@@ -82,7 +82,7 @@ def test_what_is_written_is_read(known, tmp_path_factory):
 @pytest.mark.soak
 @FEW
 @given(known=sets())
-def test_the_order_does_not_depend_on_how_it_was_read(known):
+def test_order_of_the_file_does_not_depend_on_the_order_of_reading(known):
     other_way_round = dict(reversed(known.entries.items()))
     assert text_of(replace(known, entries=other_way_round)) == text_of(known)
 
@@ -90,7 +90,7 @@ def test_the_order_does_not_depend_on_how_it_was_read(known):
 @pytest.mark.soak
 @FEW
 @given(known=sets().filter(lambda known: known.entries), new=st.integers(-999, 999))
-def test_a_change_of_one_parameter_is_a_change_of_one_line(known, new):
+def test_one_changed_parameter_changes_one_line(known, new):
     address = next(iter(known.entries))
     changed = replace(known, entries={**known.entries, address: replace(known.entries[address], value=new)})
     before, after = text_of(known).split("\n"), text_of(changed).split("\n")
@@ -98,7 +98,7 @@ def test_a_change_of_one_parameter_is_a_change_of_one_line(known, new):
     assert sum(old != line for old, line in zip(before, after, strict=True)) <= 1
 
 
-def test_smallest_and_largest_float_of_a_drive_come_back(tmp_path):
+def test_smallest_and_largest_float_of_a_drive_are_read_back(tmp_path):
     ends = {"1": Decimal("1E-45"), "2": Decimal("3.40282347E+38")}
     known = ParameterSet(
         protocol="uss", drive="uss:1", model="micromaster4",
@@ -108,7 +108,7 @@ def test_smallest_and_largest_float_of_a_drive_come_back(tmp_path):
     assert read_set(tmp_path / "set.toml").entries == known.entries
 
 
-def test_the_file_of_the_page(tmp_path):
+def test_file_shown_on_the_how_to_page_is_valid(tmp_path):
     page = ROOT / "docs" / "how-to" / "parameter-sets.md"
     (block,) = [block for block in blocks_of(page) if block.title == "fan.toml"]
     path = tmp_path / "fan.toml"
@@ -118,7 +118,7 @@ def test_the_file_of_the_page(tmp_path):
     assert str(known.entries["202"]) == "50.0 Hz"
 
 
-def test_addresses_are_in_the_order_in_which_people_count():
+def test_addresses_are_in_natural_order():
     assert in_order(["3-10[10]", "10", "9", "3-10[2]", "3-02", "y01", "F03", "A13"]) == [
         "3-02", "3-10[2]", "3-10[10]", "9", "10", "A13", "F03", "y01",
     ]  # fmt: skip
@@ -160,7 +160,7 @@ HEAD = 'format = 1\nprotocol = "vabus"\ndrive = "vabus:1"\nmodel = "agile"\n'
         ("\udcff", "cannot be read as a parameter set"),
     ],
 )
-def test_what_is_wrong_is_said_with_its_line(text, sentence, tmp_path):
+def test_error_in_a_file_is_reported_with_its_line(text, sentence, tmp_path):
     path = tmp_path / "set.toml"
     path.write_bytes(text.encode("utf-8", "surrogateescape"))
     with pytest.raises(FileFormatError) as caught:
@@ -169,7 +169,7 @@ def test_what_is_wrong_is_said_with_its_line(text, sentence, tmp_path):
     assert sentence in str(caught.value)
 
 
-def test_a_place_where_nothing_can_be_written(tmp_path):
+def test_unwritable_path_is_refused(tmp_path):
     known = ParameterSet(protocol="vabus", drive="vabus:1", model="agile", entries={})
     with pytest.raises(UsageError, match="not a parameter set; give another name"):
         write_set(tmp_path, known)
@@ -177,7 +177,7 @@ def test_a_place_where_nothing_can_be_written(tmp_path):
         write_set(tmp_path / "a" / "b.toml", known)
 
 
-def test_numbers_that_somebody_writes_by_hand(tmp_path):
+def test_handwritten_numbers_are_read(tmp_path):
     path = tmp_path / "set.toml"
     path.write_text(f'{HEAD}[settings]\n481 = {{ value = 0.1 }}\n"480" = {{ value = 1_000 }}\n')
     assert [entry.value for entry in read_set(path).entries.values()] == [1000, Decimal("0.1")]

@@ -1,4 +1,4 @@
-"""Restoring: the order, what a drive refuses at first, what it changes by itself, and what is never written."""
+"""Restores: order of writes, early refusals, values that change by themselves, and values that are never written."""
 
 from dataclasses import replace
 from decimal import Decimal
@@ -59,7 +59,7 @@ MODEL = Model(
 
 
 class Drive:
-    """A drive whose maximum is never below its minimum, and whose frequencies stay between them."""
+    """Fake drive whose maximum is never below its minimum and whose fixed frequency stays between them."""
 
     name = "vabus:1"
     model = MODEL
@@ -131,7 +131,7 @@ def restore(drive, known, **options):
     return carry_out_plan(drive, plan_restore(drive, known, RestoreOptions(**options)))
 
 
-def test_a_backup_holds_what_can_be_restored():
+def test_backup_holds_all_restorable_values():
     saved = back_up(Drive())
     assert list(saved.entries) == ["100", "101", "102", "103", "104", "105", "106"]
     assert saved.not_read == {"110": "it can only be written"}
@@ -141,13 +141,13 @@ def test_a_backup_holds_what_can_be_restored():
     assert list(back_up(Drive(), ["measured"]).entries) == ["108", "109"]
 
 
-def test_what_others_depend_on_goes_first():
+def test_values_that_others_depend_on_are_written_first():
     drive = Drive()
     restore(drive, a_set(_101=1, _102=5, _103=60, _104=55, _105=7))
     assert drive.writes == ["101", "105", "102", "103", "104"]
 
 
-def test_a_lock_is_closed_last_and_opened_all_the_same():
+def test_data_lock_is_closed_last_and_opened_before_other_writes():
     drive = Drive()
     assert restore(drive, a_set(_100=1, _101=1, _104=20)).complete
     assert drive.writes == ["101", "104", "100"]
@@ -155,7 +155,7 @@ def test_a_lock_is_closed_last_and_opened_all_the_same():
     assert (drive.held["100"], drive.held["101"], drive.held["104"]) == (0, 2, 30)
 
 
-def test_limits_that_stand_in_each_others_way():
+def test_limits_that_block_each_other_are_restored():
     drive = Drive()
     done = restore(drive, a_set(_102=60, _103=100, _104=80))
     assert done.complete
@@ -165,7 +165,7 @@ def test_limits_that_stand_in_each_others_way():
     assert (drive.held["102"], drive.held["103"], drive.held["104"]) == (0, 20, 10)
 
 
-def test_what_a_later_write_changes_is_written_again():
+def test_value_changed_by_a_later_write_is_written_again():
     drive = Drive()
     drive.effects["104"] = lambda _: drive.held.update({"101": 0})
     done = restore(drive, a_set(_101=1, _104=20))
@@ -174,7 +174,7 @@ def test_what_a_later_write_changes_is_written_again():
     assert done.written == ("101", "104")
 
 
-def test_what_never_holds_is_said_and_not_written_for_ever():
+def test_value_that_never_holds_is_reported_after_two_writes():
     drive = Drive()
     drive.effects["101"] = lambda _: drive.held.update({"101": 0})
     done = restore(drive, a_set(_101=1, _104=20))
@@ -183,7 +183,7 @@ def test_what_never_holds_is_said_and_not_written_for_ever():
     assert drive.writes.count("101") == 2, "once more, since another one was written in between"
 
 
-def test_two_that_change_each_other_come_to_an_end():
+def test_values_that_change_each_other_end_the_restore():
     drive = Drive()
     drive.effects["101"] = lambda _: drive.held.update({"105": 0})
     drive.effects["105"] = lambda _: drive.held.update({"101": 0})
@@ -192,7 +192,7 @@ def test_two_that_change_each_other_come_to_an_end():
     assert len(drive.writes) < 20
 
 
-def test_what_is_refused_for_good_has_the_drives_reason():
+def test_refused_value_is_reported_with_the_reason_of_the_drive():
     drive = Drive()
     done = restore(drive, a_set(_104=99))
     assert list(done.refused) == ["104"]
@@ -206,7 +206,7 @@ def test_equal_values_are_not_written():
     assert drive.writes == []
 
 
-def test_what_is_left_alone_and_why():
+def test_values_left_alone_are_listed_with_the_reason():
     known = a_set(_106=1)
     extra = {"999": Entry(address="999", value=1), "104": Entry(address="104", value=1, name="another", unit="Hz")}
     extra |= {"107": Entry(address="107", value=1), "108": Entry(address="108", value=1, unit="A")}
@@ -227,13 +227,13 @@ def test_what_is_left_alone_and_why():
     assert drive.writes == []
 
 
-def test_communication_goes_last_and_only_when_told():
+def test_communication_settings_are_written_last_and_only_on_request():
     drive = Drive()
     assert restore(drive, a_set(_106=1, _104=20)).written == ("104",)
     assert restore(drive, a_set(_106=2, _104=21), communication=True).written == ("104", "106")
 
 
-def test_a_drive_that_speaks_otherwise_from_then_on():
+def test_communication_setting_that_silences_the_drive_is_unconfirmed():
     drive = Drive()
 
     def gone(*_):
@@ -245,7 +245,7 @@ def test_a_drive_that_speaks_otherwise_from_then_on():
     assert (done.written, done.unconfirmed, done.complete) == (("104",), ("106",), False)
 
 
-def test_a_write_that_nobody_confirms_is_seen_by_reading():
+def test_unconfirmed_write_is_verified_by_reading():
     drive = Drive()
 
     def silent(_):
@@ -257,7 +257,7 @@ def test_a_write_that_nobody_confirms_is_seen_by_reading():
     assert drive.writes == ["104"], "it had arrived"
 
 
-def test_a_write_that_did_not_arrive_is_sent_once_more():
+def test_lost_write_is_repeated():
     drive = Drive()
 
     def lost(_):
@@ -270,7 +270,7 @@ def test_a_write_that_did_not_arrive_is_sent_once_more():
     assert drive.writes == ["104", "104"]
 
 
-def test_what_cannot_be_read_back_is_not_restored():
+def test_value_that_cannot_be_read_back_does_not_count_as_restored():
     drive = Drive()
 
     def hide(_):
@@ -287,14 +287,14 @@ def test_what_cannot_be_read_back_is_not_restored():
     assert "cannot be read back" in done.refused["104"]
 
 
-def test_what_was_refused_and_holds_in_the_end_is_restored():
+def test_refused_value_that_holds_in_the_end_counts_as_restored():
     drive = Drive()
     drive.effects["100"] = lambda _: drive.held.update({"104": 99})
     done = restore(drive, a_set(_104=99, _100=1))
     assert (done.written, done.refused, done.complete) == (("100",), {}, True)
 
 
-def test_a_value_that_does_not_fit_keeps_everything_from_being_written():
+def test_invalid_value_prevents_all_writes():
     drive = Drive()
     with pytest.raises(
         ValueRefusedError, match="103 maximum_frequency: 5000 is outside 0 to 1000; nothing was written"
@@ -303,12 +303,12 @@ def test_a_value_that_does_not_fit_keeps_everything_from_being_written():
     assert drive.writes == []
 
 
-def test_a_value_that_the_drive_holds_although_it_does_not_fit():
+def test_invalid_value_that_the_drive_holds_already_is_accepted():
     drive = Drive(_103=5000)
     assert restore(drive, a_set(_103=5000, _101=1)).written == ("101",)
 
 
-def test_a_running_motor():
+def test_restore_is_refused_while_the_motor_runs():
     drive = Drive()
     drive.running = True
     with pytest.raises(StateError, match="the motor runs"):
@@ -316,7 +316,7 @@ def test_a_running_motor():
     assert drive.writes == []
 
 
-def test_the_set_of_another_drive():
+def test_set_of_another_drive_is_refused_unless_allowed():
     drive = Drive()
     drive.identity = {"serial number": "2", "software version": "9"}
     with pytest.raises(UsageError, match="its serial number is '1', and '2' on this drive; nothing was written"):
@@ -325,14 +325,14 @@ def test_the_set_of_another_drive():
     assert restore(drive, a_set(_101=1), another_drive=True).written == ("101",)
 
 
-def test_other_software_is_the_same_drive():
+def test_other_software_version_counts_as_the_same_drive():
     drive = Drive()
     drive.identity = {"serial number": "1", "software version": "9"}
     known = a_set(_101=1)
     assert restore(drive, known).complete
 
 
-def test_the_set_of_another_maker():
+def test_set_of_another_maker_is_carried_by_common_names():
     entries = [
         Entry(address="F03", value=60_000, unit="mHz", name="maximum", common="maximum_frequency"),
         Entry(address="F15", value=30, unit="Hz", name="minimum", common="minimum_frequency"),
@@ -357,12 +357,12 @@ def test_the_set_of_another_maker():
     }
 
 
-def test_volatile_where_every_write_is_kept():
+def test_volatile_restore_is_refused_if_every_write_is_stored():
     with pytest.raises(UsageError, match="keeps every write over power-off"):
         plan_restore(Drive(), a_set(), RestoreOptions(volatile=True))
 
 
-def test_a_drive_without_a_model():
+def test_backup_without_a_model_is_refused():
     drive = Drive()
     drive.model = None
     with pytest.raises(UsageError, match="which parameters it has is said by its model"):
@@ -370,8 +370,8 @@ def test_a_drive_without_a_model():
 
 
 @pytest.mark.parametrize("case", cases_with_settings(), ids=repr)
-def test_a_backup_restores_its_own_drive_wholly(case):
-    """Also of an inverter whose rating nobody has named, so that the scale of its currents is not known."""
+def test_backup_restores_its_own_drive_completely(case):
+    """This includes inverters of unknown rating, whose currents have an unknown scale."""
     virtual = case.type.new() if case.plugin.name != "fuji" else virtual_drive("fuji", 1, model=case.model)
     with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
         drive = bus.drive(case.plugin.name, case.address, model=case.model, confirmed=case.model.name)
@@ -388,14 +388,14 @@ def test_a_backup_restores_its_own_drive_wholly(case):
 
 
 @pytest.mark.parametrize("case", cases_without_status(), ids=repr)
-def test_nothing_is_written_where_nobody_knows_whether_the_motor_runs(case):
+def test_restore_is_refused_if_the_model_has_no_status(case):
     virtual = case.new()
     with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
         drive = case.drive(bus)
         saved = back_up(drive)
         assert case.change(virtual, Random(3))
         changed = case.held(virtual)
-        with pytest.raises(NotSupported, match=f"model {case.model.name} knows no status"):
+        with pytest.raises(NotSupported, match=f"model {case.model.name} has no status, so"):
             carry_out_plan(drive, plan_restore(drive, saved))
     assert case.held(virtual) == changed
 
@@ -414,7 +414,7 @@ class TestAValueWhoseScaleNobodyKnows:
         with drivecomm.open_bus(VirtualLine([virtual, virtual_drive("fuji", 2, model="frenic")]).port) as bus:
             yield bus
 
-    def test_goes_back_to_its_own_drive_as_the_number_that_it_told(self, bus, virtual):
+    def test_value_of_unknown_scale_is_restored_by_its_raw_number(self, bus, virtual):
         virtual.poke("F11", 912)
         saved = back_up(inverter(bus))
         assert (saved.entries["F11"].value, saved.entries["F11"].unit) == (912, "")
@@ -422,7 +422,7 @@ class TestAValueWhoseScaleNobodyKnows:
         done = carry_out_plan(inverter(bus), plan_restore(inverter(bus), saved))
         assert (done.written, done.complete, virtual.peek("F11", 0.0)) == (("F11",), True, 912)
 
-    def test_also_when_its_scale_has_become_known_since(self, bus, virtual):
+    def test_value_of_unknown_scale_is_restored_after_the_scale_becomes_known(self, bus, virtual):
         virtual.poke("F11", 912)
         saved = back_up(inverter(bus))
         virtual.poke("F11", 1)
@@ -432,7 +432,7 @@ class TestAValueWhoseScaleNobodyKnows:
 
     @pytest.mark.parametrize("rated_hp", [{}, {"rating_hp": 50}], ids=["no rating", "another rating"])
     @pytest.mark.parametrize("held", [500, 0])
-    def test_also_when_its_scale_is_not_what_it_was_said_to_be(self, bus, virtual, rated_hp, held):
+    def test_value_is_restored_by_its_raw_number_under_another_scale(self, bus, virtual, rated_hp, held):
         virtual.poke("F11", 910)
         saved = back_up(inverter(bus, rating_hp=10))
         assert (saved.entries["F11"].value, saved.entries["F11"].unit) == (Decimal("9.10"), "A")
@@ -441,7 +441,7 @@ class TestAValueWhoseScaleNobodyKnows:
         done = carry_out_plan(drive, plan_restore(drive, saved))
         assert (done.written, done.complete, virtual.peek("F11", 0.0)) == (("F11",), True, 910)
 
-    def test_a_value_that_somebody_wrote_in_the_file_counts_and_not_the_old_number(self, bus, virtual):
+    def test_value_edited_in_the_file_overrides_its_raw_number(self, bus, virtual):
         virtual.poke("F11", 910)
         saved = back_up(inverter(bus, rating_hp=10))
         entry = replace(saved.entries["F11"], value=Decimal("8.55"))
@@ -452,7 +452,7 @@ class TestAValueWhoseScaleNobodyKnows:
         assert carry_out_plan(drive, plan_restore(drive, saved)).written == ("F11",)
         assert virtual.peek("F11", 0.0) == 855
 
-    def test_is_not_given_to_another_drive_and_that_is_no_whole_restore(self, bus):
+    def test_value_of_unknown_scale_is_not_restored_to_another_drive(self, bus):
         saved = back_up(inverter(bus))
         other = inverter(bus, 2)
         plan = plan_restore(other, saved, RestoreOptions(another_drive=True))
@@ -460,7 +460,7 @@ class TestAValueWhoseScaleNobodyKnows:
         assert not carry_out_plan(other, plan).complete
 
 
-def test_what_cannot_be_written_and_holds_already_is_not_missed():
+def test_unwritable_value_that_holds_already_is_not_missed():
     virtual = virtual_drive("danfoss-fc", 1, model="fc101")
     with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
         drive = bus.drive("danfoss-fc", 1, model="fc101")
@@ -472,12 +472,12 @@ def test_what_cannot_be_written_and_holds_already_is_not_missed():
         assert "reading texts only" in missed.reason
 
 
-def test_what_the_backup_lacks_is_told():
+def test_values_missing_from_the_backup_are_listed_in_the_remarks():
     lacking = replace(a_set(_104=1), not_read={"103": "no bus access"})
     assert "not in the set, because it could not be read: 103" in plan_restore(Drive(), lacking).remarks
 
 
-def test_communication_that_was_not_asked_for_is_left_alone_as_it_should_be():
+def test_unrequested_communication_setting_does_not_count_as_missed():
     drive = Drive()
     plan = plan_restore(drive, a_set(_106=1))
     assert [item.address for item in plan.to("skip")] == ["106"]
@@ -487,7 +487,7 @@ def test_communication_that_was_not_asked_for_is_left_alone_as_it_should_be():
     ] == ["106"], "it was asked for by its name"
 
 
-def test_a_drive_that_is_read_only_is_refused_as_a_whole():
+def test_restore_to_a_read_only_drive_is_refused():
     with drivecomm.open_bus(VirtualLine([virtual_drive("vabus", 1)]).port) as bus:
         saved = back_up(bus.drive("vabus", 1, model="agile"))
         shut = bus.drive("vabus", 1, model="agile", read_only=True)
@@ -517,7 +517,7 @@ def test_restore_ends_at_the_first_write_to_a_drive_of_another_series():
     with drivecomm.open_bus(VirtualLine([virtual_drive("modbus", 1, model="delta-vfd-b")]).port) as bus:
         delta = bus.drive("modbus", 1, model="delta-vfd-b")
         plan = plan_restore(delta, back_up(delta))
-    # A changed value, without which there would be nothing to write.
+    # Mark every value as changed, because equal values are not written.
     items = tuple(replace(each, action="write") for each in plan.items)
     assert len(items) > 1
     line, sent = VirtualLine([virtual_drive("modbus", 1, model="delta-vfd-e")]), []

@@ -1,4 +1,4 @@
-"""How long a scan takes, before a port is open."""
+"""Forecast of how long a scan takes, made before a port is open."""
 
 import pytest
 from addresses import address_of
@@ -12,7 +12,7 @@ from drivecomm.virtual import VirtualLine
 
 @pytest.mark.parametrize("choices", [None, LineChoices(baudrates=(9600, 19200), parities=("E", "N"))])
 @pytest.mark.parametrize("protocol", sorted(installed))
-def test_a_scan_for_nobody_takes_as_long_as_foretold(protocol, choices):
+def test_scan_of_a_line_without_drives_takes_as_long_as_forecast(protocol, choices):
     line, addresses = VirtualLine([]), [address_of(protocol, number) for number in range(1, 9)]
     forecast = forecast_scan([protocol], addresses, choices)
     asked = []
@@ -24,7 +24,7 @@ def test_a_scan_for_nobody_takes_as_long_as_foretold(protocol, choices):
     assert took == pytest.approx(forecast.seconds, rel=0.02)
 
 
-def test_facts_for_all_count():
+def test_reply_timeout_for_all_protocols_counts_in_the_forecast():
     quick = forecast_scan(["vabus"], [1, 2, 3], reply_timeout_s=0.05)
     slow = forecast_scan(["vabus"], [1, 2, 3], reply_timeout_s=0.5)
     assert slow.seconds - quick.seconds == pytest.approx(3 * 0.45)

@@ -1,4 +1,4 @@
-"""The pause that a drive needs after its replies, found in virtual time with drives that need one."""
+"""Tuning: the pause that a drive needs after its replies, found in virtual time."""
 
 import asyncio
 
@@ -16,7 +16,7 @@ FAST = [("vlt3500", {}), ("fuji", {"model": "frenic"})]
 
 
 class Bench:
-    """A drive on a virtual line, whose wire is watched. needs_s: the pause that the drive needs after its reply."""
+    """Drive on a virtual line whose telegrams are recorded. needs_s: pause that the drive needs after its reply."""
 
     def __init__(self, protocol, options, *, needs_s=0.0, delay_s=0.002, faults=None):
         self.config = DriveConfig(
@@ -64,7 +64,7 @@ def test_drive_that_fails_with_its_usual_pause_gets_a_longer_one(protocol, optio
 
 
 @pytest.mark.parametrize(("protocol", "options"), FAST)
-def test_slow_drive_gets_more_time_for_its_replies(protocol, options):
+def test_slow_drive_gets_a_longer_reply_timeout(protocol, options):
     bench = Bench(protocol, options, delay_s=1.1)
     found = bench.tuned(20)
     assert found.before.error
@@ -75,7 +75,7 @@ def test_slow_drive_gets_more_time_for_its_replies(protocol, options):
 
 @pytest.mark.parametrize(("protocol", "options"), FAST)
 @pytest.mark.parametrize("needs_s", [0.001, 0.003])
-def test_what_a_drive_needs_is_found_and_gets_a_margin(protocol, options, needs_s):
+def test_needed_pause_is_found_and_gets_a_margin(protocol, options, needs_s):
     bench = Bench(protocol, options, needs_s=needs_s)
     found = bench.tuned()
     assert needs_s <= found.held_s <= 1.05 * needs_s
@@ -93,7 +93,7 @@ def test_what_a_drive_needs_is_found_and_gets_a_margin(protocol, options, needs_
 
 
 @pytest.mark.parametrize(("protocol", "options"), FAST)
-def test_what_was_found_holds_and_is_as_fast_as_was_said(protocol, options):
+def test_tuned_pause_holds_and_is_as_fast_as_reported(protocol, options):
     bench = Bench(protocol, options, needs_s=0.001)
     found = bench.tuned()
     bench.line.advance(1)
@@ -121,7 +121,7 @@ def test_what_was_found_holds_and_is_as_fast_as_was_said(protocol, options):
         ("vlt3500", {"turnaround_characters": 10}, 100 / 115200),
     ],
 )
-def test_nothing_is_tried_below_what_the_maker_demands(protocol, options, least_s):
+def test_no_pause_below_the_makers_minimum_is_tried(protocol, options, least_s):
     bench = Bench(protocol, options)
     found = bench.tuned()
     assert found.least_s == pytest.approx(least_s)
@@ -131,7 +131,7 @@ def test_nothing_is_tried_below_what_the_maker_demands(protocol, options, least_
     assert not found.error
 
 
-def test_a_pause_that_is_less_than_the_maker_demands_already_is_left_alone():
+def test_pause_already_below_the_makers_minimum_stays():
     found = Bench("fuji", {"turnaround_s": 0.002}).tuned()
     assert found.turnaround_s == 0.002
     assert "tuned_turnaround_s" not in found.options
@@ -140,7 +140,7 @@ def test_a_pause_that_is_less_than_the_maker_demands_already_is_left_alone():
 @pytest.mark.parametrize(
     ("protocol", "options"), [*FAST, ("vabus", {"turnaround_s": 0.01, "model": "agile"}), ("danfoss-fc", {})]
 )
-def test_nothing_is_sent_that_writes_or_commands(protocol, options):
+def test_tuning_sends_no_write_or_command(protocol, options):
     bench = Bench(protocol, options, needs_s=0.001)
     bench.tuned(50)
     plugin = installed[protocol]
@@ -150,7 +150,7 @@ def test_nothing_is_sent_that_writes_or_commands(protocol, options):
         assert (intent.access, intent.commands) in {("read", False), ("", False)}, data
 
 
-def test_a_trial_ends_with_its_first_error_and_the_usual_pause_follows():
+def test_trial_ends_at_its_first_error_and_the_usual_pause_follows():
     bench = Bench("vlt3500", {}, needs_s=0.004)
     silent = []
 
@@ -165,13 +165,13 @@ def test_a_trial_ends_with_its_first_error_and_the_usual_pause_follows():
     assert len(failed) >= 2
     assert all("did not answer" in trial.error and not trial.exchanges for trial in failed)
     assert max(silent) == 1, "never two requests in a row"
-    # Whatever is missed is followed by a request that is heard.
+    # Each lost request is followed by an answered one, so every timeout belongs to a failed trial.
     assert bus.counters["vlt3500:1"]["timeouts"] == len(failed)
 
 
 @pytest.mark.parametrize("kind", [Fault.DROP, Fault.CORRUPT, Fault.DUPLICATE])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_line_that_errs_anyway_is_not_tuned(kind, seed):
+def test_line_with_errors_at_any_pause_is_not_tuned(kind, seed):
     bench = Bench("vlt3500", {}, needs_s=0.001, faults=FaultPlan(rate=0.1, seed=seed, kinds=[kind], requests=False))
     found = bench.tuned()
     assert found.error
@@ -179,7 +179,7 @@ def test_a_line_that_errs_anyway_is_not_tuned(kind, seed):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_with_rare_errors_only_what_held_for_all_exchanges_is_a_result(seed):
+def test_rare_errors_allow_only_a_pause_that_held_for_all_exchanges(seed):
     bench = Bench("vlt3500", {}, needs_s=0.001, faults=FaultPlan(rate=0.005, seed=seed, kinds=[Fault.DROP]))
     found = bench.tuned()
     if found.options:
@@ -189,7 +189,7 @@ def test_with_rare_errors_only_what_held_for_all_exchanges_is_a_result(seed):
         assert found.error
 
 
-def test_a_drive_that_dies_in_the_middle():
+def test_drive_that_falls_silent_ends_the_tuning():
     bench = Bench("vlt3500", {}, needs_s=0.001)
     at = []
 
@@ -205,7 +205,7 @@ def test_a_drive_that_dies_in_the_middle():
     assert len(bench.requests) - at[0] <= 5, "one of the trial, and those that ask whether it is there still"
 
 
-def test_a_drive_that_never_answers():
+def test_silent_drive_is_not_tuned():
     bench = Bench("vlt3500", {})
     bench.plant.power_off("vlt3500:1")
     with pytest.raises(NoReplyError):
@@ -223,7 +223,7 @@ def test_a_drive_that_never_answers():
         ("vabus", 0.002, 0.500),
     ],
 )
-def test_the_reply_time_out_follows_the_reply_times(protocol, delay_s, timeout_s):
+def test_reply_timeout_follows_the_reply_times(protocol, delay_s, timeout_s):
     found = Bench(protocol, {}, delay_s=delay_s).tuned()
     assert found.reply_timeout_s == pytest.approx(timeout_s)
     assert found.reply_delays.longest_s == pytest.approx(delay_s)
@@ -232,7 +232,7 @@ def test_the_reply_time_out_follows_the_reply_times(protocol, delay_s, timeout_s
     assert found.options.get("reply_timeout_s") == (found.reply_timeout_s if changes else None)
 
 
-def test_a_drive_that_was_tuned_is_tuned_from_its_usual_pause():
+def test_tuned_drive_is_tuned_again_from_its_usual_pause():
     found = Bench("vlt3500", {"tuned_turnaround_s": 0.0005}, needs_s=0.001).tuned()
     assert found.before.turnaround_s == 0.010
     assert found.tuned_before_s == 0.0005
@@ -243,7 +243,7 @@ def test_a_drive_that_was_tuned_is_tuned_from_its_usual_pause():
     assert slower.options == {"tuned_turnaround_s": 0.0}, "it is tuned no more"
 
 
-def test_others_may_use_the_line_meanwhile():
+def test_other_requests_may_use_the_line_during_tuning():
     bench = Bench("vlt3500", {}, needs_s=0.001)
     with bench.open() as bus:
         other = bench.config.build(bus.drive)
@@ -252,7 +252,7 @@ def test_others_may_use_the_line_meanwhile():
     assert found.turnaround_s >= 0.001
 
 
-def test_the_same_for_who_awaits():
+def test_awaited_tuning_gives_the_same_result():
     bench = Bench("vlt3500", {}, needs_s=0.001)
 
     async def tuned():
@@ -264,7 +264,7 @@ def test_the_same_for_who_awaits():
     assert found.after.exchanges == 50
 
 
-def test_what_can_not_be_tuned():
+def test_too_few_exchanges_and_broadcasts_are_refused():
     bench = Bench("vlt3500", {})
     with pytest.raises(UsageError, match="19 exchanges tell too little; use 20 or more"):
         bench.tuned(19)
@@ -272,7 +272,7 @@ def test_what_can_not_be_tuned():
         tune(bus.broadcast("vlt3500"))
 
 
-def test_how_long_the_rest_takes_is_said_after_the_first_trial():
+def test_remaining_time_is_estimated_after_the_first_trial():
     bench = Bench("vlt3500", {}, needs_s=0.001)
     with bench.open() as bus:
         drive = bench.config.build(bus.drive)
@@ -282,7 +282,7 @@ def test_how_long_the_rest_takes_is_said_after_the_first_trial():
         assert 0.2 * rest_s < bus.now() - at < rest_s
 
 
-def test_a_slow_master_has_not_shown_that_a_shorter_pause_holds():
+def test_slow_master_does_not_prove_a_pause_shorter_than_its_own():
     bench = Bench("vlt3500", {}, needs_s=0.003)
     with bench.open() as bus:
         found = tune(bench.config.build(bus.drive), progress=lambda *_: bench.line.advance(0.0035))
@@ -291,7 +291,7 @@ def test_a_slow_master_has_not_shown_that_a_shorter_pause_holds():
 
 
 class NowAndThen:
-    """Lets a drive need a longer pause before each fiftieth request."""
+    """Disturbance that drops each fiftieth request unless a longer pause precedes it."""
 
     def __init__(self, bench, needs_s):
         self.bench, self.needs_s, self.requests = bench, needs_s, 0
@@ -301,11 +301,11 @@ class NowAndThen:
         paused_s = self.needs_s if self.bench.ended is None else now - self.bench.ended
         return [] if self.requests % 50 == 0 and paused_s < self.needs_s else [(0.0, data)]
 
-    def reply(self, data, drive, now):  # noqa: ARG002 - as lines call it
+    def reply(self, data, drive, now):  # noqa: ARG002 - part of the interface of disturbances
         return [(0.0, data)]
 
 
-def test_a_pause_that_does_not_hold_to_the_end_is_doubled():
+def test_pause_that_fails_in_confirmation_is_doubled():
     bench = Bench("vlt3500", {}, needs_s=0.0005)
     bench.line.disturbances.append(NowAndThen(bench, 0.003))
     found = bench.tuned()
@@ -315,5 +315,5 @@ def test_a_pause_that_does_not_hold_to_the_end_is_doubled():
     assert found.turnaround_s == pytest.approx(2 * confirming.turnaround_s)
 
 
-def test_a_trial_without_exchanges():
+def test_rate_of_a_trial_without_exchanges_is_zero():
     assert Trial(turnaround_s=0.01, pause_s=0.01, exchanges=0, seconds=0.0).per_second == 0

@@ -1,4 +1,4 @@
-"""Virtual drives behind real ports, and runtime folders of a test's own; no test leaves anything behind."""
+"""Virtual drives behind real ports, and a runtime folder per test; no test leaves processes or files behind."""
 
 import pytest
 from real_lines import example, examples, host_of, nothing_left_behind, serving

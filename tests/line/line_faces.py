@@ -1,4 +1,4 @@
-"""A line of virtual drives behind a real socket, and the faces by which programs use it."""
+"""A line of virtual drives behind a real socket, and the bus classes by which programs use it."""
 
 import asyncio
 import threading
@@ -32,7 +32,7 @@ def until(condition):
 
 
 def address_of(protocol, data):
-    """The address in a request; None for a telegram that only closes an exchange."""
+    """Return the address in a request; None for a telegram that only closes an exchange."""
     if protocol == "danfoss-fc":
         return data[2] & 0x7F
     # EOT, which closes an exchange, may stand alone or begin a request.
@@ -41,7 +41,7 @@ def address_of(protocol, data):
 
 
 class Gate(DriveProxy):
-    """A virtual drive that answers its next request only when the gate is open, and nobody else is heard until then."""
+    """A virtual drive that answers its next request only when the gate is open; the whole line waits for it."""
 
     def __init__(self, drive):
         super().__init__(drive)
@@ -56,7 +56,7 @@ class Gate(DriveProxy):
 
 
 class Wire:
-    """What went over the line, and the drives on it."""
+    """Recorded requests of a line, and the drives on it."""
 
     def __init__(self, protocol, server):
         self.protocol, self.server = protocol, server
@@ -71,13 +71,13 @@ class Wire:
                 self.requests.append((time.monotonic(), address))
 
     def asked(self, since=0):
-        """The addresses in the order in which they were asked, each once in a row."""
+        """Return the addresses in the order of their requests, without immediate repetitions."""
         all_of_them = [address for _, address in self.requests[since:]]
         return [each for place, each in enumerate(all_of_them) if place == 0 or all_of_them[place - 1] != each]
 
     @contextmanager
     def held(self, face, verb="status"):
-        """Keep the line busy with a call to the first drive that lives; only a stop does not give way to others."""
+        """Keep the line busy with a call to the first live drive; a `stop` as verb does not give way to others."""
         gate = self.server.drives[0]
         gate.is_open.clear()
         gate.came.clear()
@@ -122,7 +122,7 @@ class Face:
 
     @property
     def waiting(self):
-        """How many calls wait for the line."""
+        """Number of calls that wait for the line."""
         return len(self.bus.line.queue.waiting)
 
 
@@ -138,7 +138,7 @@ class Threads(Face):
         def run():
             try:
                 future.set_result(getattr(drive, verb)(*arguments))
-            except BaseException as error:  # noqa: BLE001 - whoever asks for the result is told
+            except BaseException as error:  # noqa: BLE001 - raised again in `result`
                 future.set_exception(error)
 
         threading.Thread(target=run, daemon=True).start()
@@ -176,7 +176,7 @@ class Tasks(Face):
 
 
 class Engined(Threads):
-    """`EngineLine`: one call at a time on an engine, others in threads on the same bus meanwhile."""
+    """`EngineLine`: one call at a time on an engine, others in threads on the same bus."""
 
     def _open(self, stack):
         super()._open(stack)
@@ -197,7 +197,7 @@ class Engined(Threads):
         stack.callback(end)
 
     def hold(self, drive, verb):
-        """Call a verb in a thread, so that the engine's line waits as others do."""
+        """Call a verb in a thread, so that the engine's line has to wait for its turn."""
         return super()._begin(drive, verb)
 
     def _begin(self, drive, verb, *arguments):
@@ -206,7 +206,7 @@ class Engined(Threads):
         self._busy, future = True, Future()
 
         def ended(result, error):
-            # The line keeps its turn as long as nobody waits for it.
+            # The engine keeps the turn while no other caller waits; rest() gives the line back.
             self._line.rest()
             self._busy = False
             if error is None:
@@ -253,7 +253,7 @@ class Served(Threads):
         self._enter(stack)
 
     def _is_quiet(self):
-        """Whether nobody was asked for longer than a call to a dead drive takes."""
+        """Return whether no request was sent for longer than a call to a dead drive takes."""
         return self.on.requests and time.monotonic() - self.on.requests[-1][0] > 4 * ATTEMPT_S
 
     def _enter(self, stack):
@@ -283,13 +283,13 @@ SERVED = {"served": Served, "awaited-served": AwaitedServed}
 
 @contextmanager
 def opened(kind, protocol="danfoss-fc"):
-    """Give one face of a line, and the wire."""
+    """Yield one face of a line, and its wire."""
     with wire(protocol) as on, ExitStack() as stack:
         yield (LOCAL | SERVED)[kind](on, stack), on
 
 
 def outcome(future):
-    """The error that a call ends with, None for a result."""
+    """Return the error that a call ends with; None for a result."""
     with suppress(TimeoutError):
         return future.exception(SOON_S)
     return AssertionError("the call does not end")

@@ -1,4 +1,4 @@
-"""Lines with a drive each, and a poll plan on them that is carried out in one way or another."""
+"""Lines with one drive each, and a poll plan on them, carried out in each possible way."""
 
 import threading
 from pathlib import Path
@@ -35,7 +35,7 @@ options = {{ model = "agile" }}
 
 
 class Site:
-    """Lines with a VABus drive each, and a bus on each of them."""
+    """Lines with one VABus drive each, and a bus on each line."""
 
     def __init__(self, kind, stack, listen="tcp:127.0.0.1:0", **options):
         face, number = KINDS[kind]
@@ -79,6 +79,6 @@ class Site:
         return poll_on(self._face, items, cycles=cycles, duration_s=duration_s)
 
     def assert_free(self):
-        """Nothing of a plan is left, and the lines are used as before."""
+        """Assert that the plan left no thread behind and that the lines can be used as before."""
         assert not [thread for thread in threading.enumerate() if thread.name == "drivecomm poll"]
         assert self.buses[-1].drive("vabus", 1, model="agile").read("480").raw

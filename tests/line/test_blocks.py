@@ -1,4 +1,4 @@
-"""Poll plans of drives of which one telegram reads several parameters: together, apart, and never spoilt by one."""
+"""Poll plans that read several parameters in one telegram: joined, split, and robust against a bad parameter."""
 
 import asyncio
 from itertools import pairwise
@@ -33,7 +33,7 @@ running = ["1", 1, 1]
 
 
 def model_of(folder, registers=REGISTERS, most=20, name="mill"):
-    """Return the file of a series that has these registers; each holds its own number."""
+    """Return the file of a series with these registers; each register holds its own number."""
     text = SERIES.format(name=name, most=most)
     for address in registers:
         text += (
@@ -65,7 +65,7 @@ def plan(drive, parameters=REGISTERS, **facts):
 def seconds_a_round(model, *, together):
     line, bus = bus_with(model)
     with bus:
-        # With options an item is read for itself.
+        # An item with options is read alone.
         options = {} if together else {"type": "u16"}
         drive = bus.drive("modbus", 1, model=model, **FACTS)
         results = list(poll(plan(drive, options=options), cycles=5))
@@ -74,12 +74,12 @@ def seconds_a_round(model, *, together):
         return line.time / 5
 
 
-def test_forty_registers_are_read_five_times_as_fast(mill):
+def test_forty_registers_are_read_five_times_as_fast_in_blocks(mill):
     assert 5 * seconds_a_round(mill, together=True) <= seconds_a_round(mill, together=False)
 
 
 @each_face
-def test_each_reading_has_the_time_of_its_telegram(face, mill):
+def test_each_reading_of_a_block_has_the_time_of_its_telegram(face, mill):
     sent, line = [], VirtualLine([virtual_drive("modbus", 1, model=mill, **FACTS)])
     with open_on(face, line.port, trace=asked(sent)) as bus:
         readings = bus.drive("modbus", 1, model=mill, **FACTS).read_many(REGISTERS)
@@ -90,7 +90,7 @@ def test_each_reading_has_the_time_of_its_telegram(face, mill):
     assert sent[0].time < times[0] <= sent[1].time < times[1] <= line.time
 
 
-def test_one_that_the_drive_lacks_spoils_no_other(tmp_path):
+def test_parameter_that_the_drive_lacks_does_not_affect_the_others(tmp_path):
     known = model_of(tmp_path)
     real = model_of(tmp_path, [each for each in REGISTERS if each != "113"], name="old")
     line = VirtualLine([virtual_drive("modbus", 1, model=real, **FACTS)])
@@ -106,7 +106,7 @@ def test_one_that_the_drive_lacks_spoils_no_other(tmp_path):
     assert line.time > alone
 
 
-def test_a_refused_block_is_tried_in_parts_from_then_on(tmp_path):
+def test_refused_block_is_read_in_parts_afterwards(tmp_path):
     known = model_of(tmp_path)
     real = model_of(tmp_path, [each for each in REGISTERS if each != "113"], name="old")
     sent = []
@@ -121,7 +121,7 @@ def test_a_refused_block_is_tried_in_parts_from_then_on(tmp_path):
     assert len(after) < 10 < len([time for time in telegrams if time < 2])
 
 
-def test_a_silent_drive_fails_each_of_them(mill):
+def test_silent_drive_fails_each_item_of_a_block(mill):
     line, bus = bus_with(mill, faults=FaultPlan(rate=1.0, kinds=[Fault.DROP]))
     with bus:
         drive = bus.drive("modbus", 1, model=mill, attempts=1, **FACTS)
@@ -133,7 +133,7 @@ def test_a_silent_drive_fails_each_of_them(mill):
     assert line.time > 0
 
 
-def test_what_is_not_equally_often_or_has_options_is_not_put_together(mill):
+def test_items_with_other_periods_priorities_or_options_are_not_joined(mill):
     _, bus = bus_with(mill)
     with bus:
         drive, other = (bus.drive("modbus", address, model=mill) for address in (1, 2))
@@ -153,7 +153,7 @@ def test_what_is_not_equally_often_or_has_options_is_not_put_together(mill):
     ]  # fmt: skip
 
 
-def test_drives_of_other_protocols_are_read_as_before():
+def test_drives_of_protocols_without_blocks_are_read_one_by_one():
     line = VirtualLine([virtual_drive("vabus", 1)])
     with drivecomm.open_bus(line.port) as bus:
         drive = bus.drive("vabus", 1, model="act")
@@ -164,7 +164,7 @@ def test_drives_of_other_protocols_are_read_as_before():
 @pytest.mark.parametrize(
     ("wanted", "why"), [("100", "not a list"), (["nonsense"], "an address"), (["1"] * 1001, "many")]
 )
-def test_what_can_never_be_read_is_said_at_once(wanted, why, mill):
+def test_read_many_refuses_invalid_lists_before_sending(wanted, why, mill):
     sent = []
     _, bus = bus_with(mill, trace=asked(sent))
     with bus, pytest.raises(UsageError, match=why):
@@ -172,7 +172,7 @@ def test_what_can_never_be_read_is_said_at_once(wanted, why, mill):
     assert not sent
 
 
-def test_a_read_only_drive_is_read_in_blocks_as_well(mill):
+def test_read_only_drive_is_read_in_blocks(mill):
     sent = []
     _, bus = bus_with(mill, trace=asked(sent))
     with bus:
@@ -180,8 +180,8 @@ def test_a_read_only_drive_is_read_in_blocks_as_well(mill):
     assert len(sent) == 2
 
 
-def test_a_stop_goes_out_within_one_telegram(mill):
-    """A stop that is called while a plan of blocks runs waits for no more than the telegram under way."""
+def test_stop_waits_for_at_most_one_telegram_of_a_block_plan(mill):
+    """A stop that is called while blocks are read waits only for the telegram under way."""
     sent = []
     line = VirtualLine([virtual_drive("modbus", 1, model=mill, **FACTS)])
 
@@ -197,12 +197,12 @@ def test_a_stop_goes_out_within_one_telegram(mill):
 
 
 class TestSchedule:
-    """Blocks in the queue."""
+    """Blocks in the schedule."""
 
     def items(self, number):
         return tuple(PollItem(drive=PUMP, parameter=str(each), period_s=1.0) for each in range(number))
 
-    def test_a_block_takes_turns_with_others(self):
+    def test_block_takes_turns_with_single_items(self):
         block, single = PollBlock(self.items(3)), PollItem(drive=PUMP, parameter="x", period_s=0.5)
         schedule = Schedule([block, single], start_s=0.0)
         now, turns = 0.0, []
@@ -219,7 +219,7 @@ class TestSchedule:
         assert turns.count(block) == 5
         assert turns.count(single) == 10
 
-    def test_halves_are_due_at_once_and_keep_their_periods(self):
+    def test_halves_of_a_refused_block_are_due_immediately_and_keep_their_periods(self):
         block = PollBlock(self.items(5))
         schedule = Schedule([block], start_s=0.0, cycles=2)
         assert schedule.due(0.0) is block
@@ -233,7 +233,7 @@ class TestSchedule:
         assert seen == [(0.0, ["0", "1"]), (0.0, ["2", "3", "4"]), (1.0, ["0", "1"]), (1.0, ["2", "3", "4"])]
         assert all(first <= second for (first, _), (second, _) in pairwise(seen))
 
-    def test_stale_values_are_those_of_the_item(self):
+    def test_failed_block_gives_each_item_its_own_stale_value(self):
         block = PollBlock(self.items(2))
         schedule = Schedule([block], start_s=0.0)
         schedule.due(0.0)
@@ -254,7 +254,7 @@ def reading(time_s=0.0, value=5):
     return Reading(parameter="1", value=value, raw=value, time_s=time_s)
 
 
-def test_who_watches_a_drive_has_its_registers_read_together_and_its_status_alone(mill):
+def test_seen_drive_reads_registers_in_blocks_and_its_status_alone(mill):
     sent = []
     line = VirtualLine([virtual_drive("modbus", 1, model=mill, **FACTS)])
 
@@ -271,7 +271,7 @@ def test_who_watches_a_drive_has_its_registers_read_together_and_its_status_alon
     assert len(sent) == 2
 
 
-def test_a_package_that_cannot_tell_its_blocks_is_asked_one_by_one(mill, monkeypatch, caplog):
+def test_drive_whose_package_fails_to_build_blocks_is_read_one_by_one(mill, monkeypatch, caplog):
     line = VirtualLine([virtual_drive("modbus", 1, model=mill, **FACTS)])
 
     def broken(*_):

@@ -1,4 +1,4 @@
-"""What waits for a slow reader of a poll plan, and what the lines do meanwhile."""
+"""The queue of results for a slow reader of a poll plan, and the pauses of its lines."""
 
 import asyncio
 
@@ -23,20 +23,20 @@ def full():
     return delivery
 
 
-def test_lines_nap_until_a_slow_reader_has_taken_something():
+def test_lines_nap_until_a_slow_reader_has_taken_a_result():
     delivery = full()
     assert delivery.nap_s() == NAP_S
     assert next(delivery.read()) is RESULT
     assert delivery.nap_s() == 0
 
 
-def test_lines_of_a_plan_that_was_given_up_nap_no_more():
+def test_lines_of_an_abandoned_plan_do_not_nap():
     delivery = full()
     delivery.stopped = True
     assert delivery.nap_s() == 0
 
 
-def test_error_of_a_line_comes_behind_its_results():
+def test_error_of_a_line_follows_its_results():
     delivery = Delivery(lambda: None)
     delivery.left = 2
     delivery.give(RESULT)
@@ -49,7 +49,7 @@ def test_error_of_a_line_comes_behind_its_results():
     assert delivery.left == 1
 
 
-def test_awaited_lines_ask_nothing_while_their_reader_is_slow(monkeypatch):
+def test_async_lines_send_nothing_while_their_reader_is_slow(monkeypatch):
     monkeypatch.setattr(delivery_module, "MOST_WAITING", 4)
 
     async def main():

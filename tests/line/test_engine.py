@@ -1,4 +1,4 @@
-"""The engine alone: who is called for which descriptor, by the means of every system."""
+"""The engine alone: callbacks for readable descriptors, with epoll and with selectors."""
 
 import select
 import socket
@@ -29,7 +29,7 @@ def pairs():
 
 
 def heard(engine, pairs, until):
-    """Watch the first sockets of all pairs, and run until so many have been heard; return the numbers of the pairs."""
+    """Watch the first sockets of all pairs and run until `until` reads; return the pairs' numbers and the data."""
     numbers = []
     for number, (ours, _) in enumerate(pairs):
         engine.watch(ours.fileno(), lambda number=number, ours=ours: numbers.append((number, ours.recv(100))))
@@ -38,13 +38,13 @@ def heard(engine, pairs, until):
     return numbers
 
 
-def test_who_is_readable_is_called(engine, pairs):
+def test_callback_of_a_readable_socket_is_called(engine, pairs):
     pairs[2][1].send(b"two")
     pairs[0][1].send(b"none")
     assert sorted(heard(engine, pairs, 2)) == [(0, b"none"), (2, b"two")]
 
 
-def test_who_is_not_watched_any_more_is_not_called(engine, pairs):
+def test_callback_of_an_unwatched_socket_is_not_called(engine, pairs):
     for _, theirs in pairs:
         theirs.send(b"x")
     called = []
@@ -61,7 +61,7 @@ def test_who_is_not_watched_any_more_is_not_called(engine, pairs):
     assert len(called) == 1
 
 
-def test_a_descriptor_that_was_closed_can_still_be_let_go(engine, pairs):
+def test_closed_descriptor_can_still_be_unwatched(engine, pairs):
     ours, theirs = pairs[0]
     number = ours.fileno()
     engine.watch(number, lambda: None)

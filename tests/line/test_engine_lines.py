@@ -1,4 +1,4 @@
-"""Poll plans on many real lines, which one thread serves: other callers, dead drives, lost lines, and the end."""
+"""Poll plans on many real lines in one thread: other callers, dead drives, lost lines, and the end of a plan."""
 
 import threading
 import time
@@ -44,17 +44,17 @@ def test_one_thread_serves_all_lines(site):
 
 
 @pytest.mark.soak
-def test_periods_are_kept(site):
+def test_poll_periods_are_kept_without_drift(site):
     results = list(site.poll("481", period_s=0.05, cycles=11))
     for number in range(3):
         its = of_line(results, number)
-        # However busy the machine is: what was not asked in time is missed, and nothing drifts.
+        # On a busy machine, reads that come too late are counted as missed, and the due times do not drift.
         periods = 10 + sum(result.missed for result in its[1:])
         assert its[-1].due_s - its[0].due_s == pytest.approx(0.05 * periods)
 
 
 @pytest.mark.soak
-def test_a_dead_drive_delays_no_other_line(site):
+def test_dead_drive_delays_no_other_line(site):
     dead = site.buses[2].drive("vabus", 9, reply_timeout_s=0.5, attempts=1)
     more = [PollItem(drive=dead, parameter="481", period_s=0, name="dead", options={"type": "long"})]
     results = list(site.poll("481", more=more, period_s=0, duration_s=1.0))
@@ -67,7 +67,7 @@ def test_a_dead_drive_delays_no_other_line(site):
 
 
 @pytest.mark.soak
-def test_others_use_a_line_meanwhile_and_go_first(site):
+def test_other_callers_use_a_polled_line_and_go_first(site):
     results, errors, enough = site.poll("481", period_s=0), [], threading.Event()
     next(results)
 
@@ -90,19 +90,19 @@ def test_others_use_a_line_meanwhile_and_go_first(site):
     results.close()
     site.assert_free()
     assert {type(error) for error in errors} <= {type(None), OvertakenError}
-    # What was polled and what others asked for is counted by one link.
+    # One link counts both the polls and the calls of others.
     assert site.buses[0].counters["vabus:1"]["replies"] > 30
 
 
 @pytest.mark.soak
-def test_line_on_which_nothing_is_due_is_free_and_its_plan_ends_at_once(site):
+def test_idle_line_is_free_and_its_plan_ends_immediately(site):
     results = site.poll("481", period_s=60)
     for _ in site.buses:
         next(results)
     drive = site.buses[0].drive("vabus", 1, deadline_s=2.0)
     for _ in range(10):
         drive.status()
-    # Until nothing but the end of the plan can wake who serves the lines.
+    # After this time, only the end of the plan can wake the thread of the lines.
     time.sleep(0.5)
     began = time.monotonic()
     results.close()
@@ -110,7 +110,7 @@ def test_line_on_which_nothing_is_due_is_free_and_its_plan_ends_at_once(site):
 
 
 @pytest.mark.soak
-def test_a_port_that_takes_long_to_open_delays_no_other_line(site):
+def test_port_that_is_slow_to_open_delays_no_other_line(site):
     line, opened = site.buses[1].line, []
     opens = line.open_port
 
@@ -129,7 +129,7 @@ def test_a_port_that_takes_long_to_open_delays_no_other_line(site):
 
 @pytest.mark.soak
 @pytest.mark.parametrize("kind", ["pty", "tcp"])
-def test_a_lost_line_is_opened_again_and_the_others_go_on(site, kind, host_of):
+def test_lost_line_is_reopened_while_the_others_continue(site, kind, host_of):
     host, phase, end = host_of(kind, virtual_drive("vabus", 1)), "before", time.monotonic() + 20
     with drivecomm.open_bus(host.address) as bus:
         more = [PollItem(drive=bus.drive("vabus", 1, model="agile"), parameter="481", period_s=0.02)]
@@ -150,7 +150,7 @@ def test_a_lost_line_is_opened_again_and_the_others_go_on(site, kind, host_of):
 
 
 @pytest.mark.soak
-def test_many_that_fail_at_once_go_no_deeper(site):
+def test_many_failures_in_a_row_do_not_deepen_the_stack(site):
     dead = [site.buses[0].drive("vabus", address, reply_timeout_s=0.01, attempts=1) for address in range(2, 30)]
     for drive in dead:
         for _ in range(3):
@@ -162,7 +162,7 @@ def test_many_that_fail_at_once_go_no_deeper(site):
     assert len([result for result in results if result.error is not None]) > len(more)
 
 
-def test_what_goes_over_the_lines_is_recorded(site_with):
+def test_recorder_and_trace_get_all_bytes_of_the_lines(site_with):
     class Record:
         def __init__(self):
             self.said = {True: b"", False: b""}
@@ -182,7 +182,7 @@ def test_what_goes_over_the_lines_is_recorded(site_with):
 
 
 @pytest.mark.soak
-def test_lines_without_a_descriptor_have_threads_of_their_own(site, serving):
+def test_lines_without_a_descriptor_have_their_own_threads(site, serving):
     with serving([virtual_drive("vabus", 1)], "rfc2217") as server, drivecomm.open_bus(server.address) as bus:
         more = [PollItem(drive=bus.drive("vabus", 1, model="agile"), parameter="481", period_s=0, name="remote")]
         results = site.poll("481", more=more, period_s=0, cycles=5)

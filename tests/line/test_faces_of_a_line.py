@@ -1,4 +1,4 @@
-"""What holds for a line by whichever face a program uses it: turns by rank, stops, deadlines, lost ports, lending."""
+"""Behaviour of a line common to all bus classes: turns by rank, stops, deadlines, lost ports, and lending."""
 
 import threading
 from collections import Counter
@@ -25,7 +25,7 @@ each_protocol = pytest.mark.parametrize("protocol", PROTOCOLS)
 
 
 def queued(face, *calls):
-    """Let calls wait for the line, one after the other."""
+    """Queue calls for the line, one after the other."""
     futures = []
     for call in calls:
         futures.append(face.call(*call))
@@ -50,13 +50,13 @@ def test_calls_are_served_by_rank_and_then_in_order(kind):
             )
         for each in (holding, *futures):
             assert outcome(each) is None
-        # Polls have every second turn below the rank of commands.
+        # Below the rank of commands, polls have every second turn.
         assert on.asked() == [LIVE[0], LIVE[3], LIVE[2], LIVE[1], LIVE[4]]
 
 
 @each_local_face
 @each_protocol
-def test_calls_of_many_do_not_interleave_and_each_gets_its_own_value(kind, protocol):
+def test_concurrent_calls_do_not_interleave_and_each_gets_its_own_value(kind, protocol):
     with opened(kind, protocol) as (face, on):
         for place, drive in enumerate(on.server.drives):
             drive.poke(READ[protocol], 100 + place)
@@ -67,14 +67,14 @@ def test_calls_of_many_do_not_interleave_and_each_gets_its_own_value(kind, proto
         for place, each in zip(asked, calls, strict=True):
             assert each.result(SOON_S).raw == on.server.drives[place].peek(READ[protocol], on.server.now())
         end()
-        # A VABus telegram that only closes an exchange is not answered.
+        # A VABus telegram that only closes an exchange gets no reply.
         spoken = [each for each in told if each.what != "note" and getattr(each.message, "kind", "") != "eot"]
         assert [each.what for each in spoken] == ["sent", "received"] * len(calls)
         assert [each.drive for each in spoken[::2]] == [each.drive for each in spoken[1::2]]
 
 
 @each_local_face
-def test_line_is_used_again_after_a_call_that_fails(kind):
+def test_line_is_used_again_after_a_failed_call(kind):
     with opened(kind) as (face, on):
         assert isinstance(outcome(face.call(DEAD[0], "status")), NoReplyError)
         assert face.result(LIVE[1], "status").word
@@ -82,7 +82,7 @@ def test_line_is_used_again_after_a_call_that_fails(kind):
 
 
 @each_local_face
-def test_call_leaves_the_queue_when_its_deadline_is_over(kind):
+def test_call_leaves_the_queue_at_its_deadline(kind):
     with opened(kind) as (face, on):
         with on.held(face):
             error = outcome(face.call(LIVE[1], "status", deadline_s=0.05))
@@ -94,7 +94,7 @@ def test_call_leaves_the_queue_when_its_deadline_is_over(kind):
 
 
 @each_face
-def test_drive_that_was_given_up_costs_the_line_nothing(kind):
+def test_given_up_drive_does_not_delay_the_line(kind):
     with opened(kind) as (face, on):
         until(lambda: isinstance(outcome(face.call(DEAD[0], "status")), NotAnsweringError))
         before = len(on.requests)
@@ -104,7 +104,7 @@ def test_drive_that_was_given_up_costs_the_line_nothing(kind):
 
 
 @each_local_face
-def test_bus_is_not_closed_in_the_middle_of_an_exchange(kind):
+def test_bus_is_not_closed_during_an_exchange(kind):
     with opened(kind) as (face, on):
         with on.held(face) as holding:
             closing = face.hold(face.bus, "close")
@@ -116,11 +116,11 @@ def test_bus_is_not_closed_in_the_middle_of_an_exchange(kind):
         assert "this bus is closed" in str(error)
 
 
-# What is told of the line
+# Trace functions
 
 
 @each_local_face
-def test_error_in_a_trace_function_leaves_the_line_to_the_others(kind):
+def test_error_in_a_trace_function_leaves_the_line_usable(kind):
     with opened(kind) as (face, _):
 
         def trace(event):
@@ -154,7 +154,7 @@ def test_trace_function_cannot_use_the_bus_that_calls_it(kind):
 
 
 @each_face
-def test_stop_asks_a_drive_that_was_given_up(kind):
+def test_stop_is_sent_to_a_given_up_drive(kind):
     with opened(kind) as (face, on):
         until(lambda: isinstance(outcome(face.call(DEAD[0], "status")), NotAnsweringError))
         before = len(on.requests)
@@ -163,7 +163,7 @@ def test_stop_asks_a_drive_that_was_given_up(kind):
 
 
 @each_face
-def test_stop_does_not_wait_for_a_reply_that_does_not_come(kind):
+def test_stop_does_not_wait_for_a_missing_reply(kind):
     with opened(kind) as (face, on), on.held(face) as holding:
         before = len(on.requests)
         stopping = face.call(LIVE[1], "stop")
@@ -175,7 +175,7 @@ def test_stop_does_not_wait_for_a_reply_that_does_not_come(kind):
 
 @each_face
 @each_protocol
-def test_stop_waits_for_one_attempt_of_each_dead_drive_at_most(kind, protocol):
+def test_stop_waits_for_at_most_one_attempt_of_each_dead_drive(kind, protocol):
     with opened(kind, protocol) as (face, on):
         before = len(on.requests)
         dead = [face.call(address, "stop") for address in DEAD]
@@ -188,7 +188,7 @@ def test_stop_waits_for_one_attempt_of_each_dead_drive_at_most(kind, protocol):
 
 @each_local_face
 @each_protocol
-def test_stops_of_dead_drives_have_one_attempt_each_before_it_is_the_turn_of_the_first_again(kind, protocol):
+def test_stops_of_dead_drives_make_one_attempt_each_in_turn(kind, protocol):
     with opened(kind, protocol) as (face, on):
         with on.held(face, "stop"):
             *dead, live = queued(face, *((address, "stop") for address in (*DEAD, LIVE[1])))
@@ -199,7 +199,7 @@ def test_stops_of_dead_drives_have_one_attempt_each_before_it_is_the_turn_of_the
 
 @each_local_face
 @each_protocol
-def test_stop_goes_before_stops_of_drives_known_to_be_silent(kind, protocol):
+def test_stop_precedes_stops_of_silent_drives(kind, protocol):
     with opened(kind, protocol) as (face, on):
         for address in DEAD:
             assert isinstance(outcome(face.call(address, "read", READ[protocol], attempts=1)), NoReplyError)
@@ -213,7 +213,7 @@ def test_stop_goes_before_stops_of_drives_known_to_be_silent(kind, protocol):
 
 @each_local_face
 @each_protocol
-def test_reads_go_between_the_attempts_of_a_silent_drive(kind, protocol):
+def test_reads_take_turns_with_the_attempts_of_a_silent_drive(kind, protocol):
     with opened(kind, protocol) as (face, on):
         assert isinstance(outcome(face.call(DEAD[0], "read", READ[protocol], attempts=1)), NoReplyError)
         before = len(on.requests)
@@ -225,8 +225,8 @@ def test_reads_go_between_the_attempts_of_a_silent_drive(kind, protocol):
 
 
 @each_local_face
-def test_later_stop_of_the_same_drive_continues_in_place_of_the_first(kind):
-    """Otherwise the first one could follow the second, and stop the motor another way."""
+def test_later_stop_of_the_same_drive_replaces_the_first(kind):
+    """Otherwise the first stop could follow the second, and stop the motor another way."""
     with opened(kind) as (face, on):
         with on.held(face, "stop"):
             first, second = queued(face, (DEAD[0], "stop", "coast"), (DEAD[0], "stop", "quick"))
@@ -237,8 +237,8 @@ def test_later_stop_of_the_same_drive_continues_in_place_of_the_first(kind):
 
 
 @each_local_face
-def test_one_lost_telegram_makes_no_ramp_a_coasting_because_another_stop_waits(kind):
-    """A VABus drive that was started here need not answer to be stopped as asked for."""
+def test_lost_telegram_turns_no_ramp_into_coasting_while_another_stop_waits(kind):
+    """A VABus drive that was started here is stopped as requested even without its reply."""
     with opened(kind, "vabus") as (face, on):
         drive = on.server.drives[1]
         assert outcome(face.call(LIVE[1], "start")) is None
@@ -262,14 +262,14 @@ def test_one_lost_telegram_makes_no_ramp_a_coasting_because_another_stop_waits(k
 
 @each_local_face
 @pytest.mark.parametrize(("protocol", "requests"), [("danfoss-fc", 3), ("vabus", 4)])
-def test_stop_of_a_silent_drive_makes_all_its_attempts_in_one_turn_if_nobody_waits(kind, protocol, requests):
+def test_stop_of_a_silent_drive_makes_all_attempts_in_one_turn_on_a_free_line(kind, protocol, requests):
     with opened(kind, protocol) as (face, on):
         assert isinstance(outcome(face.call(DEAD[0], "stop")), NoReplyError)
         until(lambda: len(on.requests) == requests)
 
 
 @each_local_face
-def test_stop_does_not_wait_for_a_request_that_has_to_wait(kind):
+def test_stop_does_not_wait_for_a_request_in_its_request_interval(kind):
     with opened(kind) as (face, _):
         assert face.result(LIVE[1], "status").word
         waiting = face.call(LIVE[1], "status", request_interval_s=SOON_S)
@@ -284,7 +284,7 @@ def test_stop_does_not_wait_for_a_request_that_has_to_wait(kind):
     [("start",), ("reverse",), ("write", "3-41", 7), ("select_setup", 2)],
     ids=lambda command: command[0],
 )
-def test_stop_cancels_the_commands_for_its_drive_that_wait(kind, command):
+def test_stop_cancels_queued_commands_for_its_drive(kind, command):
     with opened(kind) as (face, on):
         with on.held(face) as holding:
             (waiting,) = queued(face, (LIVE[1], *command))
@@ -296,7 +296,7 @@ def test_stop_cancels_the_commands_for_its_drive_that_wait(kind, command):
 
 
 @each_local_face
-def test_stop_of_all_drives_overtakes_what_waits(kind):
+def test_stop_of_all_drives_overtakes_waiting_calls(kind):
     with opened(kind) as (face, on):
         with on.held(face) as holding:
             (reading,) = queued(face, (LIVE[1], "status"))
@@ -328,7 +328,7 @@ def test_cancelled_call_leaves_the_queue(rank):
 
 
 class Flaky:
-    """Opens a port of a line, and counts that; lost by `cut`, and not opened while it is `gone`."""
+    """Opener of a port that counts its calls and fails while `gone` is set."""
 
     def __init__(self, opener):
         self._open, self.tries, self.gone = opener, 0, False
@@ -345,8 +345,8 @@ def cut(_data):
 
 
 @each_local_face
-def test_many_stops_of_a_lost_line_try_the_port_once(kind):
-    """Opening one may take seconds, and each would wait for all those before it."""
+def test_stops_of_a_lost_line_try_the_port_only_once(kind):
+    """Opening the port may take seconds, and each stop would wait for all earlier attempts."""
     with opened(kind) as (face, on):
         flaky = face.bus.line.open_port = Flaky(face.bus.line.open_port)
         flaky.gone = True
@@ -359,7 +359,7 @@ def test_many_stops_of_a_lost_line_try_the_port_once(kind):
 
 
 @each_local_face
-def test_stop_opens_a_lost_port_that_others_wait_for(kind):
+def test_stop_reopens_a_lost_port_that_other_calls_wait_for(kind):
     with opened(kind) as (face, on):
         assert face.result(LIVE[1], "status").word
         flaky = face.bus.line.open_port = Flaky(face.bus.line.open_port)
@@ -385,7 +385,7 @@ def sit(_port, lent):
 
 
 @pytest.mark.parametrize("kind", ["threads", "tasks"])
-def test_lent_port_is_taken_back_by_a_stop(kind):
+def test_stop_takes_back_a_lent_port(kind):
     with opened(kind) as (face, on):
         came = threading.Event()
 
@@ -403,7 +403,7 @@ def test_lent_port_is_taken_back_by_a_stop(kind):
         assert on.asked() == [LIVE[1]]
 
 
-def test_lent_port_is_given_back_by_a_cancelled_borrower():
+def test_cancelled_borrower_gives_back_a_lent_port():
     with opened("tasks") as (face, _):
         came = threading.Event()
 
@@ -418,7 +418,7 @@ def test_lent_port_is_given_back_by_a_cancelled_borrower():
 
 
 @pytest.mark.parametrize("kind", ["threads", "tasks"])
-def test_lent_port_is_alone_on_the_line(kind):
+def test_borrower_of_a_port_has_the_line_alone(kind):
     with opened(kind) as (face, on):
         came, leave = threading.Event(), threading.Event()
 

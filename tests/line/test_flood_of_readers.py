@@ -1,4 +1,4 @@
-"""Readers who want more than a line can carry leave its poll plan fresh."""
+"""A poll plan stays fresh while readers request more than the line can carry."""
 
 import asyncio
 
@@ -14,7 +14,7 @@ MODELS = {"danfoss-fc": "fc302", "fuji": "frenic"}
 
 
 @pytest.mark.parametrize("protocol", READ)
-def test_poll_plan_that_needs_less_than_half_of_the_line_stays_fresh_in_a_flood(protocol):
+def test_poll_plan_below_half_of_the_line_stays_fresh_in_a_flood_of_reads(protocol):
     first, second = READ[protocol]
 
     async def main():
@@ -24,7 +24,7 @@ def test_poll_plan_that_needs_less_than_half_of_the_line_stays_fresh_in_a_flood(
 
             async def read():
                 nonlocal reads
-                # Ends, also where polls get nothing.
+                # The limit ends the loop even if the polls get no turn.
                 while reads < 5000:
                     await drive.read(first)
                     reads += 1

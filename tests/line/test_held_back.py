@@ -1,4 +1,4 @@
-"""A reply that is lost: other questions to its drive wait for a late one, and the other drives of the line do not."""
+"""A lost reply: other requests to its drive wait for a late reply; the other drives of the line do not wait."""
 
 import threading
 from contextlib import contextmanager
@@ -17,12 +17,12 @@ READS = ("0x2103", "0x2105")
 
 
 class LosesOne:
-    """Loses one reply of the first drive."""
+    """A disturbance that loses reply number `number` of the first drive."""
 
     def __init__(self, number):
         self.left = number
 
-    def request(self, data, now):  # noqa: ARG002 - as a disturbance is called
+    def request(self, data, now):  # noqa: ARG002 - signature of a disturbance
         return [(0.0, data)]
 
     def reply(self, data, drive, now):  # noqa: ARG002
@@ -56,7 +56,7 @@ def items_on(bus):
 
 
 def longest_gap(results, drive):
-    """Return the longest time between two values of a drive, and how many questions failed."""
+    """Return the longest time between two values of a drive, and the number of failed reads."""
     own = [each for each in results if each.drive == drive]
     times = [each.time_s for each in own if each.error is None]
     return max(later - earlier for earlier, later in pairwise(times)), sum(each.error is not None for each in own)
@@ -75,26 +75,26 @@ def judge(results):
 
 
 @each_face
-def test_a_plan_goes_on_with_the_other_drives(face):
+def test_poll_plan_continues_with_other_drives_after_a_lost_reply(face):
     with open_on(face, line_that_loses(20).port) as bus:
         judge(list(bus.poll(items_on(bus), duration_s=6)))
 
 
 @pytest.mark.soak
-def test_a_plan_of_many_lines_goes_on_with_the_other_drives(serving):
+def test_poll_plan_of_many_lines_continues_after_a_lost_reply(serving):
     with served_line_that_loses(serving, 20) as bus:
         judge(list(drivecomm.poll(items_on(bus), duration_s=6)))
 
 
 class TestCalls:
-    """A program's own calls; a thread that reads the drive whose reply was lost waits, and nobody else does."""
+    """Calls of a program: a thread that reads the drive with the lost reply waits; other threads do not."""
 
     @pytest.fixture
     def bus(self, serving):
         with served_line_that_loses(serving, 2) as bus:
             yield bus
 
-    def test_a_read_of_another_drive_does_not_wait(self, bus):
+    def test_read_of_another_drive_does_not_wait_for_a_late_reply(self, bus):
         lost, other = (bus.drive("modbus", each, model="delta", late_s=5.0, attempts=1) for each in ADDRESSES)
         other.read(READS[1])
         lost.read(READS[0])
@@ -115,7 +115,7 @@ class TestCalls:
         waiting.join(20)
         assert ended[-1][0] == READS[1]
 
-    def test_a_job_of_a_poll_is_told_when_it_can_be_asked(self, bus):
+    def test_poll_job_gets_the_time_when_its_drive_can_be_read_again(self, bus):
         drive = bus.drive("modbus", 1, model="delta", late_s=1.0, attempts=1)
         drive.read(READS[0])
         with pytest.raises(NoReplyError):

@@ -1,7 +1,7 @@
-"""What holds for a kept motor whoever keeps it: blocking or awaited, on a line of one's own or one of a server.
+"""Behaviour of a kept motor common to all callers: blocking or async, on an own line or on one of a server.
 
-In real time, which a server's leases need; the details of feeding, in virtual time, are in tests/bus/test_keeping.py,
-and what only a server decides (whose lease, a program that is killed) in tests/server/test_keep_through_a_server.py.
+In real time, which a server's leases need. tests/bus/test_keeping.py tests the details of feeding in virtual time.
+tests/server/test_keep_through_a_server.py tests decisions of a server alone: the holder of the lease, a killed program.
 """
 
 import threading
@@ -87,7 +87,7 @@ def bench(request, kind):
 
 
 @pytest.mark.soak
-def test_motor_turns_for_longer_than_its_watchdog_and_stops_when_the_block_is_left(bench):
+def test_motor_outlives_its_watchdog_time_and_stops_on_leaving_the_block(bench):
     earlier, statuses = bench.watchdog(), []
     with bench.keep(on_status=statuses.append) as kept:
         assert (kept.watchdog.policy, kept.watchdog.time_s) == (bench.policy, WATCHDOG_S)
@@ -115,14 +115,14 @@ def test_error_in_the_block_stops_the_motor(bench):
     bench.comes_to_rest()
 
 
-def test_drive_that_has_tripped_is_let_in_and_refuses_the_start(bench):
+def test_tripped_drive_can_be_kept_and_refuses_the_start(bench):
     bench.virtual.trip(5, bench.virtual.motor.time)
     with pytest.raises(StateError, match="reset it first"), bench.keep():
         bench.drive.start()
     assert not bench.virtual.motor.running
 
 
-def test_motor_coasts_when_that_is_what_leaving_does(bench):
+def test_motor_coasts_if_on_leaving_is_coast(bench):
     with bench.keep(on_leaving="coast"):
         bench.drive.set_reference(percent=5)
         bench.drive.start()
@@ -136,8 +136,8 @@ def test_unknown_policy_is_refused_before_anything_is_sent(bench):
         pytest.fail("the block was entered")
 
 
-def test_motor_turns_on_after_the_block_only_on_a_line_of_ones_own(bench, kind):
-    """A server stops what it releases, so it refuses to keep a motor that is to go on."""
+def test_on_leaving_hold_leaves_the_motor_running_only_on_an_own_line(bench, kind):
+    """A server stops every motor that it releases, so it refuses `on_leaving` hold."""
     if kind in SERVED:
         with pytest.raises(NotSupported, match="leave on_leaving out"), bench.keep(on_leaving="hold"):
             pytest.fail("the block was entered")
@@ -159,7 +159,7 @@ def test_motor_is_stopped_and_started_again_within_the_block(bench):
     bench.comes_to_rest()
 
 
-def test_motor_that_turns_already_is_not_stopped_by_entering(bench):
+def test_entering_keep_does_not_stop_a_running_motor(bench):
     bench.drive.set_reference(percent=5)
     bench.drive.start()
     with bench.keep():

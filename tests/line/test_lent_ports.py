@@ -1,4 +1,4 @@
-"""A port that can be taken back: it waits as long as its own would, and for as many bytes."""
+"""A lent port waits as long as the real port does, and for as many bytes, until it is taken back."""
 
 import pytest
 
@@ -6,7 +6,7 @@ from drivecomm.line.lending import LentPort
 
 
 class Trickle:
-    """A port to which a byte comes in each hundredth of a second."""
+    """A port that receives one byte each hundredth of a second."""
 
     paced, real_time, descriptor = True, True, None
 
@@ -33,13 +33,13 @@ def port():
     return Trickle()
 
 
-def test_lent_port_waits_for_as_many_bytes_as_its_own(port):
+def test_lent_port_waits_for_as_many_bytes_as_the_real_port(port):
     lent = LentPort(port, lambda: None)
     assert lent.read(10.0, 30) == b"x" * 30
     assert lent.read(lent.now() + 0.1, 30) == b"x" * 10
 
 
-def test_lent_port_ends_what_it_does_when_it_is_taken_back(port):
+def test_lent_port_ends_its_waits_when_it_is_taken_back(port):
     def taken_back():
         if port.time > 0.5:
             raise ZeroDivisionError

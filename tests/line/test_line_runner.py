@@ -1,11 +1,11 @@
-"""What carries out the steps of a link while its port becomes readable, alone."""
+"""The runner of link steps on a readable port, alone."""
 
 from drivecomm.line.runner import LineRunner
 from drivecomm.link import Receive, Talk
 
 
 class Talkative:
-    """A port on which somebody talks without end."""
+    """A port that receives data without end."""
 
     def now(self):
         return 1.0
@@ -17,7 +17,7 @@ class Talkative:
         return b"last"
 
 
-def test_who_talks_without_end_between_two_exchanges_is_not_kept():
+def test_endless_data_between_two_exchanges_is_discarded():
     ended = []
     runner = LineRunner(Talkative(), ended.append, ended.append, lambda *came: ended.append(came), ended.append)
     for _ in range(50):
@@ -33,7 +33,7 @@ def test_who_talks_without_end_between_two_exchanges_is_not_kept():
     assert data.endswith(b"last")
 
 
-def test_nothing_is_sent_onto_what_somebody_says_unasked():
+def test_nothing_is_sent_while_unrequested_data_arrives():
     ended = []
     talk = Talk()
     talk.data = b"request"
@@ -48,7 +48,7 @@ def test_nothing_is_sent_onto_what_somebody_says_unasked():
 
 
 class Looked:
-    """A port with a clock of its own that tells how often somebody looked whether something is there."""
+    """A port with its own clock that counts its reads."""
 
     def __init__(self):
         self.clock, self.looks, self.sent = 0.0, 0, []
@@ -71,7 +71,7 @@ class Looked:
 
 
 def two_requests(pause_s):
-    """Have a request sent so long after the reply to another; return how often the port was looked at for it."""
+    """Send two requests, the second `pause_s` after the first reply; return the number of reads before the second."""
     port, talk = Looked(), Talk()
     talk.data, talk.at_least, talk.reply_s = b"request", 5, 1.0
     runner = LineRunner(port, lambda _: None, lambda _: None, lambda *_: None, lambda _: None)
@@ -89,9 +89,9 @@ def two_requests(pause_s):
     return port.looks - before
 
 
-def test_a_port_that_was_just_emptied_is_not_looked_at_again():
+def test_port_emptied_just_before_is_not_read_again():
     assert two_requests(0.00007) == 0
 
 
-def test_a_port_that_was_emptied_a_character_ago_is():
+def test_port_emptied_a_character_ago_is_read_again():
     assert two_requests(0.00009) == 1

@@ -1,4 +1,4 @@
-"""Lines that die and come back, by both faces: a call knows it at once, and a later one opens the line again."""
+"""Lines that die and return, for both kinds of bus: a call reports it immediately, a later one reopens the line."""
 
 import asyncio
 import time
@@ -17,8 +17,8 @@ each_kind = pytest.mark.parametrize("kind", ["pty", "tcp"])
 
 @each_face
 @each_kind
-def test_call_knows_at_once_that_its_line_dies(face, kind, host_of):
-    """Its drive has five seconds to answer."""
+def test_call_reports_immediately_that_its_line_dies(face, kind, host_of):
+    """The drive would have five seconds to answer."""
     host = host_of(kind, virtual_drive("vabus", 1))
     with open_on(face, host.address) as bus:
         bus.drive("vabus", 1, model="agile").read("481")
@@ -33,14 +33,14 @@ def test_call_knows_at_once_that_its_line_dies(face, kind, host_of):
 
 @each_face
 @each_kind
-def test_call_knows_at_once_that_its_line_died_while_nobody_spoke(face, kind, host_of):
+def test_call_reports_immediately_that_its_idle_line_has_died(face, kind, host_of):
     host = host_of(kind, virtual_drive("vabus", 1))
     with open_on(face, host.address) as bus:
         drive = bus.drive("vabus", 1)
         drive.probe()
         host.end()
         began, processor = time.monotonic(), time.process_time()
-        # A dead descriptor that is always readable does not keep an event loop busy.
+        # A dead descriptor that is always readable must not keep an event loop busy.
         bus.sleep_until(bus.now() + 0.2)
         assert time.process_time() - processor < 0.1
         with pytest.raises(LinkDownError, match=r"was lost .* the next exchange opens it again"):
@@ -51,7 +51,7 @@ def test_call_knows_at_once_that_its_line_died_while_nobody_spoke(face, kind, ho
 @pytest.mark.soak
 @each_face
 @pytest.mark.parametrize("kind", ["pty", "tcp", "rfc2217"])
-def test_line_that_comes_back_is_opened_after_a_pause_and_its_drive_set_up_again(face, kind, host_of):
+def test_returned_line_is_reopened_after_a_pause_and_its_drive_set_up_again(face, kind, host_of):
     host = host_of(kind, virtual_drive("vabus", 1))
     with open_on(face, host.address) as bus:
         drive = bus.drive("vabus", 1, model="agile", set_up={"481": "12.34"})
@@ -59,7 +59,7 @@ def test_line_that_comes_back_is_opened_after_a_pause_and_its_drive_set_up_again
         host.end()
         with pytest.raises(LinkDownError):
             drive.read("482")
-        # Nobody is there: it is tried at once, and then after a pause.
+        # With no server there, the port is tried immediately, and again after a pause.
         with pytest.raises(PortError, match=r"does not exist|nothing listens there"):
             drive.read("482")
         began = time.monotonic()
@@ -80,7 +80,7 @@ def test_line_that_comes_back_is_opened_after_a_pause_and_its_drive_set_up_again
 
 @pytest.mark.soak
 @each_kind
-def test_line_dies_and_comes_back_under_many_tasks(kind, host_of):
+def test_line_dies_and_returns_under_many_tasks(kind, host_of):
     host, kinds, good, over = host_of(kind, virtual_drive("vabus", 1)), set(), [], asyncio.Event()
 
     async def read_on(drive):
@@ -104,7 +104,7 @@ def test_line_dies_and_comes_back_under_many_tasks(kind, host_of):
             await more_than(20)
             await asyncio.to_thread(host.end)
             await asyncio.sleep(0.1)
-            # All of them know, and nothing but that.
+            # All tasks get these errors, and no others.
             assert LinkDownError in kinds <= {LinkDownError, PortError}
             host.begin(second := virtual_drive("vabus", 1))
             await more_than(len(good) + 20)

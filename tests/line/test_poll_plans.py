@@ -1,4 +1,4 @@
-"""What holds for a poll plan however it is carried out: on one line or many, blocking or awaited, in threads or one."""
+"""Behaviour of a poll plan common to one or many lines, blocking or async callers, and one or many threads."""
 
 import asyncio
 import time
@@ -31,7 +31,7 @@ def site(site_with):
         yield made
 
 
-def test_plan_reads_from_each_line_what_its_drive_holds(site):
+def test_plan_reads_the_value_of_each_drive(site):
     for number, drive in enumerate(site.drives):
         drive.poke("481", 1000 + 100 * number)
     results = list(site.poll("480", "481", period_s=0.02, cycles=5))
@@ -43,14 +43,14 @@ def test_plan_reads_from_each_line_what_its_drive_holds(site):
         assert {result.reading.value for result in mine if result.parameter == "481"} == {10 + number}
 
 
-def test_plan_goes_on_beside_a_bad_parameter(site):
+def test_plan_continues_beside_a_bad_parameter(site):
     results = list(site.poll("481", "999", "480", period_s=0.02, cycles=2))
     assert [result.quality for result in results if result.parameter == "999"] == ["bad"] * 2 * len(site.buses)
     assert {result.quality for result in results if result.parameter != "999"} == {"good"}
     assert {type(result.error) for result in results if result.error} == {RefusedError}
 
 
-def test_plan_ends_when_its_reader_has_enough(site):
+def test_plan_ends_when_its_reader_closes_it(site):
     results = site.poll("481", period_s=0)
     assert {next(results).error for _ in range(30)} == {None}
     results.close()
@@ -68,7 +68,7 @@ def test_plan_ends_when_a_bus_is_closed(site):
         site.assert_free()
 
 
-def test_plan_ends_with_what_a_trace_function_raises_and_lets_go_of_the_lines(site_with):
+def test_plan_ends_with_the_error_of_a_trace_function_and_frees_the_lines(site_with):
     if site_with.is_served:
         pytest.skip("the trace of a served line is read beside its calls, and ends none of them")
     broken = []
@@ -94,12 +94,12 @@ def test_plan_waits_for_a_slow_reader(site, monkeypatch):
         assert site.in_real_time or not result.missed
         due[result.drive] = result.due_s + 0.05
         if number < 3:
-            # Many naps of the lines long.
+            # This takes many naps of the lines.
             time.sleep(0.02)
     assert number == 30 * len(site.buses) - 1
 
 
-def test_awaited_plan_leaves_no_task_behind():
+def test_async_plan_leaves_no_task_behind():
     async def main():
         async with open_bus_async(VirtualLine([virtual_drive("vabus", 1)]).port) as one:
             items = [PollItem(drive=one.drive("vabus", 1), parameter="481", period_s=0)]
@@ -113,7 +113,7 @@ def test_awaited_plan_leaves_no_task_behind():
     assert asyncio.run(main()) == 1
 
 
-def test_awaited_plan_gives_the_same_results():
+def test_async_plan_gives_the_same_results():
     def results(face):
         with open_on(face, VirtualLine([virtual_drive("vabus", 1)]).port) as bus:
             drive = bus.drive("vabus", 1, model="agile")

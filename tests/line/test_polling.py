@@ -1,4 +1,4 @@
-"""The loops that carry poll plans out, on one and on many buses, for callers that block and for those that await."""
+"""The loops that carry out poll plans, on one and on many buses, for blocking and async callers."""
 
 import math
 from dataclasses import dataclass
@@ -35,14 +35,14 @@ def bus(line):
         yield opened
 
 
-def test_a_plan_on_a_bus(bus):
+def test_plan_on_a_bus_reads_each_item_at_its_period(bus):
     pump, fan = bus.drive("vabus", 1, model="agile"), bus.drive("danfoss-fc", 3, model="fc300")
     plan = [PollItem(drive=pump, parameter="481", period_s=0.5), PollItem(drive=fan, parameter="16-30")]
     results = list(bus.poll(plan, duration_s=3.0))
     assert [result.drive for result in results].count("vabus:1") == 6
     assert [result.drive for result in results].count("danfoss-fc:3") == 3
     assert all(result.error is None and result.late_s < 0.05 for result in results)
-    # What a value's type and unit are worth is the same word as of the reading, here and in a log.
+    # The quality of a result is that of its reading, here and in a log.
     assert {(result.drive, result.quality) for result in results} == {
         ("vabus:1", "good"),
         ("danfoss-fc:3", "good"),
@@ -51,7 +51,7 @@ def test_a_plan_on_a_bus(bus):
     assert all(abs(result.time_s - (result.due_s + result.late_s + result.took_s)) < 0.01 for result in results)
 
 
-def test_what_can_never_be_read_is_refused_before_anything_is_asked(bus, line):
+def test_plan_with_unreadable_parameters_is_refused_before_sending(bus, line):
     pump = bus.drive("vabus", 1, model="agile")
     fuji = bus.drive("fuji", 7, model="g11s")
     plan = [
@@ -73,7 +73,7 @@ def test_what_can_never_be_read_is_refused_before_anything_is_asked(bus, line):
     assert line.time == 0
 
 
-def test_what_can_only_be_written_is_not_polled(bus, tmp_path):
+def test_write_only_parameter_is_not_polled(bus, tmp_path):
     model = tmp_path / "odd.toml"
     model.write_text(
         'format = 1\nname = "odd"\nprotocol = "vabus"\ntitle = "odd"\nsource = "a test"\n'
@@ -86,12 +86,12 @@ def test_what_can_only_be_written_is_not_polled(bus, tmp_path):
             bus.poll([PollItem(drive=pump, parameter=name)])
 
 
-def test_options_reach_the_read(bus):
+def test_options_of_an_item_reach_the_read(bus):
     plan = [PollItem(drive=bus.drive("vabus", 1), parameter="481", options={"type": "long"})]
     assert next(bus.poll(plan)).reading.value == 1000
 
 
-def test_a_dead_drive_is_bad_and_the_others_are_good():
+def test_dead_drive_is_bad_while_the_others_are_good():
     line = VirtualLine([virtual_drive("vabus", 1)])
     with drivecomm.open_bus(line.port, attempts=1, reply_timeout_s=0.1) as bus:
         plan = [PollItem(drive=bus.drive("vabus", number, model="agile"), parameter="481") for number in (1, 2)]
@@ -104,7 +104,7 @@ def test_a_dead_drive_is_bad_and_the_others_are_good():
     assert all(isinstance(result.error, NoReplyError) for result in dead)
 
 
-def test_noise_makes_values_stale_and_good_again():
+def test_lost_replies_make_values_stale_and_later_good_again():
     faults = FaultPlan(rate=0.3, seed=5, kinds=[Fault.DROP])
     line = VirtualLine([virtual_drive("vabus", 1)], faults=faults)
     with drivecomm.open_bus(line.port, attempts=1, reply_timeout_s=0.1) as bus:
@@ -118,7 +118,7 @@ def test_noise_makes_values_stale_and_good_again():
     assert ("stale", "good") in turns
 
 
-def test_a_drive_of_another_bus(bus):
+def test_plan_with_a_drive_of_another_bus_is_refused(bus):
     with (
         drivecomm.open_bus(VirtualLine([virtual_drive("vabus", 1)]).port) as other,
         pytest.raises(UsageError, match=r"vabus:1 is not on this bus"),
@@ -127,13 +127,13 @@ def test_a_drive_of_another_bus(bus):
 
 
 @pytest.mark.parametrize("seconds", [0, -1, math.nan])
-def test_durations_that_cannot_be(bus, seconds):
+def test_impossible_poll_duration_is_refused(bus, seconds):
     with pytest.raises(UsageError, match="a poll duration cannot be"):
         bus.poll([PollItem(drive=bus.drive("vabus", 1), parameter="481")], duration_s=seconds)
 
 
 class Plug:
-    """A port that can be pulled out, and whose clock goes on meanwhile."""
+    """A port that can be unplugged while its clock continues."""
 
     def __init__(self, line):
         self._line, self.pulled, self.tries = line, False, []
@@ -148,7 +148,7 @@ class Plug:
             raise LinkDownError("the adapter is gone")
 
 
-def test_a_line_that_is_down_makes_bad_results_and_is_tried_again_and_again(line):
+def test_dead_line_makes_bad_results_and_is_retried(line):
     plug = Plug(line)
     with drivecomm.open_bus(plug.open) as bus:
         plan = [
@@ -171,7 +171,7 @@ def test_a_line_that_is_down_makes_bad_results_and_is_tried_again_and_again(line
     assert all(later - earlier >= 0.5 for earlier, later in pairwise(plug.tries))
 
 
-def test_a_failure_has_the_time_at_which_it_was_found_out(line):
+def test_failed_result_has_the_time_of_its_failure(line):
     plug = Plug(line)
     with drivecomm.open_bus(plug.open) as bus:
         drive = bus.drive("vabus", 1, model="agile")
@@ -188,9 +188,9 @@ def test_a_failure_has_the_time_at_which_it_was_found_out(line):
     assert len({(result.time_s, result.parameter) for result in results}) == len(results) == 40
 
 
-def test_a_plan_that_is_given_up_is_never_asleep_for_long():
+def test_abandoned_plan_never_sleeps_long():
     class Patient(Pump):
-        """Its bus as well; notes how long the loop wants to sleep."""
+        """A pump that is its own bus, and records the sleeps of the loop."""
 
         def __init__(self):
             self.time, self.naps = 0.0, []
@@ -220,7 +220,7 @@ def test_a_plan_that_is_given_up_is_never_asleep_for_long():
     assert max(patient.naps) < 0.1001
 
 
-def test_the_loops_swallow_nothing_but_errors_of_the_tree():
+def test_poll_loops_raise_all_errors_that_are_not_of_drivecomm():
     class Broken(Pump):
         @property
         def bus(self):

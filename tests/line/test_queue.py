@@ -1,4 +1,4 @@
-"""The queue of one line without anybody who waits: whose turn it is, and who is passed over."""
+"""The queue of one line, without threads or tasks: the next caller, and callers that are passed over."""
 
 from itertools import pairwise, permutations
 
@@ -9,7 +9,7 @@ from drivecomm.line import TURNS_PER_POLL, TURNS_PER_SURVEY, LineQueue, Place, R
 
 
 class Caller(Place):
-    """A caller that does what the test says."""
+    """A caller under control of the test."""
 
     def __init__(self, rank, name="", *, caller=None, behind=False):
         super().__init__(rank, caller or object(), behind=behind)
@@ -41,7 +41,7 @@ def queue():
 
 @pytest.fixture
 def owner(queue):
-    """One who has the line."""
+    """Return the caller that has the line."""
     has = Caller(Rank.READ, "owner")
     assert queue.ask(has)
     return has
@@ -59,7 +59,7 @@ def end(queue, place):
 
 
 def served(queue):
-    """End one turn after the other; returns whose they were."""
+    """End one turn after the other; return the names of their callers."""
     order = []
     end(queue, queue.owner)
     while queue.owner is not None:
@@ -69,7 +69,7 @@ def served(queue):
     return order
 
 
-def test_free_line_is_taken_at_once(queue):
+def test_free_line_is_taken_immediately(queue):
     first = Caller(Rank.POLL)
     assert queue.ask(first)
     assert not first.woken
@@ -84,13 +84,13 @@ def test_callers_are_served_by_rank_and_then_in_order(queue):
 
 
 @pytest.mark.usefixtures("owner")
-def test_behind_lets_all_others_of_its_rank_go_first(queue):
+def test_place_with_behind_comes_after_all_others_of_its_rank(queue):
     asked(queue, Caller(Rank.STOP, "dead", behind=True), Caller(Rank.STOP, "runs"), Caller(Rank.READ, "read"))
     assert served(queue) == ["runs", "dead", "read"]
 
 
-def test_newcomer_does_not_slip_in_between_two_turns(queue, owner):
-    """The turn is over, and nobody has handed the line on yet."""
+def test_newcomer_does_not_overtake_a_waiting_caller_between_two_turns(queue, owner):
+    """The turn is over, and the line was not handed on yet."""
     waiting, newcomer = Caller(Rank.READ, "waiting"), Caller(Rank.READ, "newcomer")
     asked(queue, waiting)
     owner.alive = False
@@ -100,14 +100,14 @@ def test_newcomer_does_not_slip_in_between_two_turns(queue, owner):
 
 @pytest.mark.usefixtures("owner")
 @pytest.mark.parametrize("gone", range(3))
-def test_leaving_keeps_the_order_of_the_others(queue, gone):
+def test_caller_that_leaves_does_not_change_the_order_of_the_others(queue, gone):
     callers = asked(queue, *(Caller(Rank.READ, str(number)) for number in range(3)))
     assert queue.leave(callers[gone])
     assert queue.leave(callers[gone])
     assert served(queue) == [str(number) for number in range(3) if number != gone]
 
 
-def test_leaving_reports_a_turn_that_has_come_meanwhile(queue, owner):
+def test_leave_reports_a_turn_that_has_come(queue, owner):
     (waiting,) = asked(queue, Caller(Rank.READ))
     end(queue, owner)
     assert not queue.leave(waiting)
@@ -124,7 +124,7 @@ def test_dead_caller_is_passed_over(queue, order):
     assert not callers[0].woken
 
 
-def test_owner_that_died_silently_is_not_waited_for(queue, owner):
+def test_owner_that_died_silently_is_replaced(queue, owner):
     owner.alive = False
     assert queue.ask(Caller(Rank.POLL))
 
@@ -137,18 +137,18 @@ def test_only_a_stop_makes_the_owner_give_way(queue, owner):
 
 
 @pytest.mark.usefixtures("owner")
-def test_waits_counts_ranks_that_go_before(queue):
+def test_waits_is_true_for_the_rank_of_a_waiting_caller_and_lower_ones(queue):
     asked(queue, Caller(Rank.COMMAND))
     assert [queue.waits(rank) for rank in Rank] == [False, True, True, True, True]
 
 
-def test_owner_that_asks_again_is_refused(queue, owner):
+def test_owner_that_calls_again_is_refused(queue, owner):
     with pytest.raises(UsageError, match="a trace function cannot use the bus that calls it"):
         queue.ask(Caller(Rank.READ, caller=owner.caller))
     assert queue.waiting == []
 
 
-def test_caller_whose_last_turn_is_over_may_ask_again(queue, owner):
+def test_caller_whose_last_turn_is_over_may_call_again(queue, owner):
     again = Caller(Rank.READ, caller=owner.caller)
     asked(queue, Caller(Rank.COMMAND))
     owner.alive = False
@@ -157,7 +157,7 @@ def test_caller_whose_last_turn_is_over_may_ask_again(queue, owner):
 
 
 class Crowd:
-    """Callers that ask again as soon as their turn is over; a line that is never free."""
+    """Callers that queue again as soon as their turn is over, so that the line is never free."""
 
     def __init__(self, queue, *ranks):
         self.queue, self.served = queue, []
@@ -178,12 +178,12 @@ def turns_of(served, rank):
     return [number for number, each in enumerate(served) if each is rank]
 
 
-def test_polls_keep_a_share_of_a_line_that_readers_flood(queue):
+def test_polls_keep_a_share_of_a_line_flooded_by_reads(queue):
     served = Crowd(queue, *[Rank.READ] * 40, Rank.POLL).serve(400)
     assert {later - earlier for earlier, later in pairwise(turns_of(served, Rank.POLL))} == {TURNS_PER_POLL}
 
 
-def test_surveys_keep_a_share_of_a_line_that_readers_and_polls_flood(queue):
+def test_surveys_keep_a_share_of_a_line_flooded_by_reads_and_polls(queue):
     served = Crowd(queue, *[Rank.READ] * 40, *[Rank.POLL] * 3, Rank.SURVEY).serve(400)
     surveys, reads = turns_of(served, Rank.SURVEY), turns_of(served, Rank.READ)
     assert max(later - earlier for earlier, later in pairwise(surveys)) <= TURNS_PER_SURVEY + 1
@@ -197,11 +197,11 @@ def test_polls_leave_surveys_a_share(queue):
 
 
 @pytest.mark.parametrize("urgent", [Rank.STOP, Rank.COMMAND])
-def test_nothing_has_a_share_of_what_stops_and_commands_take(queue, urgent):
+def test_stops_and_commands_share_the_line_with_no_lower_rank(queue, urgent):
     assert set(Crowd(queue, *[urgent] * 3, Rank.READ, Rank.POLL, Rank.SURVEY).serve(100)) == {urgent}
 
 
-def test_share_is_not_saved_up_while_nobody_waits_for_it(queue):
+def test_unused_share_of_polls_is_not_saved_up(queue):
     crowd = Crowd(queue, Rank.READ, Rank.READ)
     crowd.serve(50)
     queue.ask(Caller(Rank.POLL))

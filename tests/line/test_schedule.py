@@ -1,4 +1,4 @@
-"""Poll plans without a line: whose turn it is, and what a result says."""
+"""Schedules of poll plans, without a line: the next item, and the fields of its result."""
 
 import math
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ def reading(time_s=0.0, value=5):
 
 
 def carried_out(items, until, takes, *, fails=(), start=0.0):
-    """Carry out a schedule with reads of known length; return results and when each was asked."""
+    """Carry out a schedule with reads of known length; return each item, the time of its request, and its result."""
     schedule = Schedule(items, start_s=start)
     now, done = start, []
     while True:
@@ -61,7 +61,7 @@ def test_items_with_the_same_period_are_spread_over_it():
     assert all(result.late_s == 0 for _, _, result in done)
 
 
-def test_a_long_period_does_not_keep_the_first_value_waiting():
+def test_long_period_does_not_delay_the_first_value():
     items = [item(str(number), period_s=60.0) for number in range(10)]
     done = carried_out(items, 200.0, [0.001] * 10)
     asked = {one.parameter: [] for one in items}
@@ -72,15 +72,15 @@ def test_a_long_period_does_not_keep_the_first_value_waiting():
         assert times[1:] == pytest.approx([60.0 + 6 * number, 120.0 + 6 * number, 180.0 + 6 * number][: len(times) - 1])
 
 
-def test_what_could_not_keep_its_period_is_not_asked_twice_to_catch_up():
+def test_item_that_misses_its_periods_does_not_catch_up():
     slow, quick = item("slow", period_s=10.0), item("quick", period_s=0.1)
     done = carried_out([slow, quick], 3.0, [0.55, 0.01])
     asked = [(round(asked, 6), result.missed) for one, asked, result in done if one is quick]
-    # The slow one takes from 0 to 0.55; then the quick one comes once, and in its own rhythm again.
+    # The slow item takes from 0 to 0.55; then the quick one is read once, and resumes its own rhythm.
     assert asked[:4] == [(0.55, 0), (0.6, 5), (0.7, 0), (0.8, 0)]
 
 
-def test_deadlines_decide_and_priority_moves_ahead():
+def test_earliest_due_item_goes_first_and_priority_moves_ahead():
     schedule = Schedule([item("a", period_s=5.0), item("b", period_s=5.0, priority=1)], start_s=0.0)
     # a is due at 0, b at 0.5; at 0.4 b is not due yet, at 0.6 its priority counts for a second.
     assert schedule.due(0.4).parameter == "a"
@@ -88,7 +88,7 @@ def test_deadlines_decide_and_priority_moves_ahead():
     assert again.due(0.6).parameter == "b"
 
 
-def test_priority_is_worth_a_second_a_step_and_no_more():
+def test_priority_counts_one_second_per_step():
     wanted, other = item("wanted", period_s=0.1, priority=3), item("other", period_s=0.1)
     done = carried_out([wanted, other], 60.0, [0.2, 0.2])
     times = [asked for one, asked, _ in done if one is other]
@@ -96,7 +96,7 @@ def test_priority_is_worth_a_second_a_step_and_no_more():
     assert sum(one is wanted for one, _, _ in done) > 2 * len(times)
 
 
-def test_without_a_period_as_often_as_the_line_has_time():
+def test_item_without_a_period_is_read_whenever_the_line_is_free():
     greedy, calm = item("greedy", period_s=0), item("calm", period_s=0.5)
     done = carried_out([greedy, calm], 10.0, [0.1, 0.1])
     assert sum(one is calm for one, _, _ in done) == 20
@@ -104,21 +104,21 @@ def test_without_a_period_as_often_as_the_line_has_time():
     assert all(result.late_s <= 0.1 + 1e-9 for one, _, result in done if one is calm)
 
 
-def test_what_has_no_period_lets_those_go_first_that_were_due_a_little_later():
+def test_item_without_a_period_yields_to_an_item_due_slightly_later():
     greedy, calm = item("greedy", period_s=0), item("calm", period_s=0.5)
     schedule = Schedule([greedy, calm], start_s=0.0)
     for one in (schedule.due(0.0), schedule.due(0.0)):
         schedule.finished(one, 0.1, reading(), time_s=0.1)
-    # The one is due since 0.1, the other since 0.5.
+    # The item without a period is due since 0.1, the other one since 0.5.
     assert [schedule.due(0.6) for _ in range(2)] == [calm, greedy]
 
 
-def test_a_failure_without_a_period_rests_before_the_next():
+def test_failed_item_without_a_period_rests_before_its_next_read():
     done = carried_out([item("1", period_s=0)], 0.95, [0.0], fails={0})
     assert len(done) == 10
 
 
-def test_cycles_end_each_item():
+def test_cycles_limit_the_reads_of_each_item():
     items = [item("1", period_s=0.1), item("2", period_s=1.0)]
     schedule, now, seen = Schedule(items, start_s=5.0, cycles=3), 5.0, []
     while (now := max(now, schedule.next_due())) < math.inf:
@@ -129,7 +129,7 @@ def test_cycles_end_each_item():
     assert schedule.due(1e9) is None
 
 
-def test_nothing_is_due_before_its_time():
+def test_item_is_not_due_before_its_time():
     schedule = Schedule([item("1", period_s=1.0)], start_s=100.0)
     assert schedule.due(99.9) is None
     assert schedule.next_due() == 100.0
@@ -143,8 +143,8 @@ plans = st.lists(
     st.tuples(
         st.sampled_from([0.05, 0.1, 0.25, 1.0, 3.0]),  # period
         st.integers(-2, 3),  # priority
-        st.floats(0.001, 0.6),  # how long a read takes
-        st.booleans(),  # whether it fails
+        st.floats(0.001, 0.6),  # duration of a read
+        st.booleans(),  # whether the read fails
     ),
     min_size=1,
     max_size=8,
@@ -154,21 +154,21 @@ plans = st.lists(
 @pytest.mark.soak
 @given(plans)
 @settings(max_examples=60, deadline=None)
-def test_nobody_starves_and_nobody_is_asked_more_often_than_his_period(plan):
+def test_every_item_gets_its_turn_and_at_most_one_per_period(plan):
     items = [item(str(n), period_s=period, priority=priority) for n, (period, priority, _, _) in enumerate(plan)]
     takes = [seconds for _, _, seconds, _ in plan]
     round_s = sum(takes)
     done = carried_out(items, 40.0, takes, fails={n for n, row in enumerate(plan) if row[3]})
     for number, one in enumerate(items):
         mine = [(asked, result) for who, asked, result in done if who is one]
-        # At most once in each of its periods, and every period is either asked or counted as missed.
+        # At most once in each of its periods, and every period is either read or counted as missed.
         dues = [result.due_s for _, result in mine]
         assert all(later - earlier >= one.period_s - 1e-6 for earlier, later in pairwise(dues))
         assert all(asked >= result.due_s - 1e-9 for asked, result in mine)
         for (_, before), (_, after) in pairwise(mine[1:]):
             periods = (after.due_s - before.due_s) / one.period_s
             assert periods == pytest.approx(after.missed + 1, abs=1e-6)
-        # Whoever is due waits for what is ahead of him, and for those whose priority moves them ahead, no longer.
+        # A due item waits at most for the items before it, and for items that their priority moves ahead.
         ahead = (max(each.priority for each in items) - one.priority) * PRIORITY_STEP_S
         longest = 2 * one.period_s + ahead + 2 * round_s + max(takes)
         times = [0.0, *(asked for asked, _ in mine), 40.0]
@@ -177,7 +177,7 @@ def test_nobody_starves_and_nobody_is_asked_more_often_than_his_period(plan):
 
 @given(plans)
 @settings(max_examples=60, deadline=None)
-def test_among_the_overdue_the_earliest_deadline_goes_first(plan):
+def test_overdue_item_with_the_earliest_deadline_goes_first(plan):
     items = [item(str(n), period_s=period) for n, (period, _, _, _) in enumerate(plan)]
     takes = [seconds for _, _, seconds, _ in plan]
     done = carried_out(items, 20.0, takes)
@@ -193,7 +193,7 @@ def test_among_the_overdue_the_earliest_deadline_goes_first(plan):
 
 @given(st.lists(st.floats(0.001, 0.05), min_size=2, max_size=8), st.integers(0, 7))
 @settings(max_examples=60, deadline=None)
-def test_a_bad_parameter_delays_the_others_by_its_own_exchange_only(takes, bad):
+def test_bad_parameter_delays_the_others_by_its_own_exchange_only(takes, bad):
     bad %= len(takes)
     items = [item(str(n), period_s=2.0) for n in range(len(takes))]
     sound = carried_out(items, 20.0, takes)
@@ -201,7 +201,7 @@ def test_a_bad_parameter_delays_the_others_by_its_own_exchange_only(takes, bad):
     late = {(r.parameter, round(r.due_s, 6)): r.late_s for _, _, r in disturbed}
     for _, _, result in sound:
         if result.due_s >= 18.0:
-            # Near the end the disturbed plan is not there yet.
+            # Near the end, the disturbed plan has not reached this item yet.
             continue
         assert late[result.parameter, round(result.due_s, 6)] <= result.late_s + 0.7 + sum(takes)
 
@@ -209,7 +209,7 @@ def test_a_bad_parameter_delays_the_others_by_its_own_exchange_only(takes, bad):
 # Results
 
 
-def test_a_failure_is_stale_while_the_last_good_value_is_young_then_bad():
+def test_failure_is_stale_while_the_last_value_is_young_then_bad():
     one = item("1", period_s=1.0)
     schedule = Schedule([one], start_s=0.0)
     error = RefusedError("1", 3, "no")
@@ -228,11 +228,11 @@ def test_a_failure_is_stale_while_the_last_good_value_is_young_then_bad():
 
 
 @pytest.mark.parametrize(("facts", "keeps_s"), [({"stale_after_s": 0}, 0), ({"period_s": 0}, 1.0), ({}, 3.0)])
-def test_how_long_a_value_keeps(facts, keeps_s):
+def test_value_is_kept_for_three_periods_or_stale_after_s(facts, keeps_s):
     assert item("1", **facts).keeps_s == keeps_s
 
 
-def test_results_call_the_drive_as_the_plan_does():
+def test_results_have_the_drive_name_of_the_plan():
     one = item("1", name="well 3")
     schedule = Schedule([one], start_s=0.0)
     schedule.due(0.0)
@@ -241,7 +241,7 @@ def test_results_call_the_drive_as_the_plan_does():
     assert (result.due_s, result.late_s, result.took_s) == (0.0, 0.0, 0.25)
 
 
-def test_plans_that_cannot_be():
+def test_impossible_plans_are_refused():
     with pytest.raises(UsageError, match="at least one item"):
         poll([])
     with pytest.raises(UsageError, match="pump 1 twice"):
@@ -253,5 +253,5 @@ def test_plans_that_cannot_be():
             item("1", period_s=wrong)
         with pytest.raises(UsageError, match="stale_after_s of 1 is"):
             item("1", stale_after_s=wrong)
-    # The same parameter read in two ways is two items.
+    # The same parameter with other options or periods is another item.
     Schedule([item("1"), item("1", options={"dataset": 2}), item("1", period_s=5)], start_s=0.0)

@@ -1,4 +1,4 @@
-"""The times of a slow line hold also where a network hands a reply on in one piece."""
+"""The timing of a slow line holds also if a network delivers a reply in one piece."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ READ = {
 @pytest.mark.soak
 @pytest.mark.parametrize("kind", ["tcp", "rfc2217"])
 @pytest.mark.parametrize("protocol", READ)
-def test_drive_on_1200_baud_answers_within_the_usual_reply_time(protocol, kind, serving):
+def test_drive_at_1200_baud_answers_within_the_usual_reply_timeout(protocol, kind, serving):
     model, parameter = READ[protocol]
     virtual = virtual_drive(protocol, 1, model=model)
     virtual.settings = replace(virtual.settings, baudrate=1200)

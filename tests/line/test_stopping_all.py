@@ -1,4 +1,4 @@
-"""Stopping all drives of a line through every face of it: broadcasts first, then each drive, silent ones last."""
+"""Stopping all drives of a line through every bus class: broadcasts first, then each drive, silent ones last."""
 
 import time
 
@@ -14,7 +14,7 @@ KINDS = [kind for kind in (*LOCAL, *SERVED) if kind != "engine"]
 
 
 class All:
-    """A bus whose drives are stopped as a face calls any verb."""
+    """A bus as a "drive" whose `stop_all` a face calls like any verb."""
 
     def __init__(self, bus, on_result):
         self._bus, self._on_result = bus, on_result
@@ -52,7 +52,7 @@ def test_stop_all_stops_every_motor_and_reports_each_drive(kind):
 
 
 @pytest.mark.parametrize("kind", ["threads", "tasks"])
-def test_stop_all_asks_silent_drives_once_before_the_others_and_again_after_them(kind):
+def test_stop_all_tries_silent_drives_once_before_the_others_and_again_after(kind):
     with opened(kind) as (face, on):
         for address in (*DEAD, *LIVE):
             face.drive(address)
@@ -67,7 +67,7 @@ def test_stop_all_asks_silent_drives_once_before_the_others_and_again_after_them
         assert [each.drive for each in results if not each.protocol] == [name_of(kind, each) for each in (*LIVE, *DEAD)]
 
 
-def test_stop_all_sends_a_broadcast_first_and_none_that_would_coast():
+def test_stop_all_sends_a_broadcast_first_unless_it_would_coast():
     for protocol, sends in (("danfoss-fc", True), ("vabus", False)):
         line = VirtualLine([virtual_drive(protocol, 1, model=MODELS[protocol])])
         with open_bus(line.port) as bus:
@@ -77,7 +77,7 @@ def test_stop_all_sends_a_broadcast_first_and_none_that_would_coast():
             assert [each.how for each in bus.stop_all(Stop.COAST) if each.protocol] == [Stop.COAST]
 
 
-def test_stop_all_remembers_the_model_without_which_a_drive_cannot_be_stopped():
+def test_stop_all_uses_the_model_that_another_object_of_the_drive_has():
     line = VirtualLine([virtual_drive("modbus", 1, model="schneider-atv320")])
     with open_bus(line.port) as bus:
         drive = bus.drive("modbus", 1, model="schneider-atv320")
@@ -100,7 +100,7 @@ def test_stop_all_of_a_bus_without_drives_sends_nothing():
         assert bus.stop_all() == []
 
 
-def test_stop_all_takes_drives_of_a_plant_and_names_them():
+def test_stop_all_accepts_drives_of_a_plant_and_names_them():
     line = VirtualLine([virtual_drive("vabus", 1, model="agile")])
     with open_bus(line.port) as bus:
         pump = DriveConfig(protocol="vabus", address=1, name="pump", line="hall", options={"model": "agile"})

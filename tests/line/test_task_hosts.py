@@ -1,4 +1,4 @@
-"""How tasks wait for a port: by its descriptor, in a thread of its own, or not at all; and how they are cancelled."""
+"""Waiting for a port in tasks: by its descriptor, in a thread, or in virtual time; and its cancellation."""
 
 import asyncio
 import threading
@@ -17,7 +17,7 @@ from drivecomm.virtual import VirtualLine, virtual_drive
 
 
 class Blocking(PortProxy):
-    """A port in real time that only blocks: a virtual line whose time passes at the pace of the world."""
+    """A real-time port that only blocks: a virtual line whose time passes in step with real time."""
 
     paced, real_time, descriptor = True, True, None
 
@@ -50,7 +50,7 @@ class Blocking(PortProxy):
         pass
 
 
-def test_the_runner_suits_the_port():
+def test_task_host_suits_the_kind_of_port():
     async def main():
         line = VirtualLine([])
         assert isinstance(task_host_for(line.port()), VirtualTimeHost)
@@ -61,7 +61,7 @@ def test_the_runner_suits_the_port():
     asyncio.run(main())
 
 
-def test_a_port_that_blocks_holds_nobody_up():
+def test_blocking_port_does_not_block_the_event_loop():
     async def main():
         line = VirtualLine([Mortal("vabus")])
         port = Blocking(line)
@@ -86,8 +86,8 @@ def test_a_port_that_blocks_holds_nobody_up():
 
 @pytest.mark.parametrize("times", [1, 3])
 @pytest.mark.parametrize("after_s", [0.0, 0.003, 0.012, 0.025])
-def test_a_thread_is_stopped_when_its_task_is_cancelled(after_s, times):
-    """Its request is on the wire, is waited for, or is being answered, by the line's own clock."""
+def test_thread_of_a_port_stops_when_its_task_is_cancelled(after_s, times):
+    """The request is on the wire, unanswered, or being answered, by the clock of the line."""
 
     async def main():
         line = VirtualLine([Mortal("vabus")])
@@ -119,7 +119,7 @@ def test_a_thread_is_stopped_when_its_task_is_cancelled(after_s, times):
     asyncio.run(main())
 
 
-def test_a_thread_that_lets_time_pass_is_stopped_when_its_task_is_cancelled():
+def test_thread_in_a_pause_stops_when_its_task_is_cancelled():
     def pausing():
         yield Pause(seconds=5.0)
 
@@ -139,7 +139,7 @@ def test_a_thread_that_lets_time_pass_is_stopped_when_its_task_is_cancelled():
 
 
 @pytest.mark.soak
-def test_a_port_without_a_descriptor_has_a_thread(serving):
+def test_port_without_a_descriptor_has_its_own_thread(serving):
     async def main():
         with serving([virtual_drive("vabus", 1)], "rfc2217") as server:
             async with drivecomm.open_bus_async(server.address) as bus:

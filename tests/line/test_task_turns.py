@@ -1,4 +1,4 @@
-"""Turns of tasks on one line: how they wait, give up, are cancelled, and are woken."""
+"""Turns of tasks on one line: waiting, giving up, cancellation, and waking."""
 
 import asyncio
 import time
@@ -25,17 +25,17 @@ def turn(rank=Rank.READ):
 
 
 async def took(turns, mine, seconds=10.0):
-    """Take a turn in a task of its own; returns whether it came."""
+    """Take a turn in a separate task; return whether it came."""
     return await asyncio.create_task(turns.take(mine, seconds))
 
 
 @awaited
-async def test_turn_is_not_lost_when_it_comes_as_its_time_ends():
+async def test_turn_that_comes_at_the_end_of_its_wait_is_not_lost():
     turns, first, second, third = TaskTurns(), turn(), turn(), turn()
     assert await took(turns, first)
     waiting = asyncio.create_task(turns.take(second, 0.01))
     await asyncio.sleep(0)
-    # The next round of the loop hands the line on, and sees then that the time is over.
+    # The next round of the loop hands the line on, and sees then that the wait is over.
     time.sleep(0.02)  # noqa: ASYNC251 - on purpose
     asyncio.get_running_loop().call_soon(turns.give_back, first)
     if await waiting:
@@ -45,7 +45,7 @@ async def test_turn_is_not_lost_when_it_comes_as_its_time_ends():
 
 @pytest.mark.parametrize("seconds", [0.0, 0.01])
 @awaited
-async def test_task_leaves_when_its_time_is_over(seconds):
+async def test_task_leaves_the_queue_when_its_wait_is_over(seconds):
     turns, first = TaskTurns(), turn()
     assert await took(turns, first, seconds)
     assert not await took(turns, turn(Rank.STOP), seconds)
@@ -58,7 +58,7 @@ async def test_task_leaves_when_its_time_is_over(seconds):
 @pytest.mark.parametrize("times", [1, 2])
 @awaited
 async def test_task_cancelled_while_waiting_keeps_no_turn(called_first, times):
-    """Also in the moment of being woken, and twice."""
+    """Cancelled once or twice, also while the task is being woken."""
     turns, first, second, third = TaskTurns(), turn(), turn(), turn(Rank.POLL)
     assert await took(turns, first)
     waiting = asyncio.create_task(turns.take(second, 10.0))
@@ -79,7 +79,7 @@ async def test_task_cancelled_while_waiting_keeps_no_turn(called_first, times):
 
 
 @awaited
-async def test_line_is_not_handed_to_a_task_cancelled_in_the_same_breath():
+async def test_line_is_not_handed_to_a_task_cancelled_immediately_before():
     turns, first, third = TaskTurns(), turn(), turn()
     assert await took(turns, first)
     waiting = asyncio.create_task(turns.take(turn(), 10.0))

@@ -1,4 +1,4 @@
-"""A thread that waits for a reply looks whether a stop waits for the line, and not more often than it must."""
+"""A thread that waits for a reply polls for waiting stops, no more often than needed."""
 
 import threading
 
@@ -9,7 +9,7 @@ from drivecomm.link import Receive, Wait
 
 
 class SilentPort:
-    """A port on which nothing ever comes, with a clock that only waiting moves."""
+    """A port that never receives anything, with a clock that only waiting moves."""
 
     real_time = True
 
@@ -30,7 +30,7 @@ class SilentPort:
 
 @pytest.mark.parametrize("effect", [Receive(1.0, 5, True), Wait(1.0, True)])
 @pytest.mark.parametrize(("threads", "longest_s"), [(1, 0.05), (2, 0.01)])
-def test_a_stop_is_looked_for_more_often_where_another_thread_could_want_one(monkeypatch, effect, threads, longest_s):
+def test_wait_polls_for_stops_more_often_with_other_threads(monkeypatch, effect, threads, longest_s):
     monkeypatch.setattr(threading, "active_count", lambda: threads)
     port = SilentPort()
 
@@ -45,7 +45,7 @@ def test_a_stop_is_looked_for_more_often_where_another_thread_could_want_one(mon
 
 @pytest.mark.parametrize("effect", [Receive(1.0, 5, True), Wait(1.0, True)])
 @pytest.mark.parametrize("threads", [1, 2])
-def test_a_stop_ends_the_waiting_at_the_next_look(monkeypatch, effect, threads):
+def test_waiting_stop_ends_the_wait_at_the_next_poll(monkeypatch, effect, threads):
     monkeypatch.setattr(threading, "active_count", lambda: threads)
     port = SilentPort()
 
@@ -56,7 +56,7 @@ def test_a_stop_ends_the_waiting_at_the_next_look(monkeypatch, effect, threads):
     assert 0.3 < port.time <= 0.36
 
 
-def test_what_gives_no_way_is_waited_for_at_once():
+def test_wait_that_does_not_yield_to_stops_is_not_split():
     port = SilentPort()
 
     def steps():

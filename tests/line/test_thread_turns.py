@@ -1,4 +1,4 @@
-"""Turns of threads on one line: how they wait, give up, are interrupted, and are woken."""
+"""Turns of threads on one line: waiting, giving up, interruption, and waking."""
 
 import threading
 import time
@@ -17,7 +17,7 @@ def wait_for(condition):
 
 
 class Interrupted:
-    """A lock at which Ctrl-C comes."""
+    """A lock whose acquire() is interrupted by Ctrl-C."""
 
     def locked(self):
         return True
@@ -28,12 +28,12 @@ class Interrupted:
 
 
 def has_turn(turns, turn, seconds):
-    """Ask for a turn that is held and wait for it, as a bus does; returns whether it came in time."""
+    """Request a turn whose lock is held and wait for it, as a bus does; return whether it came in time."""
     return turns.ask(turn) or turns.wait(turn, seconds)
 
 
 def take(turns, rank, seconds=0.0):
-    """Take a turn as a bus does; returns it, None when it has not come in time."""
+    """Take a turn as a bus does; return None if it has not come in time."""
     turn = ThreadTurn(rank)
     # One thread plays several callers.
     turn.caller = object()
@@ -50,7 +50,7 @@ def give_back(turns, turn):
 
 
 class Crowd:
-    """Threads that take turns; each notes when it is called, and gives back."""
+    """Threads that take turns; each records its turn and gives it back."""
 
     def __init__(self, turns):
         self.turns = turns
@@ -58,7 +58,7 @@ class Crowd:
         self.threads = []
 
     def join(self, name, rank, seconds=10.0):
-        """Let one more wait, and see that it does."""
+        """Start one more thread, and return when it waits for its turn."""
         waiting = len(self.turns.queue.waiting)
 
         def wait():
@@ -108,7 +108,7 @@ def test_threads_that_give_up_while_being_woken_lose_no_turn():
     assert take(turns, Rank.READ)
 
 
-def test_interrupted_turn_is_over_though_nobody_hands_on():
+def test_interrupted_turn_is_over_without_a_hand_on():
     crowd = Crowd(ThreadTurns())
     turn = take(crowd.turns, Rank.READ)
     crowd.join("next", Rank.READ)
@@ -117,7 +117,7 @@ def test_interrupted_turn_is_over_though_nobody_hands_on():
     assert crowd.called == ["next"]
 
 
-def test_thread_interrupted_while_waiting_is_passed_over():
+def test_interrupted_waiting_thread_is_passed_over():
     crowd = Crowd(ThreadTurns())
     turn, gone = take(crowd.turns, Rank.READ), ThreadTurn(Rank.STOP)
     gone.caller = object()

@@ -1,4 +1,4 @@
-"""A late reply that names no drive is not believed of another drive of its protocol, however late it comes."""
+"""A late reply that names no drive never counts as the reply of another drive of its protocol, however late."""
 
 import pytest
 
@@ -8,16 +8,16 @@ from drivecomm.plant import Fault, FaultPlan
 from drivecomm.virtual import VirtualLine, virtual_drive
 
 LATE_S, SLOW_S = 0.15, 0.09
-"""A reply that is too late for its own question, and one behind which it comes in front of the next reply."""
+"""Delays in seconds: of a reply that misses its own request, and of the next reply, which arrives after it."""
 
 
 class Late:
-    """Delays the next replies."""
+    """A disturbance that delays the next replies."""
 
     def __init__(self):
         self.delays_s = []
 
-    def request(self, data, now):  # noqa: ARG002 - as a disturbance is called
+    def request(self, data, now):  # noqa: ARG002 - signature of a disturbance
         return [(0.0, data)]
 
     def reply(self, data, drive, now):  # noqa: ARG002
@@ -26,7 +26,7 @@ class Late:
 
 @pytest.fixture
 def line():
-    """Three drives, each with another maximum frequency."""
+    """Return a line with three drives, each with another maximum frequency."""
     drives = [virtual_drive("lecom", address) for address in (1, 2, 3)]
     for drive in drives:
         drive.poke("C0011", 100 * drive.address)
@@ -42,7 +42,7 @@ def ask_in_vain(line, bus):
         bus.drive("lecom", 1, attempts=1).read("C0011")
 
 
-def test_late_reply_is_not_taken_for_that_of_a_known_drive(line):
+def test_late_reply_is_not_accepted_from_a_known_drive(line):
     with drivecomm.open_bus(line.port) as bus:
         second = bus.drive("lecom", 2)
         assert second.read("C0011").value == 20
@@ -50,7 +50,7 @@ def test_late_reply_is_not_taken_for_that_of_a_known_drive(line):
         assert second.read("C0011").value == 20
 
 
-def test_late_reply_is_not_taken_for_that_of_a_new_drive(line):
+def test_late_reply_is_not_accepted_from_a_new_drive(line):
     with drivecomm.open_bus(line.port) as bus:
         ask_in_vain(line, bus)
         assert bus.drive("lecom", 3).read("C0011").value == 30
@@ -89,7 +89,7 @@ def test_late_reply_does_not_delay_drives_whose_replies_name_them(line):
 
 
 @pytest.mark.parametrize("delay_s", [0.4, 2.0])
-def test_no_reading_of_many_late_ones_is_that_of_another_drive(line, delay_s):
+def test_many_late_replies_never_give_the_value_of_another_drive(line, delay_s):
     wrong = good = 0
     line = VirtualLine(line.drives, faults=FaultPlan(rate=0.2, kinds=[Fault.DELAY], delay_s=delay_s, seed=5))
     with drivecomm.open_bus(line.port) as bus:

@@ -1,11 +1,11 @@
-"""Telegrams among noise, and the typical damages of a telegram."""
+"""Telegrams among noise, and typical damage of a telegram."""
 
 import pytest
 
 from drivecomm.link import likely_damage, telegrams_among_noise
 from drivecomm.protocol import Framed, Noise, installed
 
-# Modbus over serial line V1.02, and the threads of users that the field case 09 quotes.
+# Modbus over serial line V1.02, and the forum threads that field case 09 quotes.
 REPLY = bytes.fromhex("01 03 02 6D 60 94 FC")
 ENQUIRY = bytes.fromhex("04 41 30 30 34 38 31 05")
 
@@ -31,7 +31,7 @@ def test_telegram_is_found_between_noise_bytes(data, before, telegram, behind):
     assert noise == [bytes.fromhex(each) for each in (before, behind) if each]
 
 
-def test_short_telegram_that_fits_by_chance_is_not_taken_for_one():
+def test_short_telegram_that_fits_by_chance_is_rejected():
     assert telegrams_among_noise(bytes.fromhex("00 2e 03 02 04 80 6e"), codec_of("vabus"), "request") == ()
 
 
@@ -51,6 +51,6 @@ def test_typical_damage_is_named(protocol, direction, data, cause):
     assert damage.remedy
 
 
-def test_untypical_damage_has_no_name():
+def test_untypical_damage_is_not_named():
     changed = REPLY[:3] + bytes([REPLY[3] ^ 0x24]) + REPLY[4:]
     assert likely_damage(changed, codec_of("modbus"), "reply") is None

@@ -1,4 +1,4 @@
-"""Adapters that hand back what they send: whole, in part, disturbed, or not at all."""
+"""Adapters that echo what they send: completely, in part, disturbed, or not at all."""
 
 from itertools import pairwise
 
@@ -17,9 +17,9 @@ EACH_PROTOCOL = pytest.mark.parametrize("protocol", PROTOCOLS)
 
 
 class TestFilter:
-    """The filter alone. What it takes out is exactly what was sent; all else goes on."""
+    """The filter alone. It removes exactly the bytes that were sent and passes all others on."""
 
-    def test_a_whole_echo_is_dropped(self):
+    def test_complete_echo_is_dropped(self):
         echo = EchoFilter("expect")
         echo.sent(b"abc")
         assert echo.missing == 3
@@ -27,40 +27,40 @@ class TestFilter:
         assert echo.take(b"xyz") == (b"", b"xyz")
         assert not echo.answered(0)
 
-    def test_glued_to_the_reply(self):
+    def test_echo_joined_to_the_reply_is_dropped(self):
         echo = EchoFilter("expect")
         echo.sent(b"abc")
         assert echo.take(b"abcxyz") == (b"abc", b"xyz")
 
-    def test_in_pieces(self):
+    def test_echo_in_pieces_is_dropped(self):
         echo = EchoFilter("expect")
         echo.sent(b"abc")
         assert echo.take(b"a") == (b"", b"")
         assert echo.missing == 2
         assert echo.take(b"bcx") == (b"abc", b"x")
 
-    def test_a_second_telegram_like_the_first_is_no_echo(self):
+    def test_second_telegram_equal_to_the_first_is_not_an_echo(self):
         echo = EchoFilter("expect")
         echo.sent(b"abc")
         assert echo.take(b"abcabc") == (b"abc", b"abc")
         assert echo.take(b"abc") == (b"", b"abc")
 
     @pytest.mark.parametrize("came", [b"bc", b"xbc", b"axc", b"abx"])
-    def test_what_differs_goes_on_whole(self, came):
+    def test_bytes_that_differ_from_the_request_are_passed_on_whole(self, came):
         echo = EchoFilter("expect")
         echo.sent(b"abc")
         assert echo.take(came + b"xyz") == (b"", came + b"xyz")
         assert echo.excused == 3
         assert echo.answered(0)
 
-    def test_the_beginning_of_one_is_held_until_nothing_follows(self):
+    def test_beginning_of_an_echo_is_held_until_give_up(self):
         echo = EchoFilter("expect")
         echo.sent(b"abc")
         assert echo.take(b"ab") == (b"", b"")
         assert echo.give_up() == b"ab"
         assert echo.give_up() == b""
 
-    def test_by_itself_it_finds_out_that_there_is_none(self):
+    def test_auto_mode_detects_that_there_is_no_echo(self):
         echo = EchoFilter("auto")
         echo.sent(b"abc")
         assert echo.looking
@@ -69,7 +69,7 @@ class TestFilter:
         assert not echo.answered(0)
         assert not echo.looking
 
-    def test_by_itself_it_finds_out_that_there_is_one(self):
+    def test_auto_mode_detects_an_echo(self):
         echo = EchoFilter("auto")
         echo.sent(b"abc")
         assert echo.take(b"abcxyz") == (b"abc", b"xyz")
@@ -78,7 +78,7 @@ class TestFilter:
         echo.sent(b"def")
         assert echo.missing == 3
 
-    def test_what_may_be_the_reply_itself_shows_nothing_by_itself(self):
+    def test_auto_mode_learns_nothing_from_a_possible_mirrored_reply(self):
         echo = EchoFilter("auto")
         echo.sent(b"abc", mirrored=True)
         assert echo.take(b"abc") == (b"abc", b"")
@@ -90,7 +90,7 @@ class TestFilter:
         echo.answered(0)
         assert not echo.looking
 
-    def test_what_may_be_the_reply_itself_is_an_echo_when_something_follows(self):
+    def test_auto_mode_detects_a_mirrored_echo_if_a_reply_follows(self):
         echo = EchoFilter("auto")
         echo.sent(b"abc", mirrored=True)
         assert echo.take(b"abcabc") == (b"abc", b"abc")
@@ -100,7 +100,7 @@ class TestFilter:
         assert echo.take(b"def") == (b"def", b"")
         assert not echo.doubted
 
-    def test_behind_what_may_be_a_disturbed_echo_the_request_itself_is_no_reply(self):
+    def test_copy_of_the_request_after_a_disturbed_echo_is_not_a_reply(self):
         echo = EchoFilter("auto")
         echo.sent(b"abcdef")
         echo.take(b"abXdef" + b"reply")
@@ -108,13 +108,13 @@ class TestFilter:
         echo.sent(b"stop", mirrored=True)
         assert echo.take(b"stop") == (b"stop", b"")
         assert not echo.doubted
-        # Nothing is settled by it.
+        # The copy has not decided whether there is an echo.
         echo.sent(b"ask")
         assert (echo.missing, echo.take(b"rep")) == (0, (b"", b"rep"))
         echo.answered(0)
         assert not echo.looking
 
-    def test_a_byte_of_noise_is_no_disturbed_echo(self):
+    def test_byte_of_noise_is_not_a_disturbed_echo(self):
         echo = EchoFilter("auto")
         echo.sent(b"abcdef")
         echo.take(b"\x00reply")
@@ -123,13 +123,13 @@ class TestFilter:
         echo.take(b"stop")
         assert echo.doubted
 
-    def test_off_looks_for_nothing(self):
+    def test_off_mode_looks_for_no_echo(self):
         assert not EchoFilter("off").looking
 
 
 @pytest.fixture(params=["paced", "network"])
 def line(request):
-    """A line with echo, on a port whose characters take their time and on one where they arrive at once."""
+    """Return a line with echo, on a paced port and on a port where bytes arrive without delay."""
     line = VirtualLine([Mortal("vabus")], echo=True)
     if request.param == "network":
         make = line.port
@@ -149,7 +149,7 @@ def glued(request, reply):
 
 @pytest.mark.parametrize("mode", ["expect", "auto", True])
 @EACH_PROTOCOL
-def test_a_whole_echo(protocol, mode):
+def test_complete_echo_leaves_reads_and_writes_right(protocol, mode):
     line = VirtualLine([Mortal(protocol)], echo=True)
     recorder = Recorder()
     with drivecomm.open_bus(line.port, echo=mode, trace=recorder) as bus:
@@ -162,7 +162,7 @@ def test_a_whole_echo(protocol, mode):
         assert line.drives[0].peek(parameter, line.time) == raw
         counters = bus.counters[drive.name]
     asked = [event.data for event in recorder.sent() if event.message.kind != "eot"]
-    # What only ends an exchange is not listened to, and its echo comes with the next request's.
+    # The link does not wait after a telegram that only ends an exchange, and its echo comes with the next request's.
     assert counters["echo bytes"] >= sum(len(data) for data in asked)
     assert counters["retries"] == counters["timeouts"] == counters["damaged"] == 0
     assert counters["echoes missing"] == 0
@@ -170,7 +170,7 @@ def test_a_whole_echo(protocol, mode):
 
 @pytest.mark.parametrize("mode", ["expect", "auto"])
 @EACH_PROTOCOL
-def test_reading_with_an_echo_takes_no_longer(protocol, mode):
+def test_echo_does_not_slow_down_reads(protocol, mode):
     times = {}
     for echo in (False, True):
         line = VirtualLine([Mortal(protocol)], echo=echo)
@@ -186,7 +186,7 @@ def test_reading_with_an_echo_takes_no_longer(protocol, mode):
 
 @pytest.mark.parametrize("mode", ["off", "auto", False])
 @EACH_PROTOCOL
-def test_no_echo_where_none_is_expected(protocol, mode):
+def test_line_without_echo_works_with_echo_off_and_auto(protocol, mode):
     line = VirtualLine([Mortal(protocol)])
     with drivecomm.open_bus(line.port, echo=mode) as bus:
         drive = bus.drive(protocol, ADDRESS)
@@ -196,7 +196,7 @@ def test_no_echo_where_none_is_expected(protocol, mode):
         assert bus.counters[drive.name]["retries"] == 0
 
 
-def test_a_reply_longer_than_the_echo_that_does_not_come():
+def test_reply_longer_than_a_missing_echo_is_accepted():
     line = VirtualLine([Mortal("vabus")])
     with drivecomm.open_bus(line.port, echo="expect") as bus:
         drive = bus.drive("vabus", ADDRESS)
@@ -208,8 +208,8 @@ def test_a_reply_longer_than_the_echo_that_does_not_come():
 
 
 @pytest.mark.parametrize("protocol", ["danfoss-fc", "fuji", "vlt3500"])
-def test_what_comes_in_place_of_an_echo_is_not_believed(protocol):
-    """It may be one with several characters changed, which passes an eight-bit check once in 256 times."""
+def test_bytes_in_place_of_an_echo_are_not_accepted_as_a_reply(protocol):
+    """They may be an echo with several changed characters, which passes an eight-bit check once in 256 times."""
     line = VirtualLine([Mortal(protocol)])
     with drivecomm.open_bus(line.port, echo="expect") as bus:
         drive = bus.drive(protocol, ADDRESS, attempts=1)
@@ -219,7 +219,7 @@ def test_what_comes_in_place_of_an_echo_is_not_believed(protocol):
 
 
 @EACH_PROTOCOL
-def test_an_echo_that_nobody_expects_says_what_to_do(protocol):
+def test_unexpected_echo_error_names_the_remedy(protocol):
     line = VirtualLine([], echo=True)
     for paced in (True, False):
         port = line.port()
@@ -234,8 +234,8 @@ def test_an_echo_that_nobody_expects_says_what_to_do(protocol):
 
 
 @EACH_PROTOCOL
-def test_an_echo_that_nobody_expects_on_a_network_port_says_what_to_do(protocol):
-    """There the echo does not give itself away by its time, only by its bytes."""
+def test_unexpected_echo_error_on_a_network_port_names_the_remedy(protocol):
+    """On a network port, an echo is recognised by its bytes, not by its time."""
     line = VirtualLine([], echo=True)
     port = line.port()
     port.paced = False
@@ -246,7 +246,7 @@ def test_an_echo_that_nobody_expects_on_a_network_port_says_what_to_do(protocol)
 
 
 @EACH_PROTOCOL
-def test_a_loop_with_nobody_on_it_is_silence(protocol):
+def test_silent_loop_is_reported_as_no_reply(protocol):
     line = VirtualLine([], echo=True)
     with drivecomm.open_bus(line.port, echo="expect") as bus:
         with pytest.raises(NoReplyError) as caught:
@@ -254,12 +254,12 @@ def test_a_loop_with_nobody_on_it_is_silence(protocol):
         assert "echo on" not in str(caught.value)
 
 
-def test_no_other_word():
+def test_unknown_echo_mode_is_refused():
     with pytest.raises(UsageError, match="echo cannot be 'yes'; use off, expect or auto"):
         drivecomm.open_bus(VirtualLine([]).port, echo="yes")
 
 
-def test_a_broadcast_and_its_echo(line):
+def test_echo_of_a_broadcast_is_dropped(line):
     with drivecomm.open_bus(line.port, echo="expect") as bus:
         drive = bus.drive("vabus", ADDRESS, model="agile")
         drive.read("481")
@@ -268,8 +268,8 @@ def test_a_broadcast_and_its_echo(line):
         assert bus.counters[drive.name]["timeouts"] == 0
 
 
-def test_the_first_echo_may_be_a_bad_one():
-    """An adapter is not taken for one without echo because the first one was disturbed."""
+def test_auto_mode_detects_an_echo_although_the_first_is_disturbed():
+    """A disturbed first echo must not make the adapter count as one without echo."""
     spoil = [True]
 
     def say(request, reply):
@@ -287,7 +287,7 @@ def test_the_first_echo_may_be_a_bad_one():
 
 
 @pytest.mark.parametrize(("protocol", "model"), [("modbus", "bonfiglioli"), ("huanyang", "hy")])
-def test_behind_a_disturbed_first_echo_no_echo_confirms_a_stop_of_a_drive_that_has_gone_deaf(protocol, model):
+def test_echo_after_a_disturbed_first_echo_does_not_confirm_a_stop(protocol, model):
     heard = []
 
     def say(request, reply):
@@ -306,7 +306,7 @@ def test_behind_a_disturbed_first_echo_no_echo_confirms_a_stop_of_a_drive_that_h
 
 
 @EACH_PROTOCOL
-def test_glued_to_the_reply_in_one_piece(protocol):
+def test_echo_in_one_piece_with_the_reply_is_dropped(protocol):
     virtual = Mortal(protocol)
     for mode in ("expect", "auto"):
         with drivecomm.open_bus(lambda: Wire(virtual, glued), echo=mode) as bus:
@@ -317,7 +317,7 @@ def test_glued_to_the_reply_in_one_piece(protocol):
             assert bus.counters[drive.name]["echoes missing"] == 0
 
 
-# Any cut, any one character lost or changed, in echo or reply
+# Any cut, and any single character lost or changed, in echo or reply
 
 
 DISTURBED_ONCE = settings(deadline=None, suppress_health_check=list(HealthCheck), derandomize=True)
@@ -325,7 +325,7 @@ DISTURBED_ONCE = settings(deadline=None, suppress_health_check=list(HealthCheck)
 
 @st.composite
 def disturbances(draw):
-    """Where the bytes are cut into pieces, and what happens to one of them: nothing, lost, or changed."""
+    """Draw the cuts of the bytes into pieces, and the fate of one byte: nothing, lost, or changed."""
     return (
         draw(st.lists(st.integers(0, 60), max_size=4)),
         draw(st.sampled_from(["nothing", "lost", "changed"])),
@@ -336,7 +336,7 @@ def disturbances(draw):
 
 
 def disturbed(request, reply, disturbance):
-    """Return the pieces that arrive; the disturbance is of the echo and the reply as one."""
+    """Return the pieces that arrive; the disturbance applies to echo and reply together."""
     cuts, what, place, mask, step = disturbance
     data = request + reply
     if data and what != "nothing":
@@ -354,7 +354,7 @@ DRIVES = {protocol: Mortal(protocol) for protocol in PROTOCOLS}
 @pytest.mark.parametrize("mode", ["expect", "auto"])
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 @extents(20, 100)
-def test_a_reading_is_right_or_an_error(protocol, mode, extent):
+def test_disturbed_echo_or_reply_gives_the_right_value_or_an_error(protocol, mode, extent):
     virtual = DRIVES[protocol]
 
     @settings(DISTURBED_ONCE, max_examples=extent)
@@ -375,7 +375,7 @@ def test_a_reading_is_right_or_an_error(protocol, mode, extent):
                 try:
                     reading = drive.read(parameter)
                 except ReplyError:
-                    # Only the one that was disturbed may fail.
+                    # Only the disturbed read may fail.
                     assert number == 0
                     assert disturbance[1] != "nothing"
                 else:
@@ -386,8 +386,8 @@ def test_a_reading_is_right_or_an_error(protocol, mode, extent):
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 @extents(20, 100)
-def test_a_disturbed_echo_costs_no_reply(protocol, extent):
-    """Whatever happens to the echo, a sound reply behind it is found, without asking again."""
+def test_disturbed_echo_does_not_lose_the_reply(protocol, extent):
+    """For any disturbance of the echo, a sound reply after it is found without a retry."""
     virtual = DRIVES[protocol]
 
     @settings(DISTURBED_ONCE, max_examples=extent)
@@ -411,8 +411,8 @@ def test_a_disturbed_echo_costs_no_reply(protocol, extent):
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 @extents(15, 100)
-def test_a_disturbed_echo_confirms_no_write(protocol, extent):
-    """The drive hears nothing and says nothing; the remains of the echo must not be taken for its confirmation."""
+def test_disturbed_echo_confirms_no_write(protocol, extent):
+    """The drive receives and sends nothing; the rest of the echo must not count as its confirmation."""
     virtual = DRIVES[protocol]
 
     @settings(DISTURBED_ONCE, max_examples=extent)
@@ -432,8 +432,8 @@ def test_a_disturbed_echo_confirms_no_write(protocol, extent):
 
 @EACH_PROTOCOL
 @extents((0, 6), range(8))
-def test_no_changed_character_of_an_echo_confirms_a_write(protocol, extent):
-    """All single changes there are; a sample is of two bits of each character."""
+def test_echo_with_one_changed_character_confirms_no_write(protocol, extent):
+    """All single-bit changes; a sample takes two bits of each character."""
     virtual = DRIVES[protocol]
     parameter, value, _ = WRITABLE[protocol]
     change = [0, 0]
@@ -453,7 +453,7 @@ def test_no_changed_character_of_an_echo_confirms_a_write(protocol, extent):
             for bit in extent:
                 change[:] = place, 1 << bit
                 drive = bus.drive(protocol, ADDRESS, model=model_of(protocol), attempts=1, late_s=0.0)
-                # Known, so that it is not given up.
+                # A drive that counts as known is not given up.
                 for health in bus.health.values():
                     health.answered()
                 try:

@@ -1,4 +1,4 @@
-"""Drives that do not answer: given up on two criteria, refused at once, asked again now and then, taken back."""
+"""Drives without replies: given up by two criteria, refused immediately, probed now and then, and taken back."""
 
 from contextlib import suppress
 from itertools import pairwise
@@ -43,7 +43,7 @@ def drive(bus):
 
 
 def give_up(drive):
-    """Ask in vain until the drive is refused without being asked."""
+    """Read the drive until it is refused without a request."""
     for _ in range(100):
         try:
             drive.read("481")
@@ -55,7 +55,7 @@ def give_up(drive):
 
 
 def until_given_up(bus, *drives):
-    """Ask drives in vain, in turns, until all of them are given up."""
+    """Request the status of drives in turn until all of them are given up."""
     while not all(drive.name in bus.health and bus.health[drive.name].given_up for drive in drives):
         for drive in drives:
             with pytest.raises(NoReplyError):
@@ -63,7 +63,7 @@ def until_given_up(bus, *drives):
 
 
 def refused(drive, line, recorder):
-    """Whether the drive is refused at once: no time passes and nothing is sent."""
+    """Return whether the drive is refused immediately: no time passes and nothing is sent."""
     before, sent = line.time, len(recorder.events)
     with pytest.raises(NoReplyError) as caught:
         drive.read("481")
@@ -73,9 +73,9 @@ def refused(drive, line, recorder):
 
 
 class TestTheRules:
-    """Health alone, with times given by hand."""
+    """`Health` alone, with times set by hand."""
 
-    def test_a_drive_never_heard_is_given_up_after_its_first_call_and_a_second(self):
+    def test_never_heard_drive_is_given_up_after_one_call_and_a_second(self):
         health = Health()
         assert not health.fell_silent(10.0, 10.9)
         assert not health.given_up
@@ -84,21 +84,21 @@ class TestTheRules:
         assert health.silent_since == 10.0
         assert health.probe_at == pytest.approx(11.1 + FIRST_PAUSE_S)
 
-    def test_three_calls_are_not_enough_without_two_seconds(self):
+    def test_three_failed_calls_within_two_seconds_do_not_give_a_drive_up(self):
         health = Health()
         health.answered()
         for call in range(20):
             assert not health.fell_silent(call * 0.1, call * 0.1 + 0.09)
         assert health.fell_silent(1.95, 2.05)
 
-    def test_two_seconds_are_not_enough_without_three_calls(self):
+    def test_two_failed_calls_do_not_give_a_drive_up_after_any_time(self):
         health = Health()
         health.answered()
         assert not health.fell_silent(0.0, 5.0)
         assert not health.fell_silent(50.0, 55.0)
         assert health.fell_silent(60.0, 65.0)
 
-    def test_a_reply_begins_the_count_anew(self):
+    def test_reply_restarts_the_count_of_failed_calls(self):
         health = Health()
         health.answered()
         for began in (0.0, 5.0):
@@ -109,18 +109,18 @@ class TestTheRules:
         assert health.fell_silent(20.0, 21.0)
         assert health.silent_since == 10.0
 
-    def test_only_the_first_time_is_told(self):
+    def test_fell_silent_is_true_only_once(self):
         health = Health()
         assert [health.fell_silent(time, time + 1) for time in (0.0, 2.0, 9.0)] == [True, False, False]
 
-    def test_a_reply_promotes_and_leaves_the_drive_to_be_set_up(self):
+    def test_reply_takes_a_drive_back_and_leaves_its_set_up_pending(self):
         health = Health()
         health.fell_silent(0.0, 1.0)
         health.answered()
         assert (health.given_up, health.away, health.failed_calls) == (False, True, 0)
         assert health.probe_at == float("-inf")
 
-    def test_the_pause_grows_up_to_its_limit(self):
+    def test_probing_pause_grows_up_to_its_limit(self):
         pause, times = Backoff(FIRST_PAUSE_S, LONGEST_PAUSE_S), []
         for _ in range(7):
             pause.failed(100.0)
@@ -130,7 +130,7 @@ class TestTheRules:
         pause.failed(100.0)
         assert pause.over_at == pytest.approx(100.5)
 
-    def test_a_least_pause_may_be_longer_than_the_longest(self):
+    def test_minimum_pause_may_exceed_the_longest_pause(self):
         pause = Backoff(0.5, 9.0)
         pause.failed(0.0, 30.0)
         assert pause.over_at == 30.0
@@ -138,17 +138,17 @@ class TestTheRules:
         assert pause.over_at == 1.0
 
     @pytest.mark.parametrize("number", [1, 3, 28, 120])
-    def test_all_who_are_silent_share_one_part_of_the_line(self, number):
+    def test_all_silent_drives_share_one_part_of_the_line(self, number):
         drives = [Health() for _ in range(number + 2)]
         for health in drives[:number]:
             health.fell_silent(0.0, 1.0)
         time = ProbingTime(drives)
         assert time.number == number
         assert time.each_s * number == pytest.approx(LONGEST_PAUSE_S * PROBING_SHARE)
-        # If each takes longer than its part, its pause grows until the part is kept.
+        # If each probe takes longer than its part, its pause grows to keep the part.
         assert number * 0.2 / time.least_pause_s(0.2) == pytest.approx(PROBING_SHARE)
 
-    def test_drives_that_answer_again_take_no_part_in_it(self):
+    def test_drives_that_answer_again_take_no_part_of_the_probing_time(self):
         back, silent = Health(), Health()
         for health in (back, silent):
             health.fell_silent(0.0, 1.0)
@@ -156,7 +156,7 @@ class TestTheRules:
         assert back.away, "it is still to be set up"
         assert ProbingTime([back, silent]).number == 1
 
-    def test_one_quick_reply_does_not_shorten_the_probes_of_drives_that_are_usually_slow(self):
+    def test_one_quick_reply_does_not_shorten_the_probes_of_slow_drives(self):
         delays = UsualDelays()
         for delay_s in (0.02, 0.001):
             delays.answered("vabus", delay_s)
@@ -169,7 +169,7 @@ class TestTheRules:
         assert delays.least_ear_s("vabus") == pytest.approx(0.03), "no longer than this"
 
 
-def test_a_drive_never_heard_is_refused_after_its_first_call(line, recorder, virtual, drive):
+def test_never_heard_drive_is_refused_after_its_first_call(line, recorder, virtual, drive):
     virtual.alive = False
     with pytest.raises(NoReplyError) as caught:
         drive.read("481")
@@ -177,7 +177,7 @@ def test_a_drive_never_heard_is_refused_after_its_first_call(line, recorder, vir
     assert refused(drive, line, recorder)
 
 
-def test_a_known_drive_has_three_calls_and_two_seconds(line, recorder, virtual, bus):
+def test_known_drive_is_given_up_after_three_calls_and_two_seconds(line, recorder, virtual, bus):
     drive = bus.drive("vabus", ADDRESS, reply_timeout_s=0.1)
     drive.read("481")
     virtual.alive = False
@@ -192,7 +192,7 @@ def test_a_known_drive_has_three_calls_and_two_seconds(line, recorder, virtual, 
     assert refused(drive, line, recorder)
 
 
-def test_two_seconds_of_silence_are_not_enough_without_three_calls(line, virtual, drive, bus):
+def test_known_drive_is_not_given_up_before_its_third_failed_call(line, virtual, drive, bus):
     drive.read("481")
     virtual.alive = False
     for _ in range(2):
@@ -206,7 +206,7 @@ def test_two_seconds_of_silence_are_not_enough_without_three_calls(line, virtual
 
 
 @EACH_PROTOCOL
-def test_refusing_uses_no_line(protocol, recorder):
+def test_refused_call_takes_no_time_on_the_line(protocol, recorder):
     line = VirtualLine([Mortal(protocol)])
     line.drives[0].alive = False
     with drivecomm.open_bus(line.port, trace=recorder) as bus:
@@ -222,7 +222,7 @@ def test_refusing_uses_no_line(protocol, recorder):
         assert bus.counters[drive.name] == counters
 
 
-def test_the_error_tells_for_how_long_and_when_it_is_asked_again(line, virtual, drive):
+def test_refusal_states_the_silence_and_the_time_of_the_next_probe(line, virtual, drive):
     virtual.alive = False
     with pytest.raises(NoReplyError):
         drive.read("481")
@@ -237,7 +237,7 @@ def test_the_error_tells_for_how_long_and_when_it_is_asked_again(line, virtual, 
 
 
 def probe_times(line, drive, bus, until):
-    """Ask on and on; return when each probe began and ended."""
+    """Read the drive until this time; return the times when each probe began and ended."""
     times = []
     while line.time < until:
         began, before = line.time, bus.counters[drive.name]["probes"]
@@ -253,7 +253,7 @@ def between(times):
     return [later[0] - earlier[1] for earlier, later in pairwise(times)]
 
 
-def test_probing_with_a_growing_pause(line, virtual, bus):
+def test_probes_come_with_a_growing_pause(line, virtual, bus):
     drive = bus.drive("vabus", ADDRESS, reply_timeout_s=0.005)
     virtual.alive = False
     until_given_up(bus, drive)
@@ -262,8 +262,8 @@ def test_probing_with_a_growing_pause(line, virtual, bus):
     assert len(pauses) >= 8
 
 
-def test_a_drive_with_a_long_reply_time_is_asked_less_often(line, virtual, drive, bus):
-    """What a probe may cost of the line's time holds for a single drive too; it listens for 0.4 s of its 0.5 s."""
+def test_drive_with_a_long_reply_timeout_is_probed_less_often(line, virtual, drive, bus):
+    """The share of the line for probes also limits a single drive; its probe waits for 0.4 s of its 0.5 s."""
     virtual.alive = False
     with pytest.raises(NoReplyError):
         drive.read("481")
@@ -272,7 +272,7 @@ def test_a_drive_with_a_long_reply_time_is_asked_less_often(line, virtual, drive
     assert sum(ended - began for began, ended in times) < 0.05 * 60
 
 
-def test_a_probe_moves_nothing_and_is_sent_once(line, recorder, virtual, drive):
+def test_probe_moves_nothing_and_is_sent_once(line, recorder, virtual, drive):
     virtual.alive = False
     give_up(drive)
     line.advance(5)
@@ -283,7 +283,7 @@ def test_a_probe_moves_nothing_and_is_sent_once(line, recorder, virtual, drive):
     assert probe.message.kind == "enquiry"
 
 
-def test_the_first_good_reply_takes_a_drive_back(line, virtual, drive, bus):
+def test_first_good_reply_takes_a_drive_back(line, virtual, drive, bus):
     virtual.alive = False
     give_up(drive)
     virtual.alive = True
@@ -298,7 +298,7 @@ def test_the_first_good_reply_takes_a_drive_back(line, virtual, drive, bus):
 
 @pytest.mark.parametrize("verb", ["stop", "probe"])
 @EACH_PROTOCOL
-def test_stop_and_probe_always_ask(protocol, verb, recorder):
+def test_stop_and_probe_are_sent_to_a_given_up_drive(protocol, verb, recorder):
     line = VirtualLine([Mortal(protocol)])
     (virtual,) = line.drives
     virtual.alive = False
@@ -313,12 +313,12 @@ def test_stop_and_probe_always_ask(protocol, verb, recorder):
             assert not isinstance(caught.value, NotAnsweringError)
             assert len(recorder.sent()) > before
         virtual.alive = True
-        # Its reply takes the drive back, whatever the pause.
+        # Its reply takes the drive back during any pause.
         getattr(drive, verb)()
         assert not bus.health[drive.name].given_up
 
 
-def test_a_drive_that_answers_a_stop_is_taken_back(virtual, drive, bus):
+def test_reply_to_a_stop_takes_a_drive_back(virtual, drive, bus):
     virtual.alive = False
     give_up(drive)
     virtual.alive = True
@@ -327,7 +327,7 @@ def test_a_drive_that_answers_a_stop_is_taken_back(virtual, drive, bus):
     assert drive.read("481").raw
 
 
-def test_other_line_settings_start_anew(bus, virtual):
+def test_health_is_separate_for_other_line_settings(bus, virtual):
     drive = bus.drive("vabus", ADDRESS)
     virtual.alive = False
     give_up(drive)
@@ -342,14 +342,14 @@ def test_other_line_settings_start_anew(bus, virtual):
     assert drive.read("481").raw
 
 
-def test_the_same_settings_are_the_same_drive(line, recorder, virtual, bus, drive):
+def test_objects_with_the_same_line_settings_share_their_health(line, recorder, virtual, bus, drive):
     virtual.alive = False
     give_up(drive)
     assert refused(bus.drive("vabus", ADDRESS), line, recorder)
     assert refused(bus.drive("vabus", ADDRESS, attempts=5, reply_timeout_s=1.0), line, recorder)
 
 
-def test_one_silent_drive_says_nothing_about_the_others(virtual, bus, drive):
+def test_silent_drive_does_not_affect_the_health_of_others(virtual, bus, drive):
     virtual.alive = False
     other = bus.drive("vabus", 4)
     give_up(drive)
@@ -358,14 +358,14 @@ def test_one_silent_drive_says_nothing_about_the_others(virtual, bus, drive):
 
 
 class Spoilt(FaultPlan):
-    """Every reply arrives with a wrong check."""
+    """Faults that give every reply a wrong check."""
 
     def reply(self, data):
         return [(0.0, data[:-1] + bytes([data[-1] ^ 1]))]
 
 
-def test_damage_alone_does_not_give_a_drive_up(line, drive, bus):
-    """It is there: something answers."""
+def test_damaged_replies_alone_do_not_give_a_drive_up(line, drive, bus):
+    """Something answers, so the drive is there."""
     line.faults = Spoilt(rate=0.0)
     for _ in range(5):
         with pytest.raises(DamagedReplyError):
@@ -374,7 +374,7 @@ def test_damage_alone_does_not_give_a_drive_up(line, drive, bus):
     assert not bus.health[drive.name].given_up
 
 
-def test_a_port_is_not_closed_because_a_drive_is_silent(line, virtual):
+def test_silent_drive_does_not_close_the_port(line, virtual):
     closed, opened = [], []
 
     def port():
@@ -391,8 +391,8 @@ def test_a_port_is_not_closed_because_a_drive_is_silent(line, virtual):
         assert (opened, closed) == ([True], [])
 
 
-def test_noise_does_not_make_every_probe_a_long_one():
-    """A line on which something crackles all the time: one long probe in nine seconds, the others short."""
+def test_constant_noise_does_not_lengthen_every_probe():
+    """With constant noise on the line, one probe in nine seconds is long and the others are short."""
     dead = [Mortal("danfoss-fc", address) for address in range(1, 21)]
     for each in dead:
         each.alive = False
@@ -412,7 +412,7 @@ def test_noise_does_not_make_every_probe_a_long_one():
                     line.inject(b"\xaa\x55")
                     line.advance(0.01)
             with suppress(drivecomm.ReplyError):
-                # The noise may hit it.
+                # The noise may damage this reply.
                 live.status()
             line.advance(0.05)
     long = [began for began, length in lengths if length > 0.5]
@@ -420,8 +420,8 @@ def test_noise_does_not_make_every_probe_a_long_one():
     assert 1 <= len(long) <= 100 / 9 + 1
 
 
-def test_a_drive_that_answers_more_slowly_than_its_probe_listens_is_heard():
-    """Among many silent drives a probe is short; who answers it too late is given the whole reply time."""
+def test_drive_slower_than_its_short_probe_is_found():
+    """Among many silent drives a probe is short; a drive that answers it too late gets one with the full timeout."""
     dead = [Mortal("danfoss-fc", address) for address in range(1, 21)]
     line = VirtualLine([*dead, virtual_drive("danfoss-fc", 25)])
     for each in dead:
@@ -445,11 +445,11 @@ def test_a_drive_that_answers_more_slowly_than_its_probe_listens_is_heard():
         assert line.time - began < 10
 
 
-# Commands are forgotten: what held before a drive was away must not come back by itself
+# Commands are forgotten: a command from before an absence must not return by itself
 
 
 def valid_words(virtual):
-    """Return the control words with their valid bit that a Danfoss FC drive was sent."""
+    """Return the control words with their valid bit that a Danfoss FC drive received."""
     return [message.control_word for _, message in virtual.heard if message.control_word & 0x0400]
 
 
@@ -463,7 +463,7 @@ def silence(drive, virtual, line):
 
 @pytest.mark.parametrize("runs_on", [False, True])
 @pytest.mark.parametrize("objects", [1, 2])
-def test_a_run_command_is_never_repeated_to_a_drive_that_was_away(objects, runs_on):
+def test_run_command_is_never_repeated_to_a_drive_after_its_absence(objects, runs_on):
     virtual = Mortal("danfoss-fc")
     line = VirtualLine([virtual])
     with drivecomm.open_bus(line.port) as bus:
@@ -476,7 +476,7 @@ def test_a_run_command_is_never_repeated_to_a_drive_that_was_away(objects, runs_
         drives[0].status()
         assert running(line, virtual)
         assert valid_words(virtual), "what the drive obeys is repeated for its watchdog"
-        # The first object commanded; the last one finds out that nobody answers.
+        # The first object commanded; the last one detects the silence.
         silence(drives[-1], virtual, line)
         assert bus.health[drives[0].name].given_up
         virtual.heard.clear()
@@ -495,7 +495,7 @@ def test_a_run_command_is_never_repeated_to_a_drive_that_was_away(objects, runs_
         assert running(line, virtual) is runs_on
 
 
-def test_a_run_command_is_not_repeated_after_the_port_was_lost():
+def test_run_command_is_not_repeated_after_the_port_was_lost():
     virtual = Mortal("danfoss-fc")
     line = VirtualLine([virtual])
     with drivecomm.open_bus(line.port) as bus:
@@ -521,7 +521,7 @@ def test_a_run_command_is_not_repeated_after_the_port_was_lost():
         assert valid_words(virtual) == []
 
 
-def test_a_start_that_was_not_answered_is_not_made_up_for():
+def test_unanswered_start_is_not_repeated_later():
     virtual = Mortal("danfoss-fc")
     line = VirtualLine([virtual])
     with drivecomm.open_bus(line.port) as bus:
@@ -541,7 +541,7 @@ def test_a_start_that_was_not_answered_is_not_made_up_for():
 
 
 @EACH_PROTOCOL
-def test_no_motor_starts_when_a_drive_comes_back(protocol):
+def test_no_motor_starts_when_its_drive_returns(protocol):
     virtual = Mortal(protocol)
     line = VirtualLine([virtual])
     with drivecomm.open_bus(line.port) as bus:
@@ -560,7 +560,7 @@ def test_no_motor_starts_when_a_drive_comes_back(protocol):
 
 
 @EACH_PROTOCOL
-def test_a_command_of_today_is_carried_out_by_a_drive_that_was_away(protocol):
+def test_new_command_is_carried_out_by_a_drive_after_its_absence(protocol):
     virtual = Mortal(protocol)
     line = VirtualLine([virtual])
     with drivecomm.open_bus(line.port) as bus:
@@ -576,7 +576,7 @@ def test_a_command_of_today_is_carried_out_by_a_drive_that_was_away(protocol):
         assert running(line, virtual)
 
 
-def test_counters_tell_probes_from_requests(line, virtual, drive, bus):
+def test_counters_separate_probes_from_requests(line, virtual, drive, bus):
     virtual.alive = False
     give_up(drive)
     counters = bus.counters[drive.name]
@@ -587,7 +587,7 @@ def test_counters_tell_probes_from_requests(line, virtual, drive, bus):
     assert counters["probes"] == before + 1
 
 
-def test_a_damaged_answer_to_a_probe_is_said_as_such(line, virtual, drive):
+def test_damaged_reply_to_a_probe_is_reported_as_damage(line, virtual, drive):
     virtual.alive = False
     give_up(drive)
     virtual.alive = True
@@ -600,8 +600,8 @@ def test_a_damaged_answer_to_a_probe_is_said_as_such(line, virtual, drive):
     assert drive.read("481").raw
 
 
-def test_a_given_up_drive_that_answers_with_damage_does_not_get_the_line(line, virtual, drive):
-    """Its probes make the same growing pause as those that nobody answers."""
+def test_given_up_drive_with_damaged_replies_gets_little_of_the_line(line, virtual, drive):
+    """Its probes have the same growing pause as unanswered ones."""
     virtual.alive = False
     give_up(drive)
     virtual.alive = True

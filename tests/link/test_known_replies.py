@@ -1,4 +1,4 @@
-"""What was said before is known by its bytes: it is not read again, and believed no further than it was."""
+"""Replies with known bytes are not decoded again, and are checked against their request like any other."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -14,7 +14,7 @@ from drivecomm.virtual import VirtualLine, virtual_drive
 
 @pytest.fixture
 def decoded(monkeypatch):
-    """Return the replies that were read, byte by byte."""
+    """Return a list that collects the replies that are decoded."""
     replies = []
     decode = Telegrams.decode
 
@@ -27,13 +27,13 @@ def decoded(monkeypatch):
     return replies
 
 
-def test_a_reply_that_came_before_is_not_read_again(decoded):
+def test_repeated_reply_is_not_decoded_again(decoded):
     line = VirtualLine([virtual_drive("vabus", 1)])
     with drivecomm.open_bus(line.port) as bus:
         drive = bus.drive("vabus", 1, model="agile")
         first, *others = [drive.read("480") for _ in range(5)]
         assert {each.value for each in others} == {first.value}
-        # The first exchange of all goes the long way.
+        # The first exchange on a line takes the long path.
         master = [data for data in decoded if len(data) > 3]
         drive.write("480", first.value + 1)
         assert drive.read("480").value == first.value + 1
@@ -42,7 +42,7 @@ def test_a_reply_that_came_before_is_not_read_again(decoded):
     assert len(master) == 2
 
 
-def test_each_reading_has_its_own_time():
+def test_each_reading_of_a_repeated_reply_has_its_own_time():
     line = VirtualLine([virtual_drive("vabus", 1)])
     with drivecomm.open_bus(line.port) as bus:
         drive = bus.drive("vabus", 1)
@@ -51,16 +51,16 @@ def test_each_reading_has_its_own_time():
     assert times == sorted(set(times))
 
 
-def test_what_two_masters_make_of_the_same_bytes_may_differ(decoded):
+def test_each_drive_object_decodes_the_same_bytes_itself(decoded):
     line = VirtualLine([virtual_drive("vabus", 1)])
     with drivecomm.open_bus(line.port) as bus:
         for drive in [bus.drive("vabus", 1), bus.drive("vabus", 1)] * 3:
             drive.read("480")
-    # Each its own; the first exchange of all goes the long way, and knows nothing.
+    # One decode per object; the first exchange on a line takes the long path and stores nothing.
     assert len([data for data in decoded if len(data) > 3]) == 3
 
 
-def test_a_known_reply_to_something_else_is_not_believed():
+def test_known_reply_to_another_request_is_not_accepted():
     line = VirtualLine([virtual_drive("vabus", 1)])
     replayed = Replayed()
     line.disturbances.append(replayed)
@@ -74,7 +74,7 @@ def test_a_known_reply_to_something_else_is_not_believed():
                 drive.read("481")
 
 
-def test_no_more_is_known_than_a_drive_says_in_some_seconds():
+def test_known_replies_have_a_limit():
     line = VirtualLine([virtual_drive("danfoss-fc", 1)])
     with drivecomm.open_bus(line.port) as bus:
         drive = bus.drive("danfoss-fc", 1, model="fc300")
@@ -85,12 +85,12 @@ def test_no_more_is_known_than_a_drive_says_in_some_seconds():
 
 
 class Replayed:
-    """Lets drives say what they said last, whatever they are asked."""
+    """A disturbance that replaces each reply by `instead` if that is set. latest: the reply sent last."""
 
     latest = b""
     instead = b""
 
-    def request(self, data, now):  # noqa: ARG002 - as a disturbance is called
+    def request(self, data, now):  # noqa: ARG002 - signature of a disturbance
         return [(0.0, data)]
 
     def reply(self, data, drive, now):  # noqa: ARG002
@@ -104,7 +104,7 @@ class Note:
     value: object = None
 
 
-def test_a_telegram_is_written_once_for_each_message_object():
+def test_telegram_is_encoded_once_per_message_object():
     calls = []
 
     def write(message):

@@ -1,4 +1,4 @@
-"""A reply that names nothing and comes later than anybody waits for it is the answer to no other question."""
+"""A reply that names nothing and arrives after its wait must not answer any other request."""
 
 from contextlib import suppress
 from functools import partial
@@ -24,14 +24,14 @@ FREQUENCY, VOLTAGE = "0x2103", "0x2105"
 
 
 class Replies:
-    """Keeps back the replies that it is told to, and puts one of them in front of a later one."""
+    """A disturbance that holds replies back on demand, and inserts one of them before a later reply."""
 
     def __init__(self):
         self.kept = []
         self.keeps = False
         self.in_front = b""
 
-    def request(self, data, now):  # noqa: ARG002 - as a disturbance is called
+    def request(self, data, now):  # noqa: ARG002 - signature of a disturbance
         return [(0.0, data)]
 
     def reply(self, data, drive, now):  # noqa: ARG002
@@ -39,12 +39,12 @@ class Replies:
             self.kept.append(data)
             return []
         before, self.in_front = self.in_front, b""
-        # It comes alone, and what the drive says now is late in turn.
+        # The held reply comes alone, and the reply of the drive is late in turn.
         return [(0.0, before), (0.6, data)] if before else [(0.0, data)]
 
 
 class Changing:
-    """Puts another value into each reply."""
+    """A disturbance that puts another value into each reply."""
 
     def __init__(self):
         self.values = iter(range(1, 100))
@@ -68,12 +68,12 @@ class Bench:
         self.drive.set_reference(hz=20)
         self.drive.start()
         self.line.advance(30)
-        # What is asked first is listened out, and so is the first of all.
+        # The first requests of a line have a longer wait, so they are made here.
         self.right = {name: self.drive.read(name).raw for name in (FREQUENCY, VOLTAGE)}
         assert len(set(self.right.values())) == 2
 
     def late_reply_comes(self):
-        """Let the late reply to the first question come right after the next request, long after `late_s`."""
+        """Deliver the late reply to the first request right after the next request, long after `late_s`."""
         self.replies.keeps = False
         self.line.advance(3)
         assert self.replies.kept, "the drive has answered"
@@ -109,7 +109,7 @@ def interrupted_by_ctrl_c(bench):
 
 
 def cancelled(bench):
-    """Close the steps in the middle, which is what the cancellation of a task does."""
+    """Close the steps in the middle, as the cancellation of a task does."""
     port, link = bench.line.port(), bench.bus._roster.link
     operations = bench.drive._exchanges.operations
     steps = link.run(bench.drive.peer, operations.read(FREQUENCY), port.now())
@@ -133,7 +133,7 @@ EVENTS = [timed_out, deadline_over, overtaken_by_a_stop, interrupted_by_ctrl_c, 
 
 @pytest.mark.parametrize("event", EVENTS, ids=lambda each: each.__name__)
 @pytest.mark.parametrize("trace", [None, lambda _: None], ids=["short way", "long way"])
-def test_reply_later_than_the_wait_for_it_answers_no_other_question(event, trace):
+def test_reply_later_than_late_s_answers_no_other_request(event, trace):
     bench = Bench(trace=trace)
     bench.replies.keeps = True
     event(bench)
@@ -143,7 +143,7 @@ def test_reply_later_than_the_wait_for_it_answers_no_other_question(event, trace
 
 
 @pytest.mark.parametrize(("event", "counter"), [(timed_out, "timeouts"), (overtaken_by_a_stop, "overtaken")])
-def test_a_question_that_a_stop_overtakes_is_no_timeout(event, counter):
+def test_read_overtaken_by_a_stop_is_not_counted_as_a_timeout(event, counter):
     bench = Bench()
     bench.replies.keeps = True
     event(bench)
@@ -151,7 +151,7 @@ def test_a_question_that_a_stop_overtakes_is_no_timeout(event, counter):
     assert {name: counters[name] for name in ("timeouts", "overtaken") if counters[name]} == {counter: 1}
 
 
-def test_reply_to_a_cancelled_question_answers_no_other_question():
+def test_reply_to_a_cancelled_read_answers_no_other_request():
     bench = Bench()
     bench.replies.keeps = True
     cancelled(bench)
@@ -159,7 +159,7 @@ def test_reply_to_a_cancelled_question_answers_no_other_question():
     assert bench.drive.read(VOLTAGE).raw == bench.right[VOLTAGE]
 
 
-def test_question_after_a_time_out_is_asked_until_two_answers_agree():
+def test_request_after_a_timeout_is_repeated_until_two_replies_agree():
     bench = Bench()
     bench.replies.keeps = True
     timed_out(bench)
@@ -171,7 +171,7 @@ def test_question_after_a_time_out_is_asked_until_two_answers_agree():
     assert (asked["requests"], asked["retries"], asked["replies"], asked["doubtful"]) == (1, 1, 1, 1)
 
 
-def test_question_is_asked_once_when_the_time_out_is_long_ago():
+def test_request_long_after_a_timeout_is_sent_once():
     bench = Bench()
     bench.replies.keeps = True
     timed_out(bench)
@@ -183,7 +183,7 @@ def test_question_is_asked_once_when_the_time_out_is_long_ago():
     assert (asked["requests"], asked["retries"]) == (1, 0)
 
 
-def test_value_that_changes_with_each_answer_after_a_time_out_is_uncertain():
+def test_value_that_differs_in_each_reply_after_a_timeout_is_uncertain():
     bench = Bench()
     bench.replies.keeps = True
     timed_out(bench)
@@ -196,7 +196,7 @@ def test_value_that_changes_with_each_answer_after_a_time_out_is_uncertain():
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_late_replies_of_all_kinds_make_no_value_wrong(seed):
+def test_late_replies_never_give_a_wrong_value(seed):
     bench = Bench()
     names = ("output_frequency", "dc_bus", "output_current")
     right = {name: bench.drive.read(name).value for name in names}
@@ -211,8 +211,8 @@ def test_late_replies_of_all_kinds_make_no_value_wrong(seed):
     assert wrong == []
 
 
-def test_surplus_reply_is_waited_out_after_a_question_for_which_it_does_not_count():
-    """A question that no nameless reply is taken for leaves the rule as it was: the next one of the others waits."""
+def test_surplus_reply_is_waited_out_after_a_distinct_request():
+    """A request that no nameless reply can answer leaves the wait in force; the next nameless request waits."""
     bench = Bench()
     peer, link = bench.drive.peer, bench.bus._roster.link
     nameless = bench.drive._exchanges.operations.read(FREQUENCY).send(None)
@@ -231,16 +231,16 @@ def test_surplus_reply_is_waited_out_after_a_question_for_which_it_does_not_coun
 
 
 class Replaced:
-    """Lets one of these replies come in place of each of the drive's own, and then that one; None is its own.
+    """A disturbance that replaces the drive's replies by these in turn; None leaves the reply of the drive.
 
-    own: what the drive would have said, in order.
+    own: the replies that the drive itself sent, in order.
     """
 
     def __init__(self, *replies):
         self.replies = list(replies)
         self.own = []
 
-    def request(self, data, now):  # noqa: ARG002 - as a disturbance is called
+    def request(self, data, now):  # noqa: ARG002 - signature of a disturbance
         return [(0.0, data)]
 
     def reply(self, data, drive, now):  # noqa: ARG002
@@ -249,8 +249,8 @@ class Replaced:
         return [(0.0, data if said is None else said)]
 
 
-def test_reply_that_a_late_one_took_the_place_of_is_late_in_turn():
-    """The late reply came; which one is still to come cannot be told, and it may fit the question asked next."""
+def test_reply_displaced_by_a_late_one_is_late_in_turn():
+    """After the late reply, the one that is still missing is unknown, and it may fit the next request."""
     bench = Bench()
     bench.replies.keeps = True
     timed_out(bench)
@@ -263,8 +263,8 @@ def test_reply_that_a_late_one_took_the_place_of_is_late_in_turn():
     assert bench.drive.read(FREQUENCY).raw == bench.right[FREQUENCY]
 
 
-def test_reply_that_comes_while_nobody_asks_leaves_open_whose_it_was():
-    """Two questions were not answered; the reply to the second one comes alone, and that to the first one later."""
+def test_unrequested_reply_does_not_settle_which_request_it_answers():
+    """Of two unanswered requests, the reply to the second comes first and unrequested, that to the first later."""
     bench = Bench()
     bench.replies.keeps = True
     timed_out(bench)
@@ -282,8 +282,8 @@ def test_reply_that_comes_while_nobody_asks_leaves_open_whose_it_was():
     assert bench.drive.read(VOLTAGE).raw == bench.right[VOLTAGE]
 
 
-def test_many_late_replies_are_outvoted_all():
-    """More than one call went unanswered; as many late replies with one value are no proof."""
+def test_many_equal_late_replies_are_outvoted():
+    """After several unanswered calls, the same number of late replies with one value proves nothing."""
     bench = Bench()
     bench.replies.keeps = True
     for _ in range(4):
@@ -295,8 +295,8 @@ def test_many_late_replies_are_outvoted_all():
 
 
 @pytest.mark.parametrize(("plugin", "attempts"), every_choice(5, list(installed.working()), [1, 3]))
-def test_replies_later_than_late_s_make_no_value_wrong(plugin, attempts):
-    """One in ten of all telegrams, requests and replies, comes up to twice as late as is waited."""
+def test_replies_later_than_late_s_give_no_wrong_value(plugin, attempts):
+    """Ten percent of all requests and replies come up to twice as late as the wait for late replies."""
     wrong, delay_s = [], 2 * plugin.facts.timing.late_s
     for seed in range(6):
         virtual = virtual_drive(plugin.name, plugin.addresses[0])
@@ -313,13 +313,16 @@ def test_replies_later_than_late_s_make_no_value_wrong(plugin, attempts):
 
 
 class Instead:
-    """Lets one of the requests that begin so be lost, and the drive seem to say this; replies before it come twice."""
+    """A disturbance that loses request number `number` that begins with `begins`, and injects `said` as its reply.
+
+    The replies to earlier such requests come twice.
+    """
 
     def __init__(self, line, begins, said, number):
         self.line, self.begins, self.said, self.number = line, begins, said, number
         self.asked = 0
 
-    def request(self, data, now):  # noqa: ARG002 - as a disturbance is called
+    def request(self, data, now):  # noqa: ARG002 - signature of a disturbance
         self.asked += data.startswith(self.begins)
         if self.asked != self.number or not data.startswith(self.begins):
             return [(0.0, data)]
@@ -332,9 +335,10 @@ class Instead:
 
 @pytest.fixture
 def owing():
-    """A drive whose replies name nothing, and that has left a write and a read without a reply, longer ago than late_s.
+    """Yield a drive with nameless replies that left a write and a read unanswered longer ago than late_s.
 
-    A function lets a reply come late, the confirmation or the value, in place of one to a request that begins so.
+    The yielded function delivers a late reply, the confirmation or the value, in place of the reply to a request that
+    begins with these bytes.
     """
     virtual = virtual_drive("mitsubishi", 1)
     line = VirtualLine([virtual])
@@ -368,7 +372,7 @@ def test_late_confirmation_confirms_no_other_write(owing):
     assert instead.asked > 1
 
 
-def test_late_confirmation_confirms_no_write_that_is_sent_once(owing):
+def test_late_confirmation_confirms_no_write_without_retries(owing):
     drive, _, late = owing
     instead = late("confirmation", b"FB")
     with pytest.raises(DoubtfulReplyError, match="whether the drive acted on it is not known"):
@@ -376,7 +380,7 @@ def test_late_confirmation_confirms_no_write_that_is_sent_once(owing):
     assert instead.asked == 1
 
 
-def test_write_that_is_sent_once_is_confirmed_by_what_the_drive_holds(owing):
+def test_write_without_retries_is_confirmed_by_reading_the_drive(owing):
     drive, virtual, _ = owing
     drive.write("H7B", 1)
     assert virtual.peek("H7B", 0) == 1
@@ -391,7 +395,7 @@ def test_late_confirmation_confirms_no_stop(owing):
     assert instead.asked > 1
 
 
-def test_late_value_answers_no_question_that_was_prepared(owing):
+def test_late_value_answers_no_prepared_request(owing):
     drive, virtual, late = owing
     virtual.poke("240", 7)
     instead = late("value", b"30")
@@ -407,8 +411,8 @@ def test_late_value_is_still_expected_when_a_reply_comes_twice(owing):
     assert instead.asked > 2
 
 
-def test_time_out_long_ago_keeps_no_exchange_from_the_short_way():
-    """A late reply of a drive whose replies name their requests is reckoned with no longer than that of any other."""
+def test_exchange_long_after_a_timeout_takes_the_short_path():
+    """A late reply is expected equally long from a drive whose replies name their requests as from any other."""
     line = VirtualLine([virtual_drive("vabus", 1)])
     with drivecomm.open_bus(line.port) as bus:
         drive = bus.drive("vabus", 1, attempts=1)

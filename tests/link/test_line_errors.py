@@ -1,4 +1,4 @@
-"""A drive that says that it did not understand a request is asked again; any other refusal is final."""
+"""A request that the drive reports as damaged is retried; any other refusal is final."""
 
 from dataclasses import replace
 
@@ -14,13 +14,13 @@ NAME = "0x2103"
 
 
 class Refusing:
-    """Lets a drive refuse with these codes before it answers."""
+    """A disturbance that replaces the next replies by refusals with these codes."""
 
     def __init__(self, *codes):
         self.codes = list(codes)
         self.asked = 0
 
-    def request(self, data, now):  # noqa: ARG002 - as a disturbance is called
+    def request(self, data, now):  # noqa: ARG002 - signature of a disturbance
         self.asked += 1
         return [(0.0, data)]
 
@@ -33,7 +33,7 @@ class Refusing:
 
 @pytest.fixture(params=[None, lambda _: None], ids=["short way", "long way"])
 def opened(request, monkeypatch):
-    """Open a line with a drive of which one code means that it misheard; returns the drive and what refuses."""
+    """Yield a drive with one code for damaged requests, and a function that makes it refuse."""
     plugin = replace(installed["modbus"], line_errors={"exception": frozenset({MISHEARD})})
     monkeypatch.setitem(installed._loaded, "modbus", plugin)
     line = VirtualLine([virtual_drive("modbus", 1, model="delta")])
@@ -50,14 +50,14 @@ def opened(request, monkeypatch):
         yield drive, refusing
 
 
-def test_request_that_was_misheard_is_sent_again(opened):
+def test_damaged_request_is_sent_again(opened):
     drive, refusing = opened
     refuses = refusing(MISHEARD, MISHEARD)
     assert drive.read(NAME).quality == "good"
     assert refuses.asked == 3
 
 
-def test_request_that_is_misheard_each_time_ends_in_a_damaged_reply(opened):
+def test_request_damaged_at_each_attempt_raises_damaged_reply_error(opened):
     drive, refusing = opened
     refuses = refusing(*4 * [MISHEARD])
     with pytest.raises(DamagedReplyError, match=r"says that the request came to it damaged \(asked 3 times\)"):
@@ -73,8 +73,8 @@ def test_other_refusal_is_final(opened):
     assert refuses.asked == 1
 
 
-def test_start_that_was_misheard_is_not_sent_again(opened):
-    """What must not happen twice is sent once, whatever the drive says of it."""
+def test_damaged_start_is_not_sent_again(opened):
+    """A command that must not be carried out twice is sent once, even if the drive reports it as damaged."""
     drive, refusing = opened
     drive.set_reference(hz=20)
     refuses = refusing()

@@ -1,4 +1,4 @@
-"""The link alone, walked by hand: it yields effects, the test says what time it is and what has come."""
+"""The link alone, carried out by hand: it yields effects, and the test provides the time and the bytes received."""
 
 from collections import Counter
 
@@ -39,7 +39,7 @@ def ask(message=ENQUIRY, **options):
 
 
 class Walk:
-    """A runner with a hand on the clock: what arrives, and when, is a list."""
+    """A runner with a manual clock: `arrivals` lists the bytes that arrive and their times."""
 
     def __init__(self, begin, exchange, arrivals=(), start=0.0, note=""):
         self.time = start
@@ -99,7 +99,7 @@ def walk(exchange, arrivals=(), *, link=None, who=None, **options):
 
 
 def cut_off(steps, kind, time=0.0):
-    """Walk up to the first effect of this kind, carry it out, unless it is one of setting the port, and end there."""
+    """Run up to the first effect of this kind, carry it out unless it is Configure, and close the steps there."""
     effect = next(steps)
     while not isinstance(effect, kind):
         effect = steps.send(Arrival(time))
@@ -118,7 +118,7 @@ def link(events):
     return Link(trace=events.append)
 
 
-def test_a_question_and_its_answer(link, events):
+def test_request_gets_its_reply(link, events):
     walked = walk(ask(), [(0.030, ANSWERED)], link=link)
     assert walked.run() == ANSWER
     assert walked.configured == [SETTINGS]
@@ -132,19 +132,19 @@ def test_a_question_and_its_answer(link, events):
     assert events[1].time == 0.030
 
 
-def test_an_answer_in_pieces_waits_for_the_gap_only(link):
+def test_reply_in_pieces_waits_only_for_the_gap(link):
     walked = walk(ask(), [(0.030, ANSWERED[:5]), (0.045, ANSWERED[5:9]), (0.060, ANSWERED[9:])], link=link)
     assert walked.run() == ANSWER
     assert len(walked.sent) == 1
-    # The first wait is for the reply time, behind the request's own characters and a reply as long in one piece.
+    # The first wait is the reply timeout, after the characters of the request and of a reply of the same length.
     reply_waits = walked.receives[1:]
     assert reply_waits[0] == (0.116, 2)
-    # Nine characters of the value are known to be needed, so it is no use to wake up for fewer.
+    # Nine characters of the value are known to be needed, so the port does not wake up for fewer.
     assert reply_waits[1][1] == 4
     assert reply_waits[1][0] == pytest.approx(0.030 + 4 * CHARACTER_S + 0.02)
 
 
-def test_turnaround_after_a_reply():
+def test_next_request_waits_for_the_turnaround():
     link = Link()
     walk(ask(), [(0.030, ANSWERED)], link=link).run()
     walked = walk(ask(), [(0.060, ANSWERED)], link=link, start=0.030)
@@ -153,7 +153,7 @@ def test_turnaround_after_a_reply():
     assert walked.configured == []
 
 
-def test_no_turnaround_left_when_time_has_passed():
+def test_turnaround_that_has_passed_is_not_waited_for():
     link = Link()
     walk(ask(), [(0.030, ANSWERED)], link=link).run()
     walked = walk(ask(), [(0.560, ANSWERED)], link=link, start=0.5)
@@ -161,7 +161,7 @@ def test_no_turnaround_left_when_time_has_passed():
     assert walked.sent == [(0.5, ASKED)]
 
 
-def test_silence_is_asked_three_times(link):
+def test_unanswered_request_is_sent_three_times(link):
     walked = walk(ask(), link=link)
     with pytest.raises(NoReplyError, match=r"vabus:1 did not answer within 100 ms \(asked 3 times\)$") as caught:
         walked.run()
@@ -170,34 +170,34 @@ def test_silence_is_asked_three_times(link):
     assert link.counters["vabus:1"] == Counter(requests=1, retries=2, timeouts=3)
 
 
-def test_once_is_once():
+def test_request_with_one_attempt_is_sent_once():
     walked = walk(ask(attempts=1))
     with pytest.raises(NoReplyError, match=r"within 100 ms$"):
         walked.run()
     assert len(walked.sent) == 1
 
 
-def test_a_deed_without_an_answer_leaves_open_whether_it_was_done():
+def test_unanswered_command_raises_with_an_unknown_outcome():
     walked = walk(ask(attempts=1, acts=True))
     with pytest.raises(NoReplyError, match=r"; whether the drive acted on it is not known$"):
         walked.run()
 
 
-def test_a_reply_time_of_its_own():
+def test_request_may_have_its_own_reply_timeout():
     walked = walk(ask(attempts=1, reply_timeout_s=0.5))
     with pytest.raises(NoReplyError, match="within 500 ms"):
         walked.run()
     assert walked.receives[1] == (0.516, 2)
 
 
-def test_the_second_try_succeeds(link):
+def test_second_attempt_succeeds(link):
     walked = walk(ask(), [(0.2, ANSWERED)], link=link)
     assert walked.run() == ANSWER
     assert len(walked.sent) == 2
     assert link.counters["vabus:1"] == Counter(requests=1, retries=1, replies=1, timeouts=1)
 
 
-def test_damage_is_drained_and_asked_again(link, events):
+def test_damaged_reply_is_drained_and_requested_again(link, events):
     damaged = ANSWERED[:-1] + bytes([ANSWERED[-1] ^ 1])
     walked = walk(ask(), [(0.030, damaged), (0.040, b"\x7f\x7f"), (0.12, ANSWERED)], link=link)
     assert walked.run() == ANSWER
@@ -206,36 +206,36 @@ def test_damage_is_drained_and_asked_again(link, events):
     assert counters["damaged"] == 1
     assert counters["retries"] == 1
     assert any(event.what == "damaged" and "check characters" in event.detail for event in events)
-    # The line has been quiet for the gap before anything is sent again.
+    # The line was quiet for the gap before the next attempt.
     assert walked.sent[1][0] >= 0.040 + 0.02
 
 
-def test_what_speaks_when_the_time_is_over_is_let_finish_before_it_is_asked_again():
+def test_sender_active_at_the_timeout_may_finish_before_the_retry():
     walked = walk(ask(), [(0.105, OTHER), (0.115, b"\x7f"), (0.2, ANSWERED)])
     assert walked.run() == ANSWER
     assert walked.sent[1][0] >= 0.115 + TIMING.gap_s
 
 
-def test_damage_that_stays_is_a_damaged_reply():
+def test_persistent_damage_raises_damaged_reply_error():
     damaged = ANSWERED[:-1] + bytes([ANSWERED[-1] ^ 1])
     walked = walk(ask(attempts=1), [(0.030, damaged)])
     with pytest.raises(DamagedReplyError, match=r"^vabus:1 answered with a damaged telegram \(.*check characters"):
         walked.run()
 
 
-def test_a_reply_cut_off_is_damage_as_soon_as_the_gap_is_over():
+def test_truncated_reply_is_damage_as_soon_as_the_gap_is_over():
     walked = walk(ask(attempts=1), [(0.030, ANSWERED[:7])])
     with pytest.raises(DamagedReplyError):
         walked.run()
     assert walked.time < 0.1
 
 
-def test_a_sound_reply_behind_damage_is_taken():
+def test_sound_reply_after_damage_is_accepted():
     walked = walk(ask(attempts=1), [(0.030, ANSWERED[:7]), (0.040, ANSWERED)])
     assert walked.run() == ANSWER
 
 
-def test_noise_alone_is_no_reply(link):
+def test_noise_alone_is_not_a_reply(link):
     walked = walk(ask(attempts=1), [(0.030, b"\x00\x7f"), (0.05, b"\x00")], link=link)
     with pytest.raises(NoReplyError):
         walked.run()
@@ -255,16 +255,16 @@ def test_noise_alone_is_no_reply(link):
     ids=["damaged replies", "false starts", "noise", "endless telegrams", "strays"],
 )
 @pytest.mark.parametrize("pause_s", [CHARACTER_S, 0.010, 0.019])
-def test_garbage_for_ever_ends(garbage, pause_s):
+def test_endless_garbage_ends_the_request(garbage, pause_s):
     endless = [(pause_s * number, bytes([garbage[number % len(garbage)]])) for number in range(1, 10_000)]
     walked = walk(ask(attempts=1), endless)
     with pytest.raises(ReplyError):
         walked.run()
-    # The reply time, time for the longest telegram that may have begun in it, and the draining.
+    # The reply timeout, time for the longest telegram that began in it, and the draining.
     assert walked.time <= 0.109 + 257 * CHARACTER_S + 0.02 + 0.1 + 0.02
 
 
-def test_what_answers_something_else_is_skipped_and_time_runs_on(link, events):
+def test_reply_to_another_request_is_skipped_within_the_reply_timeout(link, events):
     walked = walk(ask(), [(0.030, OTHER), (0.090, ANSWERED)], link=link)
     assert walked.run() == ANSWER
     assert len(walked.sent) == 1
@@ -273,16 +273,16 @@ def test_what_answers_something_else_is_skipped_and_time_runs_on(link, events):
     assert (stray.data, stray.detail) == (OTHER, "parameter")
 
 
-def test_strays_do_not_extend_the_reply_time():
+def test_stray_replies_do_not_extend_the_reply_timeout():
     walked = walk(ask(attempts=1), [(0.01 * number, OTHER) for number in range(1, 40)])
     with pytest.raises(NoReplyError, match="the reply that came differs in parameter"):
         walked.run()
-    # Draining is bounded as well.
+    # Draining is limited as well.
     assert walked.time <= 0.109 + 0.1 + 0.02 + 1e-6
 
 
-def test_an_exact_copy_is_an_echo_and_no_answer(link):
-    # Both directions of this protocol look alike.
+def test_exact_copy_of_the_request_is_an_echo_and_not_a_reply(link):
+    # Requests and replies of this protocol look alike.
     class Mirror:
         encode = CODEC.encode
 
@@ -299,7 +299,7 @@ def test_an_exact_copy_is_an_echo_and_no_answer(link):
     assert link.counters["m:1"]["echoes"] == 1
 
 
-def test_an_adapter_that_echoes(events):
+def test_expected_echo_is_dropped(events):
     link = Link(trace=events.append, echo="expect")
     walked = walk(ask(), [(0.008, ASKED[:3]), (0.010, ASKED[3:]), (0.030, ANSWERED)], link=link)
     assert walked.run() == ANSWER
@@ -307,23 +307,23 @@ def test_an_adapter_that_echoes(events):
     assert [event.what for event in events] == ["sent", "echo", "received"]
 
 
-def test_echo_and_answer_in_one_piece():
+def test_echo_and_reply_in_one_piece_are_separated():
     walked = walk(ask(), [(0.030, ASKED + ANSWERED)], link=Link(echo="expect"))
     assert walked.run() == ANSWER
 
 
-def test_no_echo_where_one_was_promised():
+def test_missing_echo_does_not_prevent_the_reply():
     walked = walk(ask(), [(0.030, ANSWERED)], link=Link(echo="expect"))
     assert walked.run() == ANSWER
 
 
-def test_silence_behind_an_echo():
+def test_silence_after_an_echo_raises_no_reply_error():
     walked = walk(ask(attempts=1), [(0.008, ASKED)], link=Link(echo="expect"))
     with pytest.raises(NoReplyError):
         walked.run()
 
 
-def test_what_speaks_unasked_is_let_finish(link):
+def test_unrequested_data_may_finish_before_the_request(link):
     walked = walk(ask(), [(0.0, OTHER), (0.010, OTHER), (0.080, ANSWERED)], link=link)
     assert walked.run() == ANSWER
     assert walked.sent[0][0] == pytest.approx(0.010 + TIMING.gap_s)
@@ -331,7 +331,7 @@ def test_what_speaks_unasked_is_let_finish(link):
     assert link.counters["vabus:1"]["drained bytes"] == len(OTHER)
 
 
-def test_an_exchange_cut_off_leaves_the_line_to_be_drained(link, events):
+def test_aborted_exchange_leaves_the_line_to_be_drained(link, events):
     steps = link.run(peer(), ask(), 0.0)
     effect = next(steps)
     while not isinstance(effect, Send):
@@ -340,12 +340,12 @@ def test_an_exchange_cut_off_leaves_the_line_to_be_drained(link, events):
     steps.close()
     walked = walk(ask(), [(0.010, ANSWERED), (0.080, ANSWERED)], link=link, start=0.005)
     assert walked.run() == ANSWER
-    # The reply to the first question is not taken for the second one's.
+    # The reply to the first request does not answer the second one.
     assert walked.sent == [(0.030, ASKED)]
     assert any(event.detail == "drained" for event in events)
 
 
-def test_an_exchange_that_is_closed_can_clean_up():
+def test_closed_exchange_runs_its_cleanup():
     cleaned = []
 
     def careful():
@@ -362,7 +362,7 @@ def test_an_exchange_that_is_closed_can_clean_up():
     assert cleaned == [True]
 
 
-def test_no_draining_after_an_exchange_that_failed_in_good_order():
+def test_exchange_that_fails_by_a_refusal_needs_no_draining():
     link = Link()
 
     def refused():
@@ -376,14 +376,14 @@ def test_no_draining_after_an_exchange_that_failed_in_good_order():
     assert walked.sent == [(0.2, ASKED)]
 
 
-def test_a_message_that_cannot_be_encoded_ends_the_exchange():
+def test_message_that_cannot_be_encoded_ends_the_exchange():
     link = Link()
     with pytest.raises(TelegramError):
         walk(ask(Enquiry(address=1, parameter=9999)), link=link).run()
     assert walk(ask(), [(0.030, ANSWERED)], link=link).run() == ANSWER
 
 
-def test_reopened_forgets_the_settings_and_the_unfinished():
+def test_reopened_forgets_settings_and_unfinished_exchanges():
     link = Link()
     steps = link.run(peer(), ask(), 0.0)
     next(steps)
@@ -396,7 +396,7 @@ def test_reopened_forgets_the_settings_and_the_unfinished():
     assert walked.sent == [(0.0, ASKED)]
 
 
-def test_a_port_that_was_opened_anew_has_nothing_to_drain():
+def test_reopened_port_has_nothing_to_drain():
     link = Link()
     cut_off(link.run(peer(), ask(), 0.0), Send)
     link.reopened()
@@ -405,7 +405,7 @@ def test_a_port_that_was_opened_anew_has_nothing_to_drain():
     assert walked.sent == [(0.1, ASKED)]
 
 
-def test_the_late_reply_to_a_question_that_was_cut_off_confirms_nothing_else():
+def test_late_reply_to_an_aborted_request_confirms_nothing_else():
     link = Link()
     cut_off(link.run(peer(), ask(SELECT, attempts=1, acts=True, nameless=True), 0.0), Send)
     other = Select(address=1, dataset=5, parameter=481, data="00000001")
@@ -438,7 +438,7 @@ def test_line_settings_do_not_change_before_a_broadcast_is_over():
     assert walked.configured_at[0] >= len(CODEC.encode(everybody)) * CHARACTER_S + TIMING.broadcast_pause_s
 
 
-def test_who_was_interrupted_while_setting_the_port_does_not_rely_on_how_it_stood():
+def test_line_settings_are_set_again_after_an_aborted_change():
     link = Link()
     walk(ask(), [(0.030, ANSWERED)], link=link).run()
     slow = LineSettings(baudrate=9600, parity="E")
@@ -448,7 +448,7 @@ def test_who_was_interrupted_while_setting_the_port_does_not_rely_on_how_it_stoo
     assert walked.configured == [SETTINGS]
 
 
-def test_an_error_on_the_line_is_thrown_into_the_exchange():
+def test_link_error_is_thrown_into_the_exchange():
     def patient():
         try:
             yield Ask(message=ENQUIRY, attempts=1)
@@ -474,7 +474,7 @@ def test_pauses_pass_time():
     assert walked.sent == []
 
 
-def test_a_broadcast_is_followed_by_its_pause():
+def test_broadcast_is_followed_by_its_pause():
     link = Link()
     everybody = Select(address=32, parameter=410, data="0002")
 
@@ -488,7 +488,7 @@ def test_a_broadcast_is_followed_by_its_pause():
     assert walked.sent == [(0.0, data), (pytest.approx(len(data) * CHARACTER_S + 0.05), ASKED)]
 
 
-def test_a_telling_with_a_pause_of_its_own():
+def test_tell_overrides_the_broadcast_pause():
     def tell():
         yield Tell(message=Eot(), pause_s=0.0)
         yield Tell(message=Eot(), pause_s=0.5)
@@ -518,19 +518,19 @@ def test_settings_that_the_port_cannot_carry_are_noted(link, events):
     assert (events[0].what, events[0].detail) == ("note", "no parity here")
 
 
-def test_a_late_reply_that_names_nothing_is_outwaited():
+def test_late_nameless_reply_is_waited_out():
     link = Link()
     with pytest.raises(NoReplyError):
         walk(ask(SELECT, attempts=1, acts=True, nameless=True), link=link).run()
     other = Select(address=1, dataset=5, parameter=481, data="00000001")
-    # The acknowledgement of the first write comes late, and is none of the second one.
+    # The acknowledgement of the first write comes late, and must not confirm the second one.
     walked = walk(ask(other, attempts=1, acts=True, nameless=True), [(0.9, ACK), (1.2, ACK)], link=link, start=0.2)
     assert walked.run() == Ack(address=1)
     assert walked.sent[0][0] >= 1.0
     assert walked.time >= 1.2
 
 
-def test_a_late_reply_is_outwaited_although_whoever_waited_for_it_was_cut_off():
+def test_late_reply_is_waited_out_although_the_waiting_exchange_was_aborted():
     link = Link()
     with pytest.raises(NoReplyError):
         walk(ask(SELECT, attempts=1, nameless=True), link=link).run()
@@ -542,7 +542,7 @@ def test_a_late_reply_is_outwaited_although_whoever_waited_for_it_was_cut_off():
         walk(ask(third, attempts=1, nameless=True), [(0.3, ACK)], link=link, start=0.2).run()
 
 
-def test_what_stops_a_motor_is_not_held_back_by_a_late_reply_and_not_confirmed_by_it():
+def test_stop_neither_waits_for_a_late_reply_nor_is_confirmed_by_it():
     link = Link()
     with pytest.raises(NoReplyError):
         walk(ask(SELECT, attempts=1, nameless=True), link=link).run()
@@ -556,7 +556,7 @@ def test_what_stops_a_motor_is_not_held_back_by_a_late_reply_and_not_confirmed_b
 
 
 @pytest.mark.parametrize("distinct", [True, False])
-def test_what_no_nameless_reply_is_taken_for_is_repeated_at_once(distinct):
+def test_distinct_request_is_repeated_without_waiting_for_a_late_reply(distinct):
     link = Link()
     with pytest.raises(NoReplyError):
         walk(ask(SELECT, attempts=1, nameless=True), link=link).run()
@@ -567,7 +567,7 @@ def test_what_no_nameless_reply_is_taken_for_is_repeated_at_once(distinct):
     assert again == pytest.approx(0.3, abs=0.1) if distinct else again > 1.0
 
 
-def test_the_second_reply_to_a_repeated_command_confirms_no_other():
+def test_second_reply_to_a_repeated_command_confirms_no_other():
     link = Link()
     assert walk(ask(distinct=True), [(0.2, ANSWERED)], link=link).run() == ANSWER
     walked = walk(ask(Enquiry(address=1, parameter=482), attempts=1, distinct=True), link=link, start=0.21)
@@ -576,7 +576,7 @@ def test_the_second_reply_to_a_repeated_command_confirms_no_other():
     assert walked.sent[0][0] > 1.0
 
 
-def test_the_same_nameless_question_need_not_wait():
+def test_equal_nameless_request_does_not_wait_for_a_late_reply():
     link = Link()
     with pytest.raises(NoReplyError):
         walk(ask(SELECT, attempts=1, nameless=True), link=link).run()
@@ -585,7 +585,7 @@ def test_the_same_nameless_question_need_not_wait():
     assert walked.sent[0][0] < 0.3
 
 
-def test_a_late_reply_that_names_its_question_need_not_be_outwaited():
+def test_late_reply_that_names_its_request_is_not_waited_out():
     link = Link()
     with pytest.raises(NoReplyError):
         walk(ask(attempts=1), link=link).run()
@@ -595,7 +595,7 @@ def test_a_late_reply_that_names_its_question_need_not_be_outwaited():
     assert walked.sent == [(0.2, CODEC.encode(other))]
 
 
-def test_another_drive_need_not_wait():
+def test_other_drive_does_not_wait_for_a_late_reply():
     link = Link()
     with pytest.raises(NoReplyError):
         walk(ask(SELECT, attempts=1, nameless=True), link=link).run()
@@ -605,10 +605,10 @@ def test_another_drive_need_not_wait():
     assert walked.sent[0][0] == pytest.approx(0.2)
 
 
-def test_a_nameless_reply_to_an_earlier_attempt_is_outwaited_after_success():
+def test_nameless_reply_to_an_earlier_attempt_is_waited_out_after_success():
     link = Link()
-    # The first attempt is answered so late that its reply is taken for the second attempt's: the second one's is
-    # still to come when the exchange has ended, and must not confirm the next write.
+    # The reply to the first attempt is so late that it counts as the reply to the second one. The second reply is still
+    # to come when the exchange has ended, and must not confirm the next write.
     first = walk(ask(SELECT, nameless=True), [(0.2, ACK)], link=link)
     assert first.run() == Ack(address=1)
     sent_again = first.sent[1][0]
@@ -619,8 +619,8 @@ def test_a_nameless_reply_to_an_earlier_attempt_is_outwaited_after_success():
         walked.run()
 
 
-def test_a_second_acknowledgement_of_one_write_is_none_of_the_next_one():
-    # The request arrived twice on its way, so the drive acknowledges twice, one request's length apart.
+def test_second_acknowledgement_of_one_write_does_not_confirm_the_next():
+    # The request arrived twice, so the drive acknowledges twice, one request's length apart.
     link = Link()
     link.paced = True
     assert walk(ask(SELECT, nameless=True), [(0.030, ACK)], link=link).run() == Ack(address=1)
@@ -631,7 +631,7 @@ def test_a_second_acknowledgement_of_one_write_is_none_of_the_next_one():
         walked.run()
 
 
-def test_a_reading_need_not_wait_for_a_second_acknowledgement():
+def test_read_does_not_wait_for_a_second_acknowledgement():
     link = Link()
     assert walk(ask(SELECT, nameless=True), [(0.030, ACK)], link=link).run() == Ack(address=1)
     walked = walk(ask(), [(0.040, ACK), (0.060, ANSWERED)], link=link, start=0.030)
@@ -639,11 +639,11 @@ def test_a_reading_need_not_wait_for_a_second_acknowledgement():
     assert walked.sent[0][0] == pytest.approx(0.032)
 
 
-def test_the_trace_is_optional():
+def test_trace_is_optional():
     assert walk(ask(), [(0.0, b"\x00"), (0.030, b"\x7f" + OTHER + ANSWERED)]).run() == ANSWER
 
 
-def test_what_comes_while_a_later_request_is_on_the_wire_answers_nothing():
+def test_bytes_that_arrive_during_a_later_request_answer_nothing():
     link = Link()
     link.paced = True
     walk(ask(), [(0.030, ANSWERED)], link=link).run()
@@ -652,7 +652,7 @@ def test_what_comes_while_a_later_request_is_on_the_wire_answers_nothing():
     assert link.counters["vabus:1"]["unasked bytes"] == len(ANSWERED)
 
 
-def test_a_command_is_repeated_as_long_as_the_watchdog_waits_and_no_longer():
+def test_command_is_repeated_only_within_the_watchdog_time():
     link = Link()
     link.repeat_within(peer(), 1.0)
     walk(ask(), [(0.030, ANSWERED)], link=link).run()

@@ -1,4 +1,4 @@
-"""Events of the line as log records, and several trace functions at once."""
+"""Line events as log records, and several trace functions on one bus."""
 
 import io
 import json
@@ -42,13 +42,13 @@ def test_each_event_is_one_record_with_its_fields(line, caplog):
     assert caplog.records[0].getMessage() == "vabus:1 sent 04 41 30 30 34 38 31 05 enquiry"
 
 
-def test_a_logger_of_ones_own(line, caplog):
+def test_log_events_uses_a_given_logger(line, caplog):
     caplog.set_level(logging.DEBUG)
     read(line, log_events(logging.getLogger("plant.line2")))
     assert {record.name for record in caplog.records} == {"plant.line2"}
 
 
-def test_levels(caplog):
+def test_log_level_depends_on_the_kind_of_event(caplog):
     caplog.set_level(logging.DEBUG)
     faults = FaultPlan(rate=0.6, seed=5, kinds=[Fault.CORRUPT, Fault.DUPLICATE, Fault.TRUNCATE])
     line = VirtualLine([virtual_drive("vabus", 1)], echo=True, faults=faults)
@@ -75,7 +75,7 @@ def test_levels(caplog):
     assert damaged.detail in damaged.getMessage()
 
 
-def test_what_nobody_wants_is_not_decoded(line, monkeypatch):
+def test_disabled_log_records_are_not_decoded(line, monkeypatch):
     logger = logging.getLogger(LOGGER_NAME)
     logger.setLevel(logging.WARNING)
     monkeypatch.setattr("drivecomm.link.tracing.fields_of", lambda _: pytest.fail("decoded for nobody"))
@@ -85,7 +85,7 @@ def test_what_nobody_wants_is_not_decoded(line, monkeypatch):
         logger.setLevel(logging.NOTSET)
 
 
-def test_json_with_the_standard_library_alone(line):
+def test_json_formatter_needs_only_the_standard_library(line):
     class AsJson(logging.Formatter):
         def format(self, record):
             names = ("what", "drive", "data", "fields", "detail", "line_time")
@@ -102,14 +102,14 @@ def test_json_with_the_standard_library_alone(line):
 
 
 @pytest.mark.parametrize("protocol", drivecomm.protocols())
-def test_the_fields_of_every_protocol_are_json(protocol, caplog):
+def test_fields_of_every_protocol_are_json(protocol, caplog):
     caplog.set_level(logging.DEBUG)
     address = address_of(protocol)
     line = VirtualLine([virtual_drive(protocol, address)])
     with drivecomm.open_bus(line.port, trace=log_events()) as bus:
         plugin = installed[protocol]
         drive = bus.drive(protocol, address, model=plugin.default_model)
-        with suppress(NotSupported):  # a model may know no status
+        with suppress(NotSupported):  # a model may have no status
             drive.status()
         drive.read(plugin.parameter_examples[0])
         drive.identify()
@@ -119,7 +119,7 @@ def test_the_fields_of_every_protocol_are_json(protocol, caplog):
     assert all(json.dumps(record.fields) for record in caplog.records)
 
 
-def test_nobody_or_one_needs_no_function_around_it():
+def test_tell_all_of_up_to_one_function_adds_no_wrapper():
     seen = []
     assert tell_all() is None
     assert tell_all(None, None) is None

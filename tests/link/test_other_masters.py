@@ -1,4 +1,4 @@
-"""Another master on the line: its replies are never taken for ours, its traffic is noticed, ours goes on."""
+"""Another master on the line: its replies are never accepted as ours, it is noticed, and our traffic continues."""
 
 import logging
 from random import Random
@@ -32,7 +32,7 @@ def modbus(text):
 
 
 class Site:
-    """A Modbus drive on a virtual line whose registers are all different, and another master that asks for others."""
+    """A Modbus drive on a virtual line with a different value in each register, and another master that reads some."""
 
     def __init__(self, seed=0, *, paced=True, replies_only=False, every_s=0.2, model="delta", **options):
         self.random = Random(seed)
@@ -44,7 +44,7 @@ class Site:
         self.drive = self.bus.drive("modbus", 1, model=model)
 
     def other_asks(self):
-        """Let the other master ask now, or let only the reply to it be heard, and go on at random times."""
+        """Send a request of the other master now, or only its reply, and repeat that at random times."""
         if self.replies_only:
             self.line.inject(modbus("010302 1E61"))
         else:
@@ -56,7 +56,7 @@ class Site:
         return self
 
     def believed(self, number):
-        """Read a number of values, at random times; return how many were wrong and good, wrong, good, and failures."""
+        """Read values at random times; return the numbers of wrong good, wrong and good values, and of failures."""
         wrong_good = wrong = good = failed = 0
         right = {}
         for name, raw in (("0x2102", 5000), ("0x2104", 567), ("0x2105", 3210)):
@@ -77,7 +77,7 @@ class Site:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_second_master_is_never_believed_on_a_nameless_line(seed):
+def test_replies_to_a_second_master_are_never_accepted_on_a_nameless_line(seed):
     site = Site(seed).with_other()
     wrong_good, wrong, good, failed = site.believed(400)
     assert (wrong_good, wrong) == (0, 0)
@@ -88,7 +88,7 @@ def test_second_master_is_never_believed_on_a_nameless_line(seed):
 @SOAK
 @pytest.mark.parametrize("every_s", [0.2, 1.0])
 @pytest.mark.parametrize("paced", [True, False])
-def test_second_master_is_never_believed_in_thousands_of_readings(every_s, paced):
+def test_replies_to_a_second_master_are_never_accepted_in_thousands_of_reads(every_s, paced):
     read = 0
     for seed in range(SEEDS):
         wrong_good, wrong, _, failed = Site(seed, every_s=every_s, paced=paced).with_other().believed(1000)
@@ -107,9 +107,9 @@ def test_replies_to_other_clients_of_a_gateway_are_never_good(seed, paced):
 
 @SOAK
 @pytest.mark.parametrize("paced", [True, False])
-def test_replies_to_other_clients_are_good_at_most_until_the_first_are_noticed(paced):
+def test_replies_to_other_clients_are_good_only_until_they_are_noticed(paced):
     for seed in range(SEEDS):
-        # Replies alone say nothing of who asked for them: the first one may be met before anything foreign was heard.
+        # A reply does not name its client: the first one may be read before foreign traffic was noticed.
         assert Site(seed, paced=paced, replies_only=True).with_other().believed(1000)[0] <= 2
 
 
@@ -117,7 +117,10 @@ VLT = {"215": 44, "502[1]": 11, "502[2]": 22, "502[3]": 33}
 
 
 def vlt_readings(seed, number):
-    """Read elements of an array, whose replies do not name the index, beside a master that reads others of them."""
+    """Read array elements beside a master that reads other elements; the replies do not name the index.
+
+    Return the number of wrong values with good quality, and of failures.
+    """
     random = Random(seed)
     virtual = virtual_drive("vlt3500", 1, model="vlt3500")
     for parameter, raw in VLT.items():
@@ -150,9 +153,9 @@ def vlt_readings(seed, number):
 
 
 class TestLine:
-    """What the whole line shows of another master."""
+    """Another master as seen by the whole line."""
 
-    def test_line_counts_as_shared_after_one_exchange_of_somebody_else(self, caplog):
+    def test_line_counts_as_shared_after_one_foreign_exchange(self, caplog):
         site = Site()
         site.drive.read("0x2105")
         assert site.bus.other_master == ""
@@ -167,7 +170,7 @@ class TestLine:
         assert site.bus.other_master.startswith("another master is on this line")
         assert site.drive.read("0x2105").doubt == "another master is on this line, and this may be a reply to it"
 
-    def test_line_is_ours_again_when_nobody_was_heard_for_a_minute(self):
+    def test_line_counts_as_unshared_after_a_minute_without_foreign_traffic(self):
         site = Site()
         site.line.inject(modbus("0103 2106 0001"))
         site.line.advance(0.2)
@@ -179,7 +182,7 @@ class TestLine:
     @pytest.mark.parametrize(
         "unasked", [b"\x00", b"\x7f\x00\xff", modbus("0183 02"), modbus("0103 2106 0001")[:-1] + b"\x00"]
     )
-    def test_noise_and_damage_are_no_evidence(self, unasked):
+    def test_noise_and_damage_do_not_make_a_line_shared(self, unasked):
         site = Site()
         for _ in range(20):
             site.line.inject(unasked)
@@ -187,7 +190,7 @@ class TestLine:
             assert site.drive.read("0x2105").quality == "good"
         assert site.bus.other_master == ""
 
-    def test_own_late_and_doubled_replies_are_no_evidence(self):
+    def test_own_late_and_doubled_replies_do_not_make_a_line_shared(self):
         for kind in (Fault.DELAY, Fault.DUPLICATE, Fault.DROP, Fault.CORRUPT, Fault.TRUNCATE):
             for seed in range(4):
                 site = Site()
@@ -200,14 +203,14 @@ class TestLine:
                         continue
                 assert site.bus.other_master == "", (kind, seed)
 
-    def test_own_echo_is_no_evidence(self):
+    def test_own_echo_does_not_make_a_line_shared(self):
         site = Site()
         site.line.echo = True
         for _ in range(10):
             site.drive.read("0x2105")
         assert site.bus.other_master == ""
 
-    def test_master_of_another_drive_is_noticed_and_does_not_make_ours_uncertain(self):
+    def test_master_of_another_drive_is_noticed_and_our_values_stay_good(self):
         site = Site()
         for _ in range(3):
             site.line.inject(modbus("0203 2106 0001"))
@@ -215,7 +218,7 @@ class TestLine:
             assert site.drive.read("0x2105").quality == "good"
         assert site.bus.other_master
 
-    def test_drive_whose_replies_name_what_was_asked_stays_good(self):
+    def test_drive_whose_replies_name_the_request_stays_good(self):
         virtual = virtual_drive("vabus", 1)
         line = VirtualLine([virtual])
         with drivecomm.open_bus(line.port) as bus:
@@ -229,8 +232,8 @@ class TestLine:
 
 
 @pytest.mark.parametrize("protocol", sorted(installed))
-def test_reply_after_anothers_question_is_not_ours(protocol):
-    """Two questions of one kind: where the reply to one may answer the other, it is asked again, and never mixed up."""
+def test_reply_to_a_foreign_request_is_not_accepted(protocol):
+    """If the reply to a foreign request could answer our own, our request is repeated."""
     if protocol == "vlt3500":
         assert [vlt_readings(seed, 150)[0] for seed in range(3)] == [0, 0, 0]
         return
@@ -240,13 +243,13 @@ def test_reply_after_anothers_question_is_not_ours(protocol):
     site.drive.read("0x2105")
     site.line.advance(CAREFUL_S)
     right = site.drive_.peek("0x2105", 0.0)
-    # Right behind our request, and so before the reply: both answer, in whatever order.
+    # The foreign request follows our request before the reply: both get replies, in any order.
     site.line.disturbances.append(Behind(site.line, modbus("0103 2106 0001"), times=1))
     assert site.drive.read("0x2105").raw == right
     assert site.bus.counters["modbus:1"]["doubtful"] == 1
 
 
-def test_question_that_can_never_be_told_apart_is_an_error_with_the_reason():
+def test_indistinguishable_foreign_requests_raise_doubtful_reply_error():
     site = Site(paced=False)
     site.drive.read("0x2105")
     site.line.disturbances.append(Behind(site.line, modbus("0103 2106 0001"), times=10_000))
@@ -254,7 +257,7 @@ def test_question_that_can_never_be_told_apart_is_an_error_with_the_reason():
         site.drive.read("0x2105")
 
 
-def test_two_replies_that_differ_are_both_doubted():
+def test_two_different_replies_are_both_doubtful():
     site = Site(paced=False)
     right = site.drive.read("0x2105").raw
     site.line.disturbances.append(Beside(modbus("010302 1E61")))
@@ -263,7 +266,7 @@ def test_two_replies_that_differ_are_both_doubted():
 
 
 class Behind:
-    """Another master's question right behind a request of ours, so many times."""
+    """A disturbance that sends a foreign request right after each of the first `times` requests of ours."""
 
     def __init__(self, line, data, times):
         self._line, self._data, self._times = line, data, times
@@ -279,7 +282,7 @@ class Behind:
 
 
 class Beside:
-    """A reply of another conversation right in front of the first reply."""
+    """A disturbance that puts a foreign reply right before the first reply."""
 
     def __init__(self, data):
         self._data = data

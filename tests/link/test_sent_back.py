@@ -1,4 +1,4 @@
-"""A request whose reply is the request itself: an echo is not taken for it, whatever is known of the adapter."""
+"""A request whose reply equals it: an echo is not accepted as the reply, with any kind of adapter."""
 
 import pytest
 
@@ -13,7 +13,7 @@ PRESENT, ABSENT = 3, 4
 @pytest.mark.parametrize(
     ("echoes", "mode"), [(False, "off"), (True, "off"), (False, "auto"), (True, "auto"), (True, "expect")]
 )
-def test_only_the_drive_that_is_there_is_found(echoes, mode, paced):
+def test_probe_with_a_mirrored_reply_finds_only_the_present_drive(echoes, mode, paced):
     line = VirtualLine([virtual_drive("uss", PRESENT)], echo=echoes)
     port = line.port()
     port.paced = paced
@@ -25,7 +25,7 @@ def test_only_the_drive_that_is_there_is_found(echoes, mode, paced):
 
 
 @pytest.mark.parametrize("model", ["micromaster4", "g110", "v20", "g120", "s110", "masterdrives", "nord"])
-def test_a_probe_reaches_every_series_and_no_motor(model):
+def test_probe_reaches_every_series_and_moves_no_motor(model):
     virtual = virtual_drive("uss", PRESENT, model=model)
     line = VirtualLine([virtual])
     with drivecomm.open_bus(line.port) as bus:
@@ -34,7 +34,7 @@ def test_a_probe_reaches_every_series_and_no_motor(model):
     assert not virtual.motor.fault
 
 
-def test_a_running_g120_does_not_notice_that_another_program_probes_it():
+def test_probe_by_another_program_does_not_disturb_a_running_g120():
     """A task without control word bit 10 would trip it with F07220."""
     virtual = virtual_drive("uss", PRESENT, model="g120")
     line = VirtualLine([virtual])

@@ -1,7 +1,7 @@
-"""Both ways of an exchange come to the same: what happens, what is sent when, what is counted, how the line stands.
+"""Short and long path of an exchange have equal results: outcome, telegrams and times, counters, state of the line.
 
-A traced exchange goes the long way. So the same calls are made twice on two equal lines, traced and not traced, while
-the same goes wrong on both: bytes lost, changed, doubled, in pieces, too late, too early, unasked; a stop that waits in
+A traced exchange takes the long path. So the same calls are made on two equal lines, one traced and one not, with the
+same mishaps on both: bytes lost, changed, doubled, in pieces, too late, too early, unrequested; a stop that waits in
 the middle; Ctrl-C at any call of the port.
 """
 
@@ -61,13 +61,13 @@ WRITABLE = {
     "weg": ("P133", 600),
 }
 MODELS = {"modbus": {"model": "danfoss-fc"}}
-"""Of protocols that command nothing without a model."""
+"""Options for protocols that cannot command a drive without a model."""
 NOISE = b"\x7f\x00"
 
 
 @dataclass(frozen=True)
 class Mishap:
-    """What becomes of one transmission. place: of a byte, counted round. delay_s: of what is late."""
+    """Fate of one transmission. place: index of a byte, modulo the length. delay_s: delay of late bytes in seconds."""
 
     kind: str
     place: int
@@ -116,14 +116,14 @@ MISHAPS = st.one_of(
 
 
 class Mishaps:
-    """A disturbance: so many transmissions each way, and nothing after them."""
+    """A disturbance with a list of mishaps in each direction, and none after them."""
 
     def __init__(self, requests, replies):
         self._requests = list(requests)
         self._replies = list(replies)
         self._before = b""
 
-    def request(self, data, now):  # noqa: ARG002 - as a disturbance is called
+    def request(self, data, now):  # noqa: ARG002 - signature of a disturbance
         mishap = self._requests.pop(0) if self._requests else None
         return mishap.arrivals(data, b"") if mishap else [(0.0, data)]
 
@@ -134,7 +134,7 @@ class Mishaps:
 
 
 class WatchedPort(PortProxy):
-    """Notes down what is sent when; Ctrl-C comes once, at the call with this number, before or after it."""
+    """Records the writes and their times; raises KeyboardInterrupt once, before or after call number `left`."""
 
     def __init__(self, port, line, *, real_time):
         super().__init__(port)
@@ -170,10 +170,11 @@ class WatchedPort(PortProxy):
 
 @dataclass(frozen=True, kw_only=True)
 class Course:
-    """What is called on a line, and what goes wrong meanwhile.
+    """Calls on a line, and the mishaps during them.
 
-    calls: each with the drive it is for. unasked: times and bytes that come at them. stop_waits: from when until when
-    a stop waits. interrupted: at which call of the port, and whether before or after it.
+    calls: verbs with the index of their drive. unasked: times and bytes that arrive at these times. stop_waits: start
+    and end of the time in which a stop waits. interrupted: number of the interrupted call of the port, and whether
+    after it.
     """
 
     calls: tuple[tuple[str, int], ...]
@@ -196,7 +197,7 @@ def model_of(protocol):
 
 
 def outcomes(protocol, course, trace, port_calls):
-    """Yield what each call came to, and how everything stands after it. port_calls: gets the names of the port's."""
+    """Yield the outcome of each call and the state after it. port_calls: list that collects the names of port calls."""
     faster = {"baudrate": 38400} if course.other_settings else {}
     virtual = [
         virtual_drive(protocol, address_of(protocol), model=model_of(protocol)),
@@ -212,7 +213,7 @@ def outcomes(protocol, course, trace, port_calls):
             return course.stop_waits[0] <= line.time < course.stop_waits[1]
 
         bus.line.turns.stop_waits = bus._roster.link.stop_waits = stop_waits
-        # A port that says that its time is real has a virtual clock here.
+        # A port that declares real time has a virtual clock here.
         bus.line.sleep_until = lambda until: line.advance(max(0.0, until - line.time))
         own = MODELS.get(protocol, {})
         drives = [
@@ -232,7 +233,7 @@ def outcomes(protocol, course, trace, port_calls):
             except KeyboardInterrupt:
                 came = "interrupted"
                 if "write" not in port.calls[-2:]:
-                    # What was not sent leaves nothing behind; until when a late reply to it is expected may differ.
+                    # An unsent request leaves nothing behind; the end of the wait for a late reply to it may differ.
                     yield came, line.time, tuple(port.written), bus._roster.link._line.unclean
                     return
             yield came, line.time, tuple(port.written), standing(bus), [vars(each).get("memory") for each in virtual]
@@ -254,7 +255,7 @@ def call(protocol, bus, drive, verb, line):
 
 
 def standing(bus):
-    """Return all that the link keeps in mind."""
+    """Return the complete state of the link."""
     link = bus._roster.link
     line = {**vars(link._line), "trace": None, "talk": None, "away": None, "partners": None, "newcomers": None}
     line["probed"] = [name for name, each in link._partners.items() if each is line["probed"]]
@@ -309,14 +310,14 @@ def assert_same(protocol, course):
     short, long = outcomes(protocol, course, None, calls[0]), outcomes(protocol, course, lambda _: None, calls[1])
     for one, other in zip(short, long, strict=course.interrupted is None):
         if "interrupted" in (one[0], other[0]) and (calls[0] != calls[1] or one[1] != other[1]):
-            # One way looked at the port once more before, or looked where the other waited, so Ctrl-C at a call with
-            # this number is not the same.
+            # One path polled the port once more, or polled where the other waited, so call number `left` is a
+            # different one on each path.
             return
         assert one == other
 
 
 def ways(monkeypatch):
-    """Let it be noted down which way each exchange goes, True for the short one."""
+    """Return a list that records the path of each exchange, True for the short one."""
     taken = []
     plain = LineState.is_plain_for
 
@@ -329,7 +330,7 @@ def ways(monkeypatch):
 
 
 @EACH_PROTOCOL
-def test_all_but_the_first_of_many_readings_go_the_short_way(protocol, monkeypatch):
+def test_all_reads_after_the_first_take_the_short_path(protocol, monkeypatch):
     taken = ways(monkeypatch)
     line = VirtualLine(
         [virtual_drive(protocol, address_of(protocol)), virtual_drive(protocol, address_of(protocol, 2))]
@@ -346,7 +347,7 @@ def test_all_but_the_first_of_many_readings_go_the_short_way(protocol, monkeypat
 
 @EACH_PROTOCOL
 @pytest.mark.parametrize("kind", ["in pieces", "byte by byte"])
-def test_a_reply_in_pieces_goes_the_short_way_too(protocol, kind, monkeypatch):
+def test_reply_in_pieces_takes_the_short_path(protocol, kind, monkeypatch):
     def odd(_call, _exchange, command, begun):
         raise AssertionError(f"{command} went on by the long way after {begun}")
 
@@ -363,7 +364,7 @@ def test_a_reply_in_pieces_goes_the_short_way_too(protocol, kind, monkeypatch):
 
 @EACH_PROTOCOL
 @pytest.mark.parametrize("verb", ["read", "write", "status"])
-def test_ctrl_c_leaves_the_same_behind(protocol, verb):
+def test_ctrl_c_leaves_the_same_state_on_both_paths(protocol, verb):
     calls = (("read", 0), (verb, 0), ("write", 0), ("read", 1))
     for call in range(4, 16):
         for after in (False, True):
@@ -371,7 +372,7 @@ def test_ctrl_c_leaves_the_same_behind(protocol, verb):
 
 
 @EACH_PROTOCOL
-def test_ctrl_c_between_two_pieces_leaves_the_same_behind(protocol):
+def test_ctrl_c_between_two_pieces_leaves_the_same_state_on_both_paths(protocol):
     pieces = (None, *[Mishap("byte by byte", 0, 0.002)] * 4)
     for call in range(4, 16):
         for after in (False, True):
@@ -380,8 +381,8 @@ def test_ctrl_c_between_two_pieces_leaves_the_same_behind(protocol):
 
 @EACH_PROTOCOL
 @pytest.mark.parametrize("delay_s", [0.005, 0.02, 0.04, 0.045, 0.06])
-def test_bytes_far_between(protocol, delay_s):
-    """The gap is not over, and the time of the longest telegram is."""
+def test_slow_bytes_have_the_same_outcome_on_both_paths(protocol, delay_s):
+    """No gap is long enough to end the telegram, but the time for the longest telegram runs out."""
     pieces = (None, *[Mishap("byte by byte", 0, delay_s)] * 4)
     assert_same(protocol, Course(calls=(("read", 0),) * 3, replies=pieces))
 
@@ -389,7 +390,7 @@ def test_bytes_far_between(protocol, delay_s):
 @pytest.mark.soak
 @pytest.mark.parametrize("kind", ["cut", "byte by byte"])
 @pytest.mark.parametrize(("protocol", "extent"), protocol_extents(PROTOCOLS, 30, 300))
-def test_a_stop_that_waits_for_a_moment_between_two_pieces(protocol, kind, extent):
+def test_stop_waiting_between_two_pieces_has_the_same_outcome_on_both_paths(protocol, kind, extent):
     replies = (None, *[Mishap(kind, 5, 0.004)] * 4)
     for step in range(extent):
         begins_s = 0.6 * step / extent
@@ -397,9 +398,9 @@ def test_a_stop_that_waits_for_a_moment_between_two_pieces(protocol, kind, exten
         assert_same(protocol, Course(calls=(("read", 0),) * 3, replies=replies, stop_waits=stop_waits))
 
 
-# The sample has each kind, paced and not, with one protocol at least, and each protocol several times.
+# The sample has each kind, paced and not, with at least one protocol, and each protocol several times.
 @pytest.mark.parametrize(("protocol", "kind", "paced"), every_choice(5, PROTOCOLS, KINDS, [False, True]))
-def test_each_mishap_of_a_reply_at_each_of_its_bytes(protocol, kind, paced):
+def test_mishap_at_each_byte_of_a_reply_has_the_same_outcome_on_both_paths(protocol, kind, paced):
     for place in range(0, 20, 3):
         replies = (None, None, Mishap(kind, place, 0.01))
         calls = (("read", 0), ("read", 1), ("read", 0), ("read", 0), ("write", 1))
@@ -407,7 +408,7 @@ def test_each_mishap_of_a_reply_at_each_of_its_bytes(protocol, kind, paced):
 
 
 @pytest.mark.parametrize(("protocol", "extent"), protocol_extents(PROTOCOLS, 8, 200))
-def test_what_comes_unasked_at_any_time(protocol, extent):
+def test_unrequested_bytes_at_any_time_have_the_same_outcome_on_both_paths(protocol, extent):
     for step in range(extent):
         unasked = ((0.2 * step / extent, NOISE),)
         assert_same(protocol, Course(calls=(("read", 0),) * 4, unasked=unasked))
@@ -415,7 +416,7 @@ def test_what_comes_unasked_at_any_time(protocol, extent):
 
 @pytest.mark.parametrize("real_time", [False, True])
 @pytest.mark.parametrize(("protocol", "extent"), protocol_extents(PROTOCOLS, 8, 200))
-def test_a_stop_that_waits_from_any_time_on(protocol, real_time, extent):
+def test_stop_waiting_from_any_time_has_the_same_outcome_on_both_paths(protocol, real_time, extent):
     replies = (None, None, Mishap("late", 0, 0.05))
     for step in range(extent):
         stop_waits = (0.2 * step / extent, 0.2 * step / extent + 0.1)
@@ -426,7 +427,7 @@ def test_a_stop_that_waits_from_any_time_on(protocol, real_time, extent):
 @EACH_PROTOCOL
 @pytest.mark.parametrize("deadline_s", [0.001, 0.01, 0.05])
 @pytest.mark.parametrize("paced", [False, True], ids=["at once", "paced"])
-def test_a_call_whose_time_is_over_before_its_request_is_out(protocol, deadline_s, paced):
+def test_deadline_before_the_end_of_a_request_has_the_same_outcome_on_both_paths(protocol, deadline_s, paced):
     replies = (None, Mishap("cut", 5, 0.0))
     calls = (("read", 0), ("status", 0), ("write", 0), ("read", 1))
     for real_time in (False, True):
@@ -436,12 +437,12 @@ def test_a_call_whose_time_is_over_before_its_request_is_out(protocol, deadline_
 
 @pytest.mark.soak
 @pytest.mark.parametrize(("protocol", "extent"), protocol_extents(PROTOCOLS, 25, 2000 if LONG else 400))
-def test_both_ways_come_to_the_same(protocol, extent):
+def test_random_courses_have_the_same_outcome_on_both_paths(protocol, extent):
     @settings(
         max_examples=extent,
         deadline=None,
         database=None,
-        # A course is short enough to be read as it is found.
+        # A course is short enough to be read without shrinking.
         phases=[Phase.generate],
         report_multiple_bugs=False,
         suppress_health_check=[HealthCheck.too_slow],

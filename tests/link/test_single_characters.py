@@ -1,4 +1,4 @@
-"""A reply of one character is believed where it stands alone: inside longer noise it is there by chance."""
+"""A reply of one character is accepted if it stands alone: inside longer noise it occurs by chance."""
 
 import pytest
 
@@ -10,13 +10,13 @@ ACK = b"\x06"
 
 
 class Among:
-    """Puts noise before and behind each confirmation."""
+    """A disturbance that puts noise before and after each confirmation."""
 
     def __init__(self, before, behind):
         self.before, self.behind = before, behind
         self.asked = 0
 
-    def request(self, data, now):  # noqa: ARG002 - as a disturbance is called
+    def request(self, data, now):  # noqa: ARG002 - signature of a disturbance
         self.asked += 1
         return [(0.0, data)]
 
@@ -40,8 +40,8 @@ def opened(request):
 
 
 @pytest.mark.parametrize("before", [b"", b"\x00", b"\xff"])
-def test_confirmation_that_stands_alone_is_believed(opened, before):
-    """A transmitter that is switched on may make one character."""
+def test_single_confirmation_is_accepted(opened, before):
+    """A transmitter that switches on may produce one character."""
     drive, among = opened
     noise = among(before, b"")
     drive.write("01.14", 0)
@@ -56,7 +56,7 @@ def test_confirmation_that_stands_alone_is_believed(opened, before):
         (b"\x0e\x01\x02", b"\x0b\x41", DamagedReplyError),
     ],
 )
-def test_confirmation_in_noise_is_not_believed(opened, before, behind, error):
+def test_confirmation_in_noise_is_not_accepted(opened, before, behind, error):
     drive, among = opened
     noise = among(before, behind)
     with pytest.raises(error):

@@ -1,4 +1,4 @@
-"""Counters and reply times: what they are called, and what is made of them."""
+"""Names of counters, and statistics of reply times."""
 
 import re
 from itertools import pairwise
@@ -21,12 +21,12 @@ def times(*milliseconds):
     return made
 
 
-def test_no_reply_has_no_times():
+def test_reply_times_without_a_reply_are_zero():
     assert (ReplyTimes().percentile_s(50), ReplyTimes().mean_s) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("percent", [0, 50, 99, 100])
-def test_one_reply_is_every_percentile(percent):
+def test_single_reply_is_every_percentile(percent):
     assert times(12.0).percentile_s(percent) == pytest.approx(0.012)
 
 
@@ -47,25 +47,25 @@ def test_percentiles_are_as_exact_as_their_class():
             previous = found
 
 
-def test_a_bound_belongs_to_the_class_below_it():
+def test_bound_belongs_to_the_class_below():
     histogram = times(1.0, 1.001, 2.0)
     assert histogram.classes[:3] == [1, 2, 0]
 
 
-def test_within_a_class_replies_are_taken_to_be_spaced_evenly():
+def test_percentile_assumes_evenly_spaced_replies_within_a_class():
     assert times(11, 12, 13, 14).percentile_s(50) == pytest.approx(0.0125)
 
 
-def test_the_longest_and_the_shortest_may_come_in_any_order():
+def test_longest_and_shortest_reply_times_come_in_any_order():
     histogram = times(5.0, 9.0, 2.0)
     assert (histogram.shortest_s, histogram.longest_s) == (0.002, 0.009)
 
 
-def test_what_takes_longer_than_all_classes():
+def test_percentile_above_all_classes_is_the_longest_reply():
     assert times(5.0, 2500.0).percentile_s(100) == pytest.approx(2.5)
 
 
-def test_total_of_a_bus():
+def test_total_adds_the_statistics_of_drives():
     line = VirtualLine([virtual_drive("vabus", 1), virtual_drive("danfoss-fc", 3)])
     with drivecomm.open_bus(line.port) as bus:
         for _ in range(3):
@@ -84,8 +84,8 @@ def test_total_of_a_bus():
     assert total([]) == Statistics()
 
 
-def test_every_counter_that_the_link_has_is_explained():
-    """In the link they stand as a name, as one of two names, or made of an error's category."""
+def test_every_counter_of_the_link_is_documented():
+    """The link names a counter by one literal, by one of two literals, or by the category of an error."""
     folder = Path(link.__file__).parent
     source = "".join(path.read_text(encoding="utf-8") for path in folder.glob("*.py"))
     used = set()

@@ -1,4 +1,4 @@
-"""A turnaround that was tuned, and that is given up when errors rise."""
+"""A tuned turnaround, which is abandoned when errors rise."""
 
 import pytest
 
@@ -12,7 +12,7 @@ from drivecomm.virtual import VirtualPlant
 
 
 class Bench:
-    """Drives on a virtual line; the wire's pauses after replies and the notes of the trace are kept."""
+    """Drives on a virtual line; the pauses after replies and the notes of the trace are recorded."""
 
     def __init__(self, *drives, faults=None):
         self.plant = VirtualPlant(Plant(lines=(PlantLine(name="line"),), drives=drives))
@@ -25,7 +25,7 @@ class Bench:
         self.drives = [drive.build(self.bus.drive) for drive in drives]
 
     def wait_until_careless(self):
-        """Let the time pass in which replies are listened out; the first one teaches how soon the drive answers."""
+        """Pass the time of longer waits for replies; the first reply shows the reply time of the drive."""
         self.ask(len(self.drives))
         self.line.advance(CAREFUL_S)
         self.pauses.clear()
@@ -57,7 +57,7 @@ def drive(address=1, *, needs_s=0.0, **options):
     return DriveConfig(protocol="vlt3500", address=address, line="line", options=options, needs_pause_s=needs_s)
 
 
-def test_a_tuned_turnaround_is_used():
+def test_tuned_turnaround_is_used():
     bench = Bench(drive(needs_s=0.001, tuned_turnaround_s=0.002))
     bench.wait_until_careless()
     bench.ask(200)
@@ -65,7 +65,7 @@ def test_a_tuned_turnaround_is_used():
     assert bench.count("timeouts") == 0
 
 
-def test_it_is_given_up_for_good_when_errors_rise():
+def test_tuned_turnaround_is_abandoned_permanently_when_errors_rise():
     bench = Bench(drive(needs_s=0.003, tuned_turnaround_s=0.002))
     bench.wait_until_careless()
     bench.ask(300)
@@ -76,14 +76,14 @@ def test_it_is_given_up_for_good_when_errors_rise():
     assert bench.notes == [("vlt3500:1", "errors rose; the usual turnaround is used again for all drives of the line")]
 
 
-def test_damage_is_an_error_too():
+def test_damaged_replies_count_as_errors_of_the_tuned_turnaround():
     bench = Bench(drive(tuned_turnaround_s=0.002), faults=FaultPlan(rate=0.2, kinds=[Fault.CORRUPT], requests=False))
     bench.ask(100)
     assert bench.count() == 1
     assert bench.pauses[-1] >= 0.010
 
 
-def test_rare_errors_do_not_matter():
+def test_rare_errors_do_not_abandon_the_tuned_turnaround():
     bench = Bench(drive(tuned_turnaround_s=0.002))
     for _ in range(10):
         bench.line.faults = FaultPlan(rate=1, kinds=[Fault.DROP])
@@ -95,7 +95,7 @@ def test_rare_errors_do_not_matter():
     assert bench.pauses[-1] == 0.002
 
 
-def test_a_drive_that_is_silent_altogether_does_not_matter():
+def test_silent_drive_does_not_abandon_the_tuned_turnaround():
     bench = Bench(drive(tuned_turnaround_s=0.002))
     bench.ask(10)
     bench.plant.power_off("vlt3500:1")
@@ -107,7 +107,7 @@ def test_a_drive_that_is_silent_altogether_does_not_matter():
     assert bench.pauses[-1] == 0.002
 
 
-def test_nor_does_one_that_was_never_there():
+def test_drive_that_was_never_there_does_not_abandon_the_tuned_turnaround():
     bench = Bench(drive(tuned_turnaround_s=0.002), drive(2))
     bench.plant.power_off("vlt3500:2")
     bench.ask(40)
@@ -115,8 +115,8 @@ def test_nor_does_one_that_was_never_there():
     assert bench.count() == 0
 
 
-def test_the_errors_of_a_drive_that_is_not_tuned_count():
-    """It does not hear what comes too soon after another drive's reply."""
+def test_errors_of_an_untuned_drive_count_for_the_tuned_turnaround():
+    """The drive misses a request that comes too soon after another drive's reply."""
     bench = Bench(drive(1, tuned_turnaround_s=0.002), drive(2, tuned_turnaround_s=0.002), drive(3))
     bench.ask(30)
     assert bench.pauses[-3:] == [0.010, 0.002, 0.002]
@@ -134,7 +134,7 @@ def test_the_errors_of_a_drive_that_is_not_tuned_count():
     assert set(bench.pauses) == {0.010}
 
 
-def test_a_line_without_tuned_drives_has_nothing_to_give_up():
+def test_line_without_tuned_drives_reports_no_abandoned_turnaround():
     bench = Bench(drive(needs_s=0.012))
     bench.ask(100)
     assert bench.count("timeouts") > 10
@@ -145,7 +145,7 @@ def test_a_line_without_tuned_drives_has_nothing_to_give_up():
 
 
 @pytest.mark.parametrize(("last", "given_up"), [(100, True), (101, False)])
-def test_three_errors_among_a_hundred_requests(last, given_up):
+def test_three_errors_in_a_hundred_requests_abandon_the_turnaround(last, given_up):
     watch = TuningWatch()
     assert watch.holds()
     assert not watch.failed("a", 1, 1)

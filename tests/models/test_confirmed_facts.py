@@ -1,4 +1,4 @@
-"""Facts of a model that a user has checked on the own drive: their readings carry no remark."""
+"""Model facts that a user has confirmed on a drive: their readings carry no note."""
 
 from dataclasses import replace
 from types import MappingProxyType
@@ -14,7 +14,7 @@ from drivecomm.virtual import VirtualLine, virtual_drive
 
 
 @pytest.mark.parametrize("name", ["output_frequency", "210", "stator_frequency"])
-def test_confirmed_fact_is_read_without_a_note_by_any_of_its_names(name):
+def test_reading_of_a_confirmed_fact_has_no_note_by_name_or_address(name):
     line = VirtualLine([virtual_drive("vabus", 1, model="agile")])
     with drivecomm.open_bus(line.port) as bus:
         plain = DriveConfig(protocol="vabus", address=1, options={"model": "agile"})
@@ -25,7 +25,7 @@ def test_confirmed_fact_is_read_without_a_note_by_any_of_its_names(name):
         assert drive.read("output_current").note == "type and unit are derived"
 
 
-def test_unknown_fact_names_what_was_perhaps_meant():
+def test_confirming_an_unknown_fact_suggests_similar_names():
     model = agile()
     with pytest.raises(UsageError, match="agile has no parameter 'output_frequncy' that could be confirmed; did you"):
         with_confirmed(model, ["output_frequncy"])
@@ -43,13 +43,13 @@ def test_contradicted_fact_cannot_be_confirmed():
         with_confirmed(model, ["output_frequency"])
 
 
-def test_drive_without_a_model_confirms_nothing():
+def test_drive_without_a_model_refuses_confirmed_facts():
     line = VirtualLine([virtual_drive("vabus", 1, model="agile")])
     with drivecomm.open_bus(line.port) as bus, pytest.raises(UsageError, match="name the drive's model"):
         bus.drive("vabus", 1, confirmed_facts=["210"])
 
 
-def test_confirmed_facts_stand_in_the_plant_file(tmp_path):
+def test_confirmed_facts_are_read_from_and_written_to_the_plant_file(tmp_path):
     file = tmp_path / "plant.toml"
     text = 'format = 1\n[[line]]\nname = "hall"\n[[drive]]\ndrive = "vabus:1"\nconfirmed = ["210"]\n'
     file.write_text(text)

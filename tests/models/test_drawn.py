@@ -1,4 +1,4 @@
-"""Facts drawn at random: each with its page, and nothing that moves a motor or has a common name without one."""
+"""Facts drawn at random from the packaged models: each has a source, and those behind commands also have a page."""
 
 import json
 
@@ -16,26 +16,26 @@ WATCHDOGS_WITHOUT_A_PAGE = {
     ("uss/g120", "2040"),
     ("uss/s110", "2040"),
 }
-"""Parameters of watchdogs that no page or program stands behind yet. Take out what has found one; add nothing."""
+"""Watchdog parameters without a page or program as source. Remove an entry when its page is found; add none."""
 
 
-def test_each_parameter_is_one_fact_that_names_its_source():
+def test_each_parameter_is_one_fact_with_a_source():
     all_of_them = facts()
     assert len(all_of_them) == sureness_of_facts().total()
     assert [fact for fact in all_of_them if not fact.source] == []
 
 
-def test_no_common_name_and_no_command_rests_on_a_fact_without_a_page():
+def test_facts_behind_common_names_and_commands_have_a_page():
     weak = [fact for fact in facts() if not fact.has_page and set(fact.behind) - {"the watchdog"}]
     assert weak == []
 
 
-def test_watchdogs_on_facts_without_a_page_become_fewer():
+def test_watchdog_facts_without_a_page_are_those_of_the_list():
     weak = {(fact.model, fact.address) for fact in facts() if not fact.has_page and "the watchdog" in fact.behind}
     assert weak == WATCHDOGS_WITHOUT_A_PAGE
 
 
-def test_the_same_seed_draws_the_same_facts_once_each():
+def test_same_seed_draws_the_same_distinct_facts():
     drawn = draw(7)
     assert drawn == draw(7) != draw(8)
     assert len({(fact.model, fact.address) for fact in drawn}) == 100
@@ -50,12 +50,12 @@ def test_the_same_seed_draws_the_same_facts_once_each():
         ("modbus/powerflex-4", "8192", ("a command",)),
     ],
 )
-def test_a_fact_tells_what_rests_on_it(model, address, behind):
+def test_fact_lists_the_common_names_and_functions_that_rely_on_it(model, address, behind):
     (fact,) = [fact for fact in facts() if (fact.model, fact.address) == (model, address)]
     assert fact.behind == behind
 
 
-def test_models_draw_shows_the_source_of_each_fact_and_counts_what_has_no_page(capsys):
+def test_models_draw_shows_each_source_and_counts_facts_without_a_page(capsys):
     assert main(["models", "draw", "--seed", "3", "--count", "5"]) == 0
     *lines, last = capsys.readouterr().out.splitlines()
     drawn = draw(3, count=5)

@@ -1,4 +1,4 @@
-"""Checking model files: every mistake is found, with its line and key, and nothing is said of a file in order."""
+"""Checks of model files: every mistake is found with its line and key, and a correct file has no findings."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -26,18 +26,18 @@ def check(tmp_path):
     return of_text
 
 
-def test_a_model_in_order(check):
+def test_correct_model_has_no_findings(check):
     assert check(HEAD + PARAMETER) == []
 
 
 @pytest.mark.parametrize(
     ("printed", "factor"), [("0.01 Hz", "0.01"), ("* 0.1", "0.1"), ("x 100 A", "0.01"), ("Hz", "1"), ("x10", "0.1")]
 )
-def test_a_printed_scale_agrees_with_the_factor(check, printed, factor):
+def test_printed_scale_that_agrees_with_the_factor_is_accepted(check, printed, factor):
     assert check(HEAD + PARAMETER + f"factor = '{factor}'\nprinted = '{printed}'\n") == []
 
 
-def test_a_finding_names_file_line_and_key(tmp_path):
+def test_finding_names_file_line_and_key(tmp_path):
     path = tmp_path / "own.toml"
     path.write_text(HEAD + PARAMETER + 'minimum = "2"\nmaximum = "1"\n', encoding="utf-8")
     [finding] = check_model(path)
@@ -50,7 +50,7 @@ def test_a_finding_names_file_line_and_key(tmp_path):
 @pytest.mark.parametrize(
     ("text", "line", "key", "what"),
     [
-        # What the loader refuses.
+        # Mistakes that the loader refuses as well.
         ("format = 1", 1, "protocol", "installed are ct-ansi, danfoss-fc, ei-bisynch, fuji, "),
         ("no toml", 1, "", "cannot be read as a model: "),
         (HEAD + "a = 1\na = 2\n", 7, "", "cannot be read as a model: "),
@@ -85,7 +85,7 @@ def test_a_finding_names_file_line_and_key(tmp_path):
         (HEAD.replace('"act"', "[]"), 5, "extends", "[] is not a text"),
         (HEAD.replace("act", "../act"), 5, "extends", "there is no model '../act' beside this one or among"),
         (HEAD.replace("act", "own"), 5, "extends", "extends itself, by way of own"),
-        # What must agree.
+        # Entries that must agree with each other.
         (HEAD.replace("a page", "") + PARAMETER, 6, "", "parameter 481: nothing says where it is from"),
         (HEAD + PARAMETER * 2, 11, "address", "481 is listed twice"),
         (HEAD + PARAMETER + PARAMETER.replace("481", "482"), 12, "name", "ramp is parameter 481 already"),
@@ -172,7 +172,7 @@ def test_a_finding_names_file_line_and_key(tmp_path):
             "",
             "nothing says where it is from; name the manual and the page under source",
         ),
-        # What the protocol says.
+        # Rules of the protocol package.
         (HEAD + "[options]\nram_dataset = true\n", 7, "ram_dataset", "no such option; did you mean 'ram_datasets'?"),
         (HEAD + "[options]\nqqqq = true\n", 7, "qqqq", "vabus drives have no such option; they have "),
         (HEAD + "[options]\nram_datasets = 'false'\n", 7, "ram_datasets", "cannot be 'false'"),
@@ -183,17 +183,17 @@ def test_a_finding_names_file_line_and_key(tmp_path):
         (HEAD + PARAMETER.replace("481", "4x8"), 7, "address", "is not a VABus parameter address"),
         (HEAD + PARAMETER.replace("481", "1600"), 7, "address", "is beyond 1599"),
         (HEAD + PARAMETER.replace("long", "longish"), 9, "type", "longish"),
-        (HEAD + PARAMETER + "factor = '0.1'\nstart = '0.05'\n", 11, "start", "is no multiple of 0.1"),
+        (HEAD + PARAMETER + "factor = '0.1'\nstart = '0.05'\n", 11, "start", "is not a multiple of 0.1"),
     ],
 )  # fmt: skip
-def test_each_mistake_is_found_where_it_is(check, text, line, key, what):
+def test_each_mistake_is_found_with_its_line_and_key(check, text, line, key, what):
     found = check(text)
     assert len(found) == 1, found
     assert found[0][:2] == (line, key)
     assert what in found[0][2]
 
 
-def test_the_first_is_not_the_last(check):
+def test_check_reports_all_mistakes_of_a_file_in_order(check):
     lines = (
         'format = 1\nprotocol = "vabus"\nname = "own"\nsource = "a page"\nextends = "act"\ncolour = "red"\n'
         "[options]\nsystem = 1\nram_datasets = true\n"
@@ -210,33 +210,33 @@ def test_the_first_is_not_the_last(check):
     assert [shown[line - 1].partition(" ")[0] for line, _, _ in found] == wanted, "the line is that of the key"
 
 
-def test_a_file_that_is_not_there(tmp_path):
+def test_missing_file_is_a_finding(tmp_path):
     [finding] = check_model(tmp_path / "none.toml")
     assert str(finding) == f"{tmp_path / 'none.toml'}: there is no such file"
 
 
-def test_what_is_taken_over_is_judged_where_it_stands(check, tmp_path):
+def test_inherited_mapping_is_reported_at_the_parameter_that_contradicts_it(check, tmp_path):
     (tmp_path / "base.toml").write_text(
         HEAD.replace('"own"', '"base"') + "[quantities]\nacceleration_time = '481'\n" + PARAMETER + "unit = 's'\n",
         encoding="utf-8",
     )
     own = HEAD.replace("act", "base")
     assert check(own) == []
-    # Another unit for the parameter that the base has mapped.
+    # The parameter that the base model has mapped gets another unit.
     [(line, key, text)] = check(own + PARAMETER + "unit = 'Hz'\n")
     assert (line, key) == (10, "unit")
     assert text == "parameter 481 is in Hz, and acceleration_time is given in s"
     assert check(own + "[quantities]\nacceleration_time = ''\n" + PARAMETER + "unit = 'Hz'\n") == []
 
 
-def test_a_base_that_is_wrong_is_named_with_its_own_line(check, tmp_path):
+def test_mistake_in_the_base_model_is_reported_with_the_line_of_the_base(check, tmp_path):
     (tmp_path / "base.toml").write_text(HEAD + "options = 1\n", encoding="utf-8")
     [(line, key, text)] = check(HEAD.replace("act", "base"))
     assert (line, key) == (5, "extends")
     assert f"{tmp_path / 'base.toml'}, line 6: options: is not a table" in text
 
 
-def test_the_elements_of_a_parameter_are_parameters(check):
+def test_unit_of_a_mapped_array_element_is_checked(check):
     head = HEAD.replace("vabus", "vlt3500").replace("act", "vlt2000")
     element = '[[parameter]]\naddress = "502[20]"\nname = "cooling"\nunit = "degC"\naccess = "r"\nindexed = [1]\n'
     assert check(head + "[quantities]\nheat_sink_temperature = '502[20]'\n" + element) == []
@@ -247,25 +247,25 @@ def test_the_elements_of_a_parameter_are_parameters(check):
     )
 
 
-def test_formats_are_types(check):
+def test_fuji_data_format_is_checked_as_the_type(check):
     head = HEAD.replace("vabus", "fuji").replace("act", "g11s") + '[options]\nprofile = "g11s"\n'
     parameter = '[[parameter]]\naddress = "F99"\nname = "own"\ntype = "[99]"\n'
     found = check(head + parameter)
     assert [(line, key) for line, key, _ in found] == [(9, "address")], "numbers of this generation end at 49"
     found = check(head + parameter.replace("F99", "F40"))
     assert [(line, key) for line, key, _ in found] == [(11, "type")]
-    assert "is no data format" in found[0][2]
+    assert "is not a data format" in found[0][2]
 
 
 def altered(**how) -> Protocol:
     return replace(installed["vabus"], **how)
 
 
-def test_keys_of_a_protocol_that_does_not_tell_are_not_judged(check):
+def test_unknown_parameter_keys_pass_if_the_protocol_declares_none(check):
     assert check(HEAD + PARAMETER + "qqqq = 4\n", altered(parameter_keys=None)) == []
 
 
-def test_a_virtual_drive_that_cannot_be_made(check):
+def test_failure_to_make_a_virtual_drive_is_a_finding(check):
     real = installed["vabus"].virtual
 
     def picky(address, options, model):
@@ -287,7 +287,7 @@ def test_a_virtual_drive_that_cannot_be_made(check):
     assert (line, key, text) == (1, "", f"no virtual drive can be made with it (RuntimeError: no); {remedy}")
 
 
-def test_a_virtual_drive_that_cannot_be_looked_at(check):
+def test_failing_peek_of_the_virtual_drive_is_a_finding(check):
     class Blind:
         def __init__(self, *_):
             pass
@@ -299,7 +299,7 @@ def test_a_virtual_drive_that_cannot_be_looked_at(check):
     assert text == "parameter 481: no virtual drive can be made with it (ZeroDivisionError: 481)"
 
 
-def test_what_a_package_trips_over_is_a_finding(check):
+def test_exception_in_the_protocol_package_is_a_finding(check):
     real = installed["vabus"].operations
 
     class Clumsy:
@@ -334,7 +334,7 @@ def test_what_a_package_trips_over_is_a_finding(check):
     assert (line, key, text) == (1, "options", "no drive of vabus can have these together: RuntimeError: no")
 
 
-def test_options_that_exclude_each_other(check):
+def test_options_that_exclude_each_other_are_a_finding(check):
     head = HEAD.replace("vabus", "vlt3500").replace("act", "vlt2000") + "[options]\nminimum_hz = 60\n"
     assert check(head) == []
     [(line, key, text)] = check(head + "maximum_hz = 50\n")
@@ -343,14 +343,14 @@ def test_options_that_exclude_each_other(check):
 
 
 @pytest.mark.parametrize("protocol", ["fuji", "vlt3500"])
-def test_the_packaged_models_are_in_order(protocol):
+def test_packaged_models_have_no_findings(protocol):
     plugin = installed[protocol]
     paths = packaged_models(plugin.package)
     assert len(paths) >= 3
     assert [str(finding) for path in paths for finding in check_model(path)] == []
 
 
-def test_a_model_of_few_parameters_is_in_order_for_masters_and_makes_no_virtual_drive(check, tmp_path):
+def test_model_of_few_parameters_is_valid_but_makes_no_virtual_drive(check, tmp_path):
     text = HEAD.replace('extends = "act"\n', "") + PARAMETER
     assert check(text) == []
     path = tmp_path / "few.toml"
@@ -377,10 +377,10 @@ SEEDS = [path for plugin in installed.working() for path in packaged_models(plug
 
 @st.composite
 def damaged(draw):
-    """A packaged model with some of its lines lost, doubled, or with another value."""
+    """Draw a packaged model with some of its lines lost, doubled or changed."""
     path = draw(st.sampled_from(SEEDS))
     lines = path.read_text(encoding="utf-8").splitlines()
-    # The head and some parameters, so that damage is seldom out of sight.
+    # Keep the head and a few parameters, so that most of the damage hits lines that matter.
     starts = [number for number, line in enumerate(lines) if line == "[[parameter]]"]
     first = starts[0] if starts else len(lines)
     kept = lines[:first]
@@ -402,8 +402,11 @@ def damaged(draw):
 @pytest.mark.soak
 @given(damaged())
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-def test_whatever_a_file_says_it_is_judged_and_no_worse_than_by_the_loader(damage):
-    """Nothing is raised; what the loader refuses is found; and what is in order and whole makes a drive."""
+def test_damaged_model_is_checked_at_least_as_strictly_as_by_the_loader(damage):
+    """Check that damage raises nothing and that each refusal of the loader is a finding.
+
+    A model without findings must make a virtual drive, unless it lacks parameters that a drive works with.
+    """
     seed, text = damage
     plugin = next(each for each in installed.working() if seed in packaged_models(each.package))
     with TemporaryDirectory() as folder:
@@ -420,7 +423,7 @@ def test_whatever_a_file_says_it_is_judged_and_no_worse_than_by_the_loader(damag
         if refusal:
             assert any(finding.text in refusal for finding in found), refusal
         elif not found:
-            # A list of parameters may be as short as its author likes, and still be in order.
+            # A model may list few parameters and still be valid.
             too_short = ""
             try:
                 drive = virtual_drive(plugin.name, plugin.addresses[0], model=path)

@@ -1,4 +1,4 @@
-"""What a packaged model must have behind it, and the exceptions from that, which can only become fewer."""
+"""Sources and entries of its own that a packaged model needs, and the exceptions, which may only become fewer."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ def lacking(plugin, path):
     }
 
 
-def test_exceptions_name_models_that_there_are_each_with_a_reason():
+def test_each_exception_names_a_packaged_model_and_a_reason():
     assert support.exceptions().keys() <= FILES.keys()
     for name, allowed in support.exceptions().items():
         assert len(allowed["reason"].split()) >= 5, name
@@ -32,19 +32,19 @@ def test_exceptions_name_models_that_there_are_each_with_a_reason():
 
 
 @pytest.mark.parametrize("name", sorted(support.exceptions()))
-def test_exception_is_still_needed(name):
+def test_listed_exception_is_still_needed(name):
     allowed = support.exceptions()[name]
     listed = {(kind, each) for kind in support.KINDS for each in allowed.get(kind, ())}
     assert listed - lacking(*FILES[name]) == set(), "take these out of drivecomm/models/exceptions.toml"
 
 
 @pytest.mark.parametrize("name", sorted(FILES))
-def test_packaged_model_lacks_nothing_but_what_an_exception_allows(name):
+def test_packaged_model_has_no_findings_beyond_its_exceptions(name):
     plugin, path = FILES[name]
     assert [str(each) for each in check_model(path, plugin)] == []
 
 
-def test_exceptions_become_fewer():
+def test_number_of_exceptions_does_not_grow():
     each = [one for allowed in support.exceptions().values() for kind in support.KINDS for one in allowed.get(kind, ())]
     assert len(each) <= 28, "no new exception: leave the command or the common name out of a new model"
 
@@ -56,7 +56,7 @@ SOURCES = '[sources]\ncommands = ["manual p. 1", "program x"]\nstatus = ["manual
 
 
 def findings(text, folder, monkeypatch, name="mill"):
-    """Check a file as if it were one of the package."""
+    """Check a file as if it were a packaged model."""
     path = folder / f"{name}.toml"
     path.write_text(text, encoding="utf-8")
     monkeypatch.setattr("drivecomm.models.check.packaged_models", lambda _: [path])
@@ -85,7 +85,7 @@ def test_packaged_model_is_refused_without_support(text, says, tmp_path, monkeyp
     assert all(any(each in one for one in found) for each in says), found
 
 
-def test_packaged_model_says_itself_how_it_stops_writes_and_watches(tmp_path, monkeypatch):
+def test_packaged_model_may_not_inherit_its_stop_and_plain_write(tmp_path, monkeypatch):
     base = HEAD.replace('"mill"', '"old"') + ORDERS.replace("start =", 'plain_write = "stored"\nstart =') + STATUS
     (tmp_path / "old.toml").write_text(base, encoding="utf-8")
     head = HEAD + 'extends = "old"\n'
@@ -101,14 +101,14 @@ def test_file_of_a_user_needs_no_second_source(tmp_path):
     assert check_model(path) == []
 
 
-def test_watchdog_taken_over_is_named():
+def test_inherited_watchdog_is_a_finding():
     plugin, path = FILES["danfoss-fc/fc300"]
     base = read_model(path, plugin.name, plugin.package)
     found = support.lacks({}, replace(base, name="x", quantities={}), base)
     assert [(each.kind, each.name) for each in found if each.kind == "taken_over"] == [("taken_over", "watchdog")]
 
 
-def test_watchdog_is_not_taken_over_where_the_model_says_itself_what_it_does_in_a_silence():
+def test_inherited_watchdog_is_no_finding_if_the_model_states_its_link_loss():
     plugin, path = FILES["danfoss-fc/fc300"]
     base = read_model(path, plugin.name, plugin.package)
     content = {"link_loss": "nothing"}

@@ -1,4 +1,4 @@
-"""Models as text: whatever a model says is there when the text is read again."""
+"""Models written as text: reading the text again gives the same model."""
 
 import string
 from decimal import Decimal
@@ -23,14 +23,14 @@ from drivecomm.protocol import (
     installed,
 )
 
-# A TOML file holds any text but half a pair of surrogates.
+# TOML text may contain any character except lone surrogates.
 TEXTS = st.text(st.characters(codec="utf-8"), max_size=12)
 WORDS = st.text(string.ascii_lowercase + string.digits + "_-[].", min_size=1, max_size=8)
 CODES = st.dictionaries(st.integers(-10, 70000), TEXTS, max_size=3)
 DECIMALS = st.decimals(allow_nan=False, allow_infinity=False, min_value=-(10**12), max_value=10**12, places=4)
-# Nobody can change what a model says, so a list of its file is a tuple there.
+# A model is immutable, so a list of its file is read as a tuple.
 OWN = st.one_of(st.booleans(), st.integers(-(2**31), 2**31), TEXTS, st.lists(st.integers(0, 9), max_size=3).map(tuple))
-# The others are given by a proof.
+# The other marks are given by a proof.
 MARKS = ("printed", "derived", "field", "unconfirmed")
 OWN_KEYS = WORDS.filter(lambda key: key not in ParameterInfo.__dataclass_fields__)
 
@@ -108,7 +108,7 @@ def models(draw):
 
 
 @extents(50, 150)
-def test_what_is_written_reads_as_the_same_model(tmp_path, extent):
+def test_written_model_reads_as_the_same_model(tmp_path, extent):
     path = tmp_path / "some.toml"
 
     @settings(max_examples=extent, deadline=None)
@@ -124,14 +124,14 @@ PACKAGED = [(plugin, name) for plugin in installed.working() for name in model_n
 
 
 @pytest.mark.parametrize(("plugin", "name"), PACKAGED, ids=[f"{plugin.name}-{name}" for plugin, name in PACKAGED])
-def test_every_packaged_model_can_be_written_in_one_piece(plugin, name, tmp_path):
+def test_packaged_model_written_as_one_file_reads_as_the_same_model(plugin, name, tmp_path):
     model = load_model(plugin.package, plugin.name, name)
     path = tmp_path / f"{name}.toml"
     path.write_text(model_text(model), encoding="utf-8")
     assert read_model(path, plugin.name) == model
 
 
-def test_what_it_looks_like():
+def test_model_text_has_options_then_identification_then_parameters():
     info = ParameterInfo(
         address="3-41",
         name="ramp_up",
@@ -182,7 +182,7 @@ def test_what_it_looks_like():
     )
 
 
-def test_what_no_file_can_hold():
+def test_model_text_refuses_a_value_that_toml_cannot_hold():
     model = Model(
         protocol="toy", name="own", title="own", source="", parameters={}, faults={}, options={"odd": object()}
     )

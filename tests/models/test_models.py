@@ -1,4 +1,4 @@
-"""Model files: what is read from them, and what is said about bad ones."""
+"""Reading model files: the values of a model, and the errors of a bad file."""
 
 from dataclasses import replace
 from decimal import Decimal
@@ -24,11 +24,11 @@ def read(tmp_path):
     return from_text
 
 
-def test_fault_codes_are_read_as_they_are_printed(read):
+def test_fault_codes_are_read_in_decimal_and_hexadecimal(read):
     assert read(HEAD + '[faults]\n16 = "overload"\n0x1F = "short"\n').faults == {16: "overload", 31: "short"}
 
 
-def test_a_model_with_everything(read):
+def test_model_with_every_key_is_read(read):
     model = read(
         HEAD
         + 'title = "Some"\nsource = "a page"\n[options]\nram_datasets = false\n[faults]\n5 = "overload"\n'
@@ -53,22 +53,22 @@ def test_a_model_with_everything(read):
     assert info.extra == {"datasets": 4}
 
 
-def test_a_model_with_nothing_much(read):
+def test_parameter_with_only_address_and_name_gets_defaults(read):
     info = read(HEAD + PARAMETER).parameters["481"]
     assert (info.title, info.type, info.factor, info.access, info.start) == ("fixed_frequency", "", 1, "rw", None)
 
 
-def test_text_starts_with_text(read):
+def test_start_value_of_a_string_parameter_stays_text(read):
     assert read(HEAD + PARAMETER + 'type = "string"\nstart = "007"').parameters["481"].start == "007"
 
 
-def test_parameters_are_found_by_name_and_address(read):
+def test_parameter_is_found_by_name_and_by_address(read):
     model = read(HEAD + PARAMETER)
     assert model.find("481") is model.find("fixed_frequency") is model.parameters["481"]
     assert model.find("fixed") is None
 
 
-def test_a_model_extends_another(read, tmp_path):
+def test_extending_model_inherits_parameters_faults_and_options(read, tmp_path):
     (tmp_path / "base.toml").write_text(
         HEAD.replace("some", "base")
         + "[options]\nsys = 1\n[faults]\n1 = 'a'\n2 = 'b'\n"
@@ -98,7 +98,7 @@ WATCHDOG = "[watchdog]\ntime = '481'\nactions = { trip = 1 }\n"
         ("link_loss = 'not known'\n", "link_loss = 'it trips'\n", (None, "it trips")),
     ],
 )
-def test_what_a_model_says_of_the_link_loss_replaces_what_its_base_says(read, tmp_path, base, own, expected):
+def test_link_loss_or_watchdog_of_a_model_replaces_that_of_its_base(read, tmp_path, base, own, expected):
     timed = PARAMETER + "access = 'rw'\nunit = 's'\n"
     (tmp_path / "base.toml").write_text(HEAD.replace("some", "base") + base + timed, encoding="utf-8")
     model = read(HEAD + "extends = 'base'\n" + own)
@@ -127,25 +127,25 @@ def test_what_a_model_says_of_the_link_loss_replaces_what_its_base_says(read, tm
         (HEAD + 'extends = "none"', "some.toml, line 4: extends: there is no model 'none' beside this one"),
     ],
 )
-def test_what_is_wrong_is_named(read, text, what):
+def test_error_of_a_bad_file_names_the_mistake(read, text, what):
     with pytest.raises(FileFormatError) as caught:
         read(text)
     assert what in str(caught.value)
 
 
-def test_models_that_extend_each_other(read, tmp_path):
+def test_models_that_extend_each_other_are_refused(read, tmp_path):
     (tmp_path / "other.toml").write_text(HEAD.replace("some", "other") + 'extends = "some"', encoding="utf-8")
     with pytest.raises(FileFormatError):
         read(HEAD + 'extends = "other"')
 
 
 @pytest.mark.parametrize("line", ['access = "x"', 'sure = "perhaps"', "unit = 3", "type = 7"])
-def test_words_that_a_model_cannot_hold(read, line):
+def test_invalid_value_of_a_parameter_key_is_refused(read, line):
     with pytest.raises(FileFormatError):
         read(HEAD + PARAMETER + line)
 
 
-def test_a_model_by_name_by_path_and_as_it_is(tmp_path):
+def test_load_model_takes_a_name_a_path_or_a_model(tmp_path):
     model = load_model("drivecomm_vabus", "vabus", "act")
     assert isinstance(model, Model)
     assert load_model("drivecomm_vabus", "vabus", model) is model
@@ -155,7 +155,7 @@ def test_a_model_by_name_by_path_and_as_it_is(tmp_path):
     assert load_model("drivecomm_vabus", "vabus", str(path)).name == "some"
 
 
-def test_a_model_that_is_not_there():
+def test_missing_model_is_refused_with_the_known_names():
     with pytest.raises(UsageError, match=r"vabus has no model 'none'; it has .*act.*, or name a \.toml file"):
         load_model("drivecomm_vabus", "vabus", "none")
     with pytest.raises(FileFormatError, match="there is no such file"):
@@ -164,12 +164,12 @@ def test_a_model_that_is_not_there():
         load_model("drivecomm.protocol.schema", "vabus", "none")
 
 
-def test_packages_without_models():
+def test_package_without_models_has_no_model_names():
     assert model_names("drivecomm.protocol.schema", "vabus") == []
 
 
 @pytest.mark.parametrize("plugin", list(installed.working()), ids=lambda plugin: plugin.name)
-def test_every_packaged_model_is_read(plugin):
+def test_every_packaged_model_can_be_read_and_uses_known_marks(plugin):
     names = model_names(plugin.package, plugin.name)
     assert plugin.default_model in names
     assert "unconfirmed" not in names, "a doubt is said of a parameter, and of no series"
@@ -183,7 +183,7 @@ def test_every_packaged_model_is_read(plugin):
         assert all(info.source for info in model.parameters.values() if info.sure == "printed")
 
 
-def test_where_models_come_from(tmp_path, monkeypatch):
+def test_model_in_the_users_folder_hides_the_packaged_model(tmp_path, monkeypatch):
     monkeypatch.setenv("DRIVECOMM_MODELS", str(tmp_path))
     (tmp_path / "vabus").mkdir()
     for name in ("act", "own"):
@@ -197,12 +197,12 @@ def test_where_models_come_from(tmp_path, monkeypatch):
     assert "act" in {path.stem for path in packaged}, "a hidden one is still there"
 
 
-def test_a_factor_of_nothing(read):
+def test_factor_of_zero_is_refused_with_its_line(read):
     with pytest.raises(FileFormatError, match=r"some\.toml, line 7: factor: no value can be made from steps of 0"):
         read(HEAD + PARAMETER + 'factor = "0.00"')
 
 
-def test_elements_of_a_parameter_have_units_of_their_own(read):
+def test_array_element_may_have_its_own_unit(read):
     model = read(
         HEAD + "[quantities]\nacceleration_time = '481[1]'\ndeceleration_time = '481[2]'\n" + PARAMETER
         + 'unit = "s"\n' + PARAMETER.replace("481", "481[1]").replace("fixed", "first") + 'unit = "ms"\n'
@@ -213,7 +213,7 @@ def test_elements_of_a_parameter_have_units_of_their_own(read):
     assert parameter_at("482", model) is None
 
 
-def test_a_model_knows_itself_by_all_that_it_names():
+def test_model_matches_only_if_all_identification_fields_match():
     model = replace(load_model("drivecomm_vabus", "vabus", "agile"), identified_by={"type": "A.*", "software": "5"})
     assert model.matches({"type": "ACU", "software": "5", "serial": "1"})
     assert not model.matches({"type": "ACU", "software": "50"})
@@ -221,7 +221,7 @@ def test_a_model_knows_itself_by_all_that_it_names():
     assert not replace(model, identified_by={}).matches({"type": "ACU", "software": "5"})
 
 
-def test_a_fault_log_is_taken_over_and_replaced_whole(tmp_path):
+def test_fault_log_is_inherited_or_replaced_as_a_whole(tmp_path):
     log = 'fault_log = ["481[1]", "481[2]"]\n'
     (tmp_path / "base.toml").write_text(HEAD.replace("some", "base") + log + PARAMETER)
     for name, own, expected in (("same", "", ("481[1]", "481[2]")), ("other", 'fault_log = ["481"]\n', ("481",))):

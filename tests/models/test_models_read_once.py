@@ -1,4 +1,4 @@
-"""A model file is read once for all drives, and anew as soon as it, or what it extends, is another."""
+"""Cached models: a file is read once for all drives, and again after the file or its base has changed."""
 
 import os
 from decimal import Decimal
@@ -20,7 +20,7 @@ PLUGINS = list(installed.working())
 
 @pytest.fixture
 def opened(monkeypatch):
-    """The names of the files that are read from now on."""
+    """Return a list that collects the names of the files opened from now on."""
     names = []
 
     def noting(path):
@@ -33,7 +33,7 @@ def opened(monkeypatch):
 
 
 def write(path, text, *, age_s=60):
-    """Write a file that nobody has touched for a while."""
+    """Write a file and date it back, as if it had not changed for a while."""
     path.write_text(text, encoding="utf-8")
     written = path.stat().st_mtime - age_s
     os.utime(path, (written, written))
@@ -44,14 +44,14 @@ def read(path, protocol="vabus"):
     return read_model(path, protocol)
 
 
-def test_a_model_that_is_known_is_not_read(opened):
+def test_loaded_model_is_not_read_again(opened):
     first = load_model("drivecomm_vabus", "vabus", "act")
     del opened[:]
     assert load_model("drivecomm_vabus", "vabus", "act") is first
     assert opened == []
 
 
-def test_an_edited_file_is_read_anew(tmp_path):
+def test_edited_file_is_read_again(tmp_path):
     path = write(tmp_path / "some.toml", HEAD + PARAMETER.format("0.1"))
     first = read(path)
     assert read(path) is first
@@ -60,7 +60,7 @@ def test_an_edited_file_is_read_anew(tmp_path):
     assert first.parameters["481"].factor == Decimal("0.1")
 
 
-def test_a_file_that_keeps_its_size_and_its_time_is_read_anew(tmp_path):
+def test_file_edited_with_the_same_size_and_time_is_read_again(tmp_path):
     path = write(tmp_path / "some.toml", HEAD + PARAMETER.format("0.1"))
     before = path.stat()
     read(path)
@@ -69,7 +69,7 @@ def test_a_file_that_keeps_its_size_and_its_time_is_read_anew(tmp_path):
     assert read(path).parameters["481"].factor == Decimal("0.2")
 
 
-def test_a_file_that_was_written_just_now_is_not_kept(tmp_path, opened):
+def test_file_written_a_moment_ago_is_not_cached(tmp_path, opened):
     path = write(tmp_path / "some.toml", HEAD, age_s=-0.001)
     os.utime(path)
     read(path)
@@ -78,7 +78,7 @@ def test_a_file_that_was_written_just_now_is_not_kept(tmp_path, opened):
     assert opened == ["some.toml"] * 2
 
 
-def test_what_a_model_extends_is_read_anew_when_it_changes(tmp_path):
+def test_model_is_read_again_when_its_base_changes(tmp_path):
     base = write(tmp_path / "whole.toml", HEAD.replace("some", "whole") + PARAMETER.format("0.1"))
     path = write(tmp_path / "some.toml", HEAD + 'extends = "whole"\n')
     first = read(path)
@@ -87,7 +87,7 @@ def test_what_a_model_extends_is_read_anew_when_it_changes(tmp_path):
     assert read(path).parameters["481"].factor == Decimal("0.5")
 
 
-def test_another_file_that_comes_first_takes_the_place_of_what_is_extended(tmp_path, monkeypatch):
+def test_base_in_the_users_folder_replaces_the_packaged_base(tmp_path, monkeypatch):
     monkeypatch.setenv("DRIVECOMM_MODELS", str(tmp_path / "own"))
     path = write(tmp_path / "some.toml", HEAD + 'extends = "family"\n')
     first = read_model(path, "vabus", "drivecomm_vabus")
@@ -97,7 +97,7 @@ def test_another_file_that_comes_first_takes_the_place_of_what_is_extended(tmp_p
     assert list(first.parameters) != ["482"]
 
 
-def test_what_is_extended_and_taken_away_is_missed_with_its_line(tmp_path):
+def test_removed_base_is_reported_with_the_line_of_extends(tmp_path):
     base = write(tmp_path / "whole.toml", HEAD.replace("some", "whole"))
     path = write(tmp_path / "some.toml", HEAD + 'extends = "whole"\n')
     read(path)
@@ -106,7 +106,7 @@ def test_what_is_extended_and_taken_away_is_missed_with_its_line(tmp_path):
         read(path)
 
 
-def test_a_circle_that_closes_later_is_seen(tmp_path):
+def test_circular_extension_made_after_the_first_read_is_refused(tmp_path):
     base = write(tmp_path / "whole.toml", HEAD.replace("some", "whole"))
     path = write(tmp_path / "some.toml", HEAD + 'extends = "whole"\n')
     read(path)
@@ -116,14 +116,14 @@ def test_a_circle_that_closes_later_is_seen(tmp_path):
             read(path)
 
 
-def test_a_file_that_was_read_for_one_protocol_is_none_of_another(tmp_path):
+def test_cached_file_is_refused_for_another_protocol(tmp_path):
     path = write(tmp_path / "some.toml", HEAD)
     read(path)
     with pytest.raises(FileFormatError, match="is a model for 'vabus', not for 'fuji'"):
         read(path, "fuji")
 
 
-def test_a_file_that_is_taken_away_is_missed(tmp_path):
+def test_removed_file_is_reported_as_missing(tmp_path):
     path = write(tmp_path / "some.toml", HEAD)
     read(path)
     path.unlink()
@@ -131,7 +131,7 @@ def test_a_file_that_is_taken_away_is_missed(tmp_path):
         read(path)
 
 
-def test_the_same_name_in_another_folder_is_another_file(tmp_path, monkeypatch):
+def test_same_relative_path_in_another_folder_is_read_separately(tmp_path, monkeypatch):
     for folder, factor in (("a", "0.1"), ("b", "0.2")):
         (tmp_path / folder).mkdir()
         write(tmp_path / folder / "some.toml", HEAD + PARAMETER.format(factor))
@@ -140,13 +140,13 @@ def test_the_same_name_in_another_folder_is_another_file(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("plugin", PLUGINS, ids=lambda plugin: plugin.name)
-def test_nobody_can_change_what_others_share(plugin):
+def test_packaged_models_and_quantities_are_immutable(plugin):
     for name in model_names(plugin.package, plugin.name):
         must_be_unchangeable(load_model(plugin.package, plugin.name, name))
     must_be_unchangeable(quantities())
 
 
-def test_whatever_a_file_says_cannot_be_changed(tmp_path):
+def test_all_values_of_a_read_model_are_immutable(tmp_path):
     path = write(
         tmp_path / "some.toml",
         HEAD

@@ -1,4 +1,4 @@
-"""Readings behind common names that no drive can mean are marked uncertain, with the reason."""
+"""Plausibility of readings by common name: impossible values are marked uncertain, with the reason."""
 
 from decimal import Decimal
 
@@ -27,7 +27,7 @@ def reading(name, value):
     return new_reading(parameter="1", value=value, raw=1, unit=quantities()[name].unit, name=name)
 
 
-def test_limits_are_of_common_names_and_rated_values():
+def test_limits_refer_to_common_names_only():
     assert limits().keys() <= quantities().keys()
     assert {each.of for each in limits().values()} - {""} <= quantities().keys()
 
@@ -52,13 +52,13 @@ def test_limits_are_of_common_names_and_rated_values():
         ("drive_type", "FC-302", {}, ""),
     ],
 )
-def test_reading_is_doubted_beyond_what_drives_have(name, value, plate, says):
+def test_reading_outside_its_limits_is_doubted(name, value, plate, says):
     doubt = judged(name, value, plate)
     assert says in doubt
     assert bool(doubt) is bool(says)
 
 
-def test_reading_over_the_line_is_uncertain_by_each_way_of_reading():
+def test_implausible_reading_is_uncertain_by_read_polled_and_read_many():
     drive = virtual_drive("modbus", 1, model="delta")
     with drivecomm.open_bus(VirtualLine([drive]).port) as bus:
         one = bus.drive("modbus", 1, model="delta")

@@ -1,4 +1,4 @@
-"""Common names: what they are, how a model maps them, and what a reading by one looks like."""
+"""Common names: their registry, their mapping by models, and readings made by them."""
 
 from dataclasses import replace
 from decimal import Decimal
@@ -17,7 +17,7 @@ def line():
     return VirtualLine([virtual_drive("vabus", 1, model="agile")])
 
 
-def test_the_registry_is_whole():
+def test_each_common_name_has_a_valid_name_a_meaning_and_a_unit():
     known = quantities()
     assert len(known) >= 30
     for name, quantity in known.items():
@@ -27,7 +27,7 @@ def test_the_registry_is_whole():
         assert quantity.unit == quantity.unit.strip()
 
 
-def test_a_reading_by_its_common_name(line):
+def test_read_by_common_name_returns_name_address_and_unit(line):
     with drivecomm.open_bus(line.port) as bus:
         reading = bus.drive("vabus", 1, model="agile").read("output_frequency")
     assert (reading.parameter, reading.name, reading.unit, reading.value) == ("210", "output_frequency", "Hz", 0)
@@ -35,7 +35,7 @@ def test_a_reading_by_its_common_name(line):
     assert reading.note == "type and unit are derived"
 
 
-def test_a_unit_of_the_makers_becomes_the_common_one(line, tmp_path):
+def test_value_by_common_name_is_converted_to_the_common_unit(line, tmp_path):
     own = tmp_path / "own.toml"
     own.write_text(
         'format = 1\nprotocol = "vabus"\nname = "own"\nextends = "agile"\n'
@@ -52,11 +52,11 @@ def test_a_unit_of_the_makers_becomes_the_common_one(line, tmp_path):
         plain = drive.read("ramp")
         same = replace(plain, name="acceleration_time", value=Decimal("1.5"), unit="s", time_s=told.time_s)
         assert told == same
-        with pytest.raises(drivecomm.ValueRefusedError, match="no multiple of 10 ms"):
+        with pytest.raises(drivecomm.ValueRefusedError, match="not a multiple of 10 ms"):
             drive.write("acceleration_time", "0.001")
 
 
-def test_a_common_name_that_the_model_does_not_map(line):
+def test_common_name_that_the_model_does_not_map_is_refused(line):
     with drivecomm.open_bus(line.port) as bus:
         with pytest.raises(ParameterAddressError, match="model agile does not say which parameter is the energy"):
             bus.drive("vabus", 1, model="agile").read("energy")
@@ -64,7 +64,7 @@ def test_a_common_name_that_the_model_does_not_map(line):
             bus.drive("vabus", 1).write("energy", 1)
 
 
-def test_what_a_model_extends_can_be_taken_back(tmp_path):
+def test_empty_mapping_removes_an_inherited_common_name(tmp_path):
     own = tmp_path / "own.toml"
     own.write_text(
         'format = 1\nprotocol = "vabus"\nname = "own"\nextends = "agile"\n[quantities]\noutput_power = ""\n',
@@ -75,7 +75,7 @@ def test_what_a_model_extends_can_be_taken_back(tmp_path):
     assert model.quantities["output_current"] == "211"
 
 
-def test_a_model_with_a_misspelt_common_name_spoils_nothing_else(line, tmp_path):
+def test_misspelt_common_name_in_a_model_leaves_the_others_usable(line, tmp_path):
     own = tmp_path / "own.toml"
     own.write_text(
         'format = 1\nprotocol = "vabus"\nname = "own"\nextends = "agile"\n[quantities]\noutput_freqency = "210"\n',
@@ -88,7 +88,7 @@ def test_a_model_with_a_misspelt_common_name_spoils_nothing_else(line, tmp_path)
             drive.read("output_freqency")
 
 
-def test_the_users_folder_goes_before_the_packages(tmp_path, monkeypatch):
+def test_model_of_the_users_folder_may_extend_the_packaged_model_it_replaces(tmp_path, monkeypatch):
     monkeypatch.setenv("DRIVECOMM_MODELS", str(tmp_path))
     (tmp_path / "vabus").mkdir()
     (tmp_path / "vabus" / "act.toml").write_text(
@@ -107,13 +107,13 @@ def test_units_are_converted_exactly_or_not_at_all(given, wanted, factor):
     assert factor_between(given, wanted) == factor
 
 
-def test_what_cannot_be_converted_is_said():
+def test_conversion_between_unrelated_units_is_refused():
     assert converted(Decimal("1.50"), "Hz", "Hz") == Decimal("1.50")
     with pytest.raises(UsageError, match="A cannot be given in Hz"):
         converted(Decimal(1), "A", "Hz")
 
 
-def test_readings_as_pint_quantities():
+def test_numeric_reading_converts_to_a_pint_quantity():
     pint = pytest.importorskip("pint")
     reading = Reading(parameter="481", value=Decimal("10.00"), raw="000003E8", unit="Hz", time_s=1.5)
     assert reading.to_pint() == pint.get_application_registry().Quantity(Decimal(10), "Hz")
@@ -121,10 +121,10 @@ def test_readings_as_pint_quantities():
     assert reading.quality == "good"
     with pytest.raises(UsageError, match="only numbers have a unit"):
         Reading(parameter="1", value="text", raw="text").to_pint()
-    with pytest.raises(UsageError, match="no physical unit"):
+    with pytest.raises(UsageError, match="not a physical unit"):
         Reading(parameter="1", value=1, raw=1, unit="reference unit").to_pint()
 
 
-def test_every_unit_of_the_registry_is_known_to_pint():
+def test_pint_knows_every_unit_of_the_registry():
     for quantity in quantities().values():
         Reading(parameter="1", value=1, raw=1, unit=quantity.unit).to_pint()

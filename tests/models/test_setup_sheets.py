@@ -1,4 +1,4 @@
-"""Set-up sheets: what is filled in, and what every packaged one must have."""
+"""Set-up sheets: the values they fill in, and the rules for packaged sheets."""
 
 import pytest
 
@@ -38,10 +38,10 @@ WITHOUT = {
     *("modbus/lenze-tmd", "modbus/ls-ig5a", "modbus/optidrive-plus", "modbus/parker-ac10", "modbus/powtran-pi130"),
     *("modbus/rexroth-efc", "modbus/teco-7300cv", "movilink/movitrac-b"),
 }
-"""Series for which no page about the panel was found. Take out what has found one; add nothing."""
+"""Series whose panel settings were found on no page. Remove an entry when its page is found; add none."""
 
 NEEDED_WITHOUT_A_PANEL = {("modbus/yaskawa", "0x0502"), ("mitsubishi/*", "H7B")}
-"""What a start looks for that no page calls a setting of the panel: o1-03, and a mode that is set over the line."""
+"""Conditions of a start that no page lists as a panel setting: o1-03, and a mode that is set over the line."""
 
 LINE = LineSettings(baudrate=19200, parity="E")
 
@@ -63,10 +63,10 @@ def filled(made_from=None, settings=LINE, address=None, link_loss=None, watchdog
     return row
 
 
-# Every packaged sheet
+# Packaged sheets
 
 
-def test_series_without_a_sheet_become_fewer():
+def test_packaged_models_without_a_sheet_are_those_of_the_list():
     models = {
         f"{plugin.name}/{path.stem}" for plugin in installed.working() for path in packaged_models(plugin.package)
     }
@@ -74,7 +74,7 @@ def test_series_without_a_sheet_become_fewer():
 
 
 @pytest.mark.parametrize("sheet", SHEETS, ids=NAMES)
-def test_packaged_row_names_its_source_and_is_confirmed(sheet):
+def test_packaged_row_has_a_source_and_is_not_unconfirmed(sheet):
     _, known = sheet
     for row in known.setup:
         assert row.source.strip(), row
@@ -96,13 +96,13 @@ def test_packaged_sheet_has_values_for_the_defaults_of_its_series(sheet):
     plugin, known = sheet
     settings = resolve_options(plugin, known, {})[0].settings
     lacking = {row.setting.parameter for row in setup_sheet(known, settings, address=1) if row.lacks}
-    # The default of the model is 8N1, which these series do not have over Modbus.
+    # The models default to 8N1, which these series do not have over Modbus.
     allowed = {"modbus/delta-vfd-b": {"09-04"}, "modbus/vacon10": {"S2.6"}}
     assert lacking == allowed.get(f"{known.protocol}/{known.name}", set())
 
 
 @pytest.mark.parametrize("sheet", SHEETS, ids=NAMES)
-def test_what_a_start_looks_for_is_on_the_packaged_sheet(sheet):
+def test_packaged_sheet_lists_the_settings_that_a_start_requires(sheet):
     _, known = sheet
     on_sheet = {row.address: {int(each) for each in (row.value, *row.also) if each.isdecimal()} for row in known.setup}
     for address, raws in known.control.get("needs", {}).items():
@@ -113,7 +113,7 @@ def test_what_a_start_looks_for_is_on_the_packaged_sheet(sheet):
 
 @pytest.mark.parametrize("options", [{}, {"baudrate": 19200}], ids=["defaults", "19200 baud"])
 @pytest.mark.parametrize("sheet", SHEETS, ids=NAMES)
-def test_virtual_drive_shows_what_the_sheet_of_its_line_says(sheet, options):
+def test_virtual_drive_holds_the_values_of_the_sheet_for_its_line(sheet, options):
     plugin, known = sheet
     address = [each for each in plugin.addresses if each > 0][2]
     line = VirtualLine([virtual_drive(plugin.name, address, model=known, **options)])
@@ -126,7 +126,7 @@ def test_virtual_drive_shows_what_the_sheet_of_its_line_says(sheet, options):
             assert reading.value in held_codes(row, known), row
 
 
-# What is filled in
+# Values made from the plant
 
 
 @pytest.mark.parametrize(
@@ -144,18 +144,18 @@ def test_virtual_drive_shows_what_the_sheet_of_its_line_says(sheet, options):
         (None, {"value": "5", "means": "USS"}, "5", "USS"),
     ],
 )
-def test_value_is_made_from_the_plant(made_from, keys, value, made_of):
+def test_value_is_made_from_the_line_settings_or_the_address(made_from, keys, value, made_of):
     row = filled(made_from, address=31, **keys)
     assert (row.value, row.made_of, row.lacks) == (value, made_of, "")
 
 
-def test_rate_without_a_code_is_named_with_those_that_have_one():
+def test_baud_rate_without_a_code_is_reported_with_the_known_rates():
     row = filled("baudrate", codes={"9600": "6", "38400": "8"})
     assert row.value == ""
     assert row.lacks == "no value is known for 19200 baud, only for 9600 and 38400"
 
 
-def test_sheet_without_an_address_leaves_it_open():
+def test_sheet_without_an_address_has_a_placeholder_for_it():
     assert filled("address").made_of == "its own address on the line"
 
 
@@ -170,13 +170,13 @@ WATCHDOG = Watchdog(time="813", action="812", actions={"ramp": 2, "trip": 5}, of
         (LinkLossPolicy(policy="hold"), ("", "any, with hold"), "0"),
     ],
 )
-def test_link_loss_is_made_from_the_policy_of_the_drive(policy, action, time):
+def test_link_loss_setting_follows_the_policy_of_the_drive(policy, action, time):
     row = filled("link_loss", link_loss=policy, watchdog=WATCHDOG)
     assert (row.value, row.made_of) == action
     assert filled("watchdog_s", link_loss=policy, watchdog=WATCHDOG, unit="ms").value == time
 
 
-def test_time_that_is_never_is_named_by_the_row_or_the_watchdog():
+def test_watchdog_time_of_hold_comes_from_the_row_or_the_watchdog():
     hold = LinkLossPolicy(policy="hold")
     assert filled("watchdog_s", link_loss=hold, codes={"hold": "9999"}).value == "9999"
     assert filled("watchdog_s", link_loss=hold).lacks == "no value is known for hold"
@@ -184,24 +184,24 @@ def test_time_that_is_never_is_named_by_the_row_or_the_watchdog():
     assert filled("watchdog_s", link_loss=hold, watchdog=by_action).made_of == "any, with hold"
 
 
-def test_policy_that_a_drive_does_not_have_is_named():
+def test_unavailable_policy_is_reported_with_the_available_ones():
     row = filled("link_loss", link_loss=LinkLossPolicy(policy="coast"), watchdog=WATCHDOG)
     assert row.lacks == "no value is known for coast, only for ramp and trip"
 
 
-def test_rows_stand_in_the_order_of_their_purposes():
+def test_rows_are_sorted_by_purpose():
     rows = [setting(value="1", purpose=each) for each in ("link loss", "commands", "access", "line")]
     assert [row.setting.purpose for row in setup_sheet(model(*rows), LINE)] == [
         *("access", "line", "commands", "link loss"),
     ]
 
 
-def test_words_for_a_value_of_the_plant():
+def test_line_settings_are_spelled_out_in_words():
     assert in_words("stopbits", "2") == "2 stop bits"
     assert in_words("parity", "O") == "odd parity"
 
 
-def test_file_with_rows_of_its_own_takes_none_over(tmp_path):
+def test_file_with_its_own_rows_inherits_none(tmp_path):
     head = 'format = 1\nprotocol = "vabus"\nname = "own"\nextends = "act"\nsource = "a page"\n'
     path = tmp_path / "own.toml"
     path.write_text(head, encoding="utf-8")
@@ -214,7 +214,7 @@ def test_file_with_rows_of_its_own_takes_none_over(tmp_path):
     assert read_model(path, "vabus", package).setup == ()
 
 
-# What a file cannot say
+# Mistakes in a model file
 
 ROW = '[[setup]]\nparameter = "394"\nname = "node"\npurpose = "line"\n'
 

@@ -1,4 +1,4 @@
-"""How much of what the packaged models say has no page: counted, told, and only ever less."""
+"""Number of unconfirmed facts in the packaged models: counted, reported, and never allowed to grow."""
 
 import json
 
@@ -8,13 +8,13 @@ from drivecomm.models.sureness import HEARSAY
 from drivecomm.protocol import installed
 
 CEILING = 197
-"""Facts that may be unconfirmed. Lower it with each that finds its page; a new model brings none.
+"""Highest number of unconfirmed facts. Lower it whenever one finds its page; a new model may add none.
 
 Nine are commands of Lenze drives, nine of Unidrive Classic, and six of EI Bisynch, which are listed to be refused.
 """
 
 
-def test_unconfirmed_facts_become_fewer():
+def test_number_of_unconfirmed_facts_equals_the_ceiling():
     unconfirmed = sureness_of_facts()["unconfirmed"]
     assert unconfirmed <= CEILING, "no new unconfirmed fact: find its page or its program, or leave it out"
     assert unconfirmed == CEILING, "well done: lower the ceiling to what is left"
@@ -25,7 +25,7 @@ def test_unconfirmed_facts_are_less_than_eight_per_cent():
     assert marks["unconfirmed"] / marks.total() < 0.08
 
 
-def test_each_parameter_and_panel_setting_of_each_packaged_model_is_counted_but_hearsay():
+def test_all_parameters_and_panel_settings_except_hearsay_are_counted():
     models = {
         f"{plugin.name}/{path.stem}": read_model(path, plugin.name, plugin.package)
         for plugin in installed.working()
@@ -38,7 +38,7 @@ def test_each_parameter_and_panel_setting_of_each_packaged_model_is_counted_but_
         assert {info.sure for info in models[name].parameters.values()} > {"unconfirmed"}
 
 
-def test_check_of_all_models_says_how_many_are_unconfirmed(capsys):
+def test_models_check_reports_the_number_of_unconfirmed_facts(capsys):
     assert main(["models", "check"]) == 0
     marks = sureness_of_facts()
     assert capsys.readouterr().out.splitlines()[-1] == (
@@ -52,7 +52,7 @@ def test_check_of_all_models_says_how_many_are_unconfirmed(capsys):
     assert {mark: last[mark] for mark in marks} == marks
 
 
-def test_check_of_one_file_says_nothing_of_the_others(capsys):
+def test_models_check_of_one_file_reports_that_file_only(capsys):
     path = packaged_models("drivecomm_vlt3500")[0]
     assert main(["models", "check", str(path)]) == 0
     assert capsys.readouterr().out == f"{path}: in order\n"

@@ -1,4 +1,4 @@
-"""Plants to watch, in virtual time."""
+"""Virtual plants to be watched, in virtual time."""
 
 import asyncio
 from dataclasses import replace
@@ -31,7 +31,7 @@ def dark(drive, off_at_s, back_at_s=None):
 
 
 def virtual_lines(plant, **changes):
-    """Return what is to be watched of a virtual plant; changes: of all drives, such as armed=True."""
+    """Return the watched lines of a virtual plant. changes: facts for all drives, such as armed=True."""
     return [
         replace(
             line,
@@ -43,7 +43,7 @@ def virtual_lines(plant, **changes):
 
 
 def watched(plant, seconds, **options):
-    """Watch a plant so long; return the watcher, which is closed."""
+    """Watch a plant for the given number of seconds; return the closed watcher."""
 
     async def watch():
         async with Watcher(virtual_lines(plant), **options) as watcher:

@@ -1,4 +1,4 @@
-"""What is told of a drive that is looked at again and again."""
+"""Events of a drive that is observed again and again."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -14,11 +14,11 @@ RUNNING = replace(READY, state=DriveState.RUNNING, running=True, reverse=False)
 SILENCE = object()
 """The drive does not answer."""
 VALUE = object()
-"""The drive answers a request for a value, and was not asked for its status yet."""
+"""The drive answers a request for a value, and its status has not been read yet."""
 
 
 def told(*course):
-    """Return what is told of a drive that is seen like this: statuses, some with a fault, and silences."""
+    """Return the events of a drive observed in these steps: statuses, some with a fault, values, and silences."""
     views = [DriveView(drive=PUMP, line="hall")]
     for step in course:
         last = views[-1]
@@ -32,23 +32,23 @@ def told(*course):
     return [(event.kind, event.text) for before, after in pairwise(views) for event in changes(before, after, 1.0)]
 
 
-def test_a_warning_is_told_when_it_comes():
+def test_warning_is_reported_when_it_appears():
     assert told(READY, WARNED, WARNED, READY, WARNED) == [("warning", "warning")] * 2
     assert told(WARNED) == [("warning", "warning")]
 
 
-def test_a_state_is_told_when_it_changes():
+def test_state_is_reported_when_it_changes():
     assert told(READY, RUNNING, RUNNING, replace(RUNNING, reverse=True)) == [
         ("change", "running"),
         ("change", "running backwards"),
     ]
 
 
-def test_nothing_is_told_of_the_first_status():
+def test_first_state_is_not_reported():
     assert told(RUNNING) == []
 
 
-def test_a_fault_is_told_when_it_comes_changes_and_goes():
+def test_fault_is_reported_when_it_appears_changes_and_ends():
     assert told(READY, (READY, "5"), (READY, "5"), (READY, "14"), READY) == [
         ("fault", "fault: 5"),
         ("fault", "fault: 14"),
@@ -59,19 +59,19 @@ def test_a_fault_is_told_when_it_comes_changes_and_goes():
 GAP = [("silent", "gone"), ("change", "answers again")]
 
 
-def test_changes_during_a_silence_are_told_with_the_first_status_after_it():
+def test_changes_during_a_silence_are_reported_with_the_next_status():
     assert told(RUNNING, SILENCE, VALUE, READY) == [*GAP, ("change", "ready")]
     assert told((READY, "5"), SILENCE, READY)[1:] == [*GAP, ("change", "the fault is gone")]
     assert told((READY, "5"), SILENCE, (READY, "14"))[1:] == [*GAP, ("fault", "fault: 14")]
 
 
-def test_what_lasts_through_a_silence_is_not_told_twice():
+def test_condition_that_lasts_through_a_silence_is_reported_once():
     assert told((READY, "5"), SILENCE, VALUE, (READY, "5"))[1:] == GAP
     assert told(WARNED, SILENCE, WARNED)[1:] == GAP
     assert told(RUNNING, SILENCE, RUNNING) == GAP
 
 
-def test_status_of_a_drive_is_not_known_after_a_silence_until_it_comes():
+def test_status_is_unknown_after_a_silence_until_it_is_read_again():
     seen = DriveView(drive=PUMP, line="hall", reachability="answers").with_status(RUNNING, "5")
     after = replace(seen.silent("gone"), reachability="answers")
     assert (after.status, after.fault) == (None, "")

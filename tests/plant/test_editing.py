@@ -62,18 +62,18 @@ def changed(tmp_path, drive, options=TUNED, *, number=0, before=BEFORE, after=AF
         ),
     ],
 )
-def test_whatever_the_options_look_like(tmp_path, own, result):
+def test_options_are_changed_in_any_notation(tmp_path, own, result):
     assert changed(tmp_path, DRIVE + own) == DRIVE + result
 
 
-def test_the_drive_with_the_number_is_changed(tmp_path):
+def test_options_of_the_numbered_drive_are_changed(tmp_path):
     file = tmp_path / "plant.toml"
     file.write_text(BEFORE + '[[drive]]\ndrive = "vabus:1"\n' + AFTER)
     write_options(file, 1, TUNED)
     assert [dict(drive.options) for drive in read_plant(file).drives] == [{}, TUNED]
 
 
-def test_lines_end_as_they_did(tmp_path):
+def test_line_ends_are_kept(tmp_path):
     file = tmp_path / "plant.toml"
     text = (BEFORE + '[[drive]]\ndrive = "vlt3500:1"\n' + AFTER).replace("\n", "\r\n")
     file.write_bytes(text.encode())
@@ -92,7 +92,7 @@ def test_lines_end_as_they_did(tmp_path):
         '[[drive]]\ndrive = "vlt3500:1"\n"options" = { idle_word = 15 }\n',
     ],
 )
-def test_what_is_beyond_it_is_left_alone_and_said(tmp_path, odd):
+def test_unusual_notation_is_refused_and_the_file_stays(tmp_path, odd):
     file = tmp_path / "plant.toml"
     text = odd + '[[line]]\nname = "hall"\n'
     file.write_text(text)
@@ -101,6 +101,6 @@ def test_what_is_beyond_it_is_left_alone_and_said(tmp_path, odd):
     assert file.read_text() == text
 
 
-def test_a_file_that_is_gone(tmp_path):
+def test_missing_file_is_refused(tmp_path):
     with pytest.raises(FileFormatError, match="there is no such file"):
         write_options(tmp_path / "plant.toml", 0, TUNED)

@@ -1,4 +1,4 @@
-"""A disk that is full ends neither polling nor a recording, and leaves no half of anything."""
+"""Full disks: neither polling nor a recording ends, and no partial data are left."""
 
 import errno
 import logging
@@ -23,7 +23,7 @@ resource = pytest.importorskip("resource", reason="file sizes are limited on POS
 
 @contextmanager
 def room_for(size):
-    """Let no file of this process grow beyond a size."""
+    """Limit the size of every file of this process within the block."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     try:
@@ -36,7 +36,7 @@ def clock(time_s):
     return datetime.fromtimestamp(time_s).astimezone().strftime("%H:%M:%S")
 
 
-def test_a_piece_is_in_the_file_or_nothing_of_it(tmp_path):
+def test_piece_is_written_completely_or_not_at_all(tmp_path):
     path = tmp_path / "pieces"
     path.write_bytes(b"head and half a pie")
     file = GrowingFile(path, keep=5)
@@ -53,13 +53,13 @@ def test_a_piece_is_in_the_file_or_nothing_of_it(tmp_path):
     assert path.read_bytes() == b"head first piece4444 and the last"
 
 
-def test_half_a_piece_that_cannot_be_taken_away_at_once_goes_before_the_next(tmp_path):
+def test_partial_piece_is_removed_before_the_next_piece(tmp_path):
     path = tmp_path / "pieces"
     file = GrowingFile(path)
     file.add(b"one ")
 
     class Failing:
-        """The file on a device that fails, in the middle of a piece and from then on."""
+        """File on a device that fails in the middle of a piece and from then on."""
 
         def __init__(self, inner):
             self.inner, self.dead = inner, False
@@ -99,7 +99,7 @@ def test_half_a_piece_that_cannot_be_taken_away_at_once_goes_before_the_next(tmp
         (errno.EROFS, "words of the system"),
     ],
 )
-def test_the_beginning_and_the_end_of_a_gap_are_said_once(number, reason):
+def test_start_and_end_of_a_gap_are_reported_once(number, reason):
     told, written, full = [], [], [True]
     gaps = Gaps("x.csv", kept="values", done="logged", goes_on="polling", tell=told.append)
 
@@ -121,7 +121,7 @@ def test_the_beginning_and_the_end_of_a_gap_are_said_once(number, reason):
     assert gaps.summary == "x.csv: is incomplete; 4 values are missing"
 
 
-def test_a_clock_that_is_set_back_does_not_keep_a_file_from_being_tried():
+def test_clock_set_back_does_not_prevent_a_retry():
     gaps = Gaps("x", kept="values", done="logged", goes_on="polling", tell=lambda _: None)
     full = [True]
 
@@ -135,7 +135,7 @@ def test_a_clock_that_is_set_back_does_not_keep_a_file_from_being_tried():
 
 
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
-def test_a_log_loses_only_what_there_is_no_room_for(tmp_path, ending, caplog):
+def test_log_loses_only_the_rows_without_room(tmp_path, ending, caplog):
     path = tmp_path / f"log.{ending}"
     with open_log(path) as log:
         with room_for(2000), caplog.at_level(logging.WARNING):
@@ -154,7 +154,7 @@ def test_a_log_loses_only_what_there_is_no_room_for(tmp_path, ending, caplog):
 
 
 @pytest.mark.parametrize("suffix", [".jsonl", ".pcapng"])
-def test_a_recording_goes_on_when_there_is_room(tmp_path, suffix, caplog):
+def test_recording_continues_when_there_is_room_again(tmp_path, suffix, caplog):
     path = tmp_path / f"a{suffix}"
     line = VirtualLine([virtual_drive("vabus", 1), virtual_drive("danfoss-fc", 2)])
     with caplog.at_level(logging.WARNING), drivecomm.open_bus(line.port, record=path) as bus:
@@ -176,7 +176,7 @@ def test_a_recording_goes_on_when_there_is_room(tmp_path, suffix, caplog):
 
 
 @pytest.mark.parametrize("suffix", [".jsonl", ".pcapng"])
-def test_a_piece_that_found_no_room_is_added_again_as_the_first_one(tmp_path, suffix):
+def test_piece_without_room_can_be_added_later_with_its_settings(tmp_path, suffix):
     path = tmp_path / f"a{suffix}"
     pieces = [Piece(time_s=number, data=b"abc", settings=LineSettings(baudrate=9600 << number)) for number in range(2)]
     with CaptureWriter(path, Provenance()) as writer:
@@ -213,7 +213,7 @@ sys.exit(main(["poll", "vabus:1,model=agile", "481", "--for", "61", "--port", "l
 @pytest.mark.soak
 @pytest.mark.parametrize("how", ["ends", "interrupt"])
 @pytest.mark.parametrize(("option", "ending"), [("--log", "csv"), ("--log", "parquet"), ("--record", "jsonl")])
-def test_poll_goes_on_and_its_exit_code_says_that_something_is_missing(tmp_path, option, ending, how):
+def test_poll_continues_and_its_exit_code_reports_missing_rows(tmp_path, option, ending, how):
     path = tmp_path / f"x.{ending}"
     command = [sys.executable, "-c", COMMAND, option, str(path), how]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
@@ -236,7 +236,7 @@ def test_poll_goes_on_and_its_exit_code_says_that_something_is_missing(tmp_path,
         assert not read_capture(path).remarks
 
 
-def test_what_cannot_be_finished_says_where_the_rows_are(tmp_path):
+def test_unfinished_parquet_log_names_the_file_with_its_rows(tmp_path):
     path = tmp_path / "log.parquet"
     log = open_log(path)
     for number in range(12):
@@ -248,7 +248,7 @@ def test_what_cannot_be_finished_says_where_the_rows_are(tmp_path):
     assert list(read_rows(path)), "what is there is read by the log's name"
 
 
-def test_a_device_that_is_full_from_the_beginning_is_refused_before_a_port_is_opened(tmp_path, capsys):
+def test_full_device_is_refused_before_a_port_is_opened(tmp_path, capsys):
     if not Path("/dev/full").exists():
         pytest.skip("there is no /dev/full")
     path = tmp_path / "log.csv"

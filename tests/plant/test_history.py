@@ -1,4 +1,4 @@
-"""Trends: what held when."""
+"""Trends: samples of a value in cells of equal time."""
 
 from hypothesis import given, strategies as st
 
@@ -18,13 +18,13 @@ def test_cells_hold_the_latest_value_before_their_end():
     assert trend.cells(2, until_s=2.9, each_s=1.0) == [2.0, 3.0]
 
 
-def test_a_failure_is_a_gap_and_so_is_a_long_silence():
+def test_failure_and_long_silence_are_gaps():
     trend = trend_of((0.0, 1.0), (1.0, None), (2.0, 3.0))
     assert trend.cells(3, until_s=2.0, each_s=1.0) == [1.0, None, 3.0]
     assert trend.cells(2, until_s=6.0, each_s=1.0) == [3.0, None]
 
 
-def test_the_oldest_go_when_there_is_no_room():
+def test_oldest_samples_are_dropped_from_a_full_trend():
     trend = Trend(keeps_s=1, room=2)
     for time_s in range(5):
         trend.add(time_s, float(time_s))
@@ -37,7 +37,7 @@ def test_the_oldest_go_when_there_is_no_room():
     st.floats(0.01, 10),
     st.floats(0, 100),
 )
-def test_cells_hold_nothing_that_was_not_sampled(values, number, each_s, until_s):
+def test_cells_hold_only_sampled_values(values, number, each_s, until_s):
     trend = trend_of(*enumerate(values))
     cells = trend.cells(number, until_s=until_s, each_s=each_s)
     assert len(cells) == number

@@ -1,4 +1,4 @@
-"""A plant from its masters' side: drives by name, read-only unless armed, and the file that a scan writes."""
+"""Open plants: drives by name, read-only unless armed, their status, and the plant file that a scan writes."""
 
 import asyncio
 from dataclasses import replace
@@ -56,7 +56,7 @@ PLANT = Plant(
 
 
 class Served:
-    """A virtual plant, what is sent on its lines, and which lines were opened."""
+    """Virtual plant that a master has opened; records the sent telegrams and the opened lines."""
 
     def __init__(self, plant=PLANT):
         self.virtual = VirtualPlant(plant)
@@ -80,7 +80,7 @@ def served():
         yield one
 
 
-def test_a_line_is_opened_when_its_first_drive_is_asked_for(served):
+def test_line_is_opened_when_its_first_drive_is_requested(served):
     assert list(served.plant.drives) == ["pump", "fan", "mixer", "belt"]
     assert len(served.plant.drives) == 4
     assert served.opened_lines == []
@@ -92,7 +92,7 @@ def test_a_line_is_opened_when_its_first_drive_is_asked_for(served):
     assert served.opened_lines == ["hall", "yard"]
 
 
-def test_names_that_are_not_there(served):
+def test_unknown_names_are_refused(served):
     with pytest.raises(UsageError, match=r"hall.toml: there is no drive 'door' in this plant; it has pump, fan"):
         served.plant.drive("door")
     with pytest.raises(KeyError):
@@ -116,7 +116,7 @@ def test_group_returns_its_drives_in_the_order_of_the_plant_and_opens_their_line
 
 
 @pytest.mark.parametrize("name", ["pump", "belt", "vabus:1", "dry", ""])
-def test_group_is_refused_unless_it_is_one_of_the_plant(name):
+def test_unknown_group_is_refused(name):
     with pytest.raises(UsageError, match=f"hall.toml: there is no group '{name}' in this plant; .*t has wet, hall 2"):
         Served(GROUPS).plant.group(name)
 
@@ -133,7 +133,7 @@ def test_drive_refuses_a_group_and_lists_its_drives():
     assert [each.name for each in GROUPS.named("vabus:1")] == ["pump"]
 
 
-def test_an_armed_drive_is_commanded(served):
+def test_armed_drive_may_be_commanded(served):
     pump = served.plant.drive("pump")
     pump.write("480", "12.5")
     pump.start()
@@ -163,7 +163,7 @@ VERBS = {
 
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("name", ["fan", "mixer", "belt"])
-def test_a_drive_that_is_not_armed_is_not_commanded(served, name, command):
+def test_read_only_drive_refuses_every_command(served, name, command):
     drive = served.plant.drive(name)
     with pytest.raises(UsageError) as refusal:
         COMMANDS[command](drive)
@@ -171,7 +171,7 @@ def test_a_drive_that_is_not_armed_is_not_commanded(served, name, command):
     assert served.sent == []
 
 
-def test_verbs_that_command_are_refused_before_their_command_is_sent(served):
+def test_commanding_verb_of_a_read_only_drive_sends_no_command(served):
     refused = 0
     for name in ("fan", "mixer", "belt"):
         drive = served.plant.drive(name)
@@ -188,7 +188,7 @@ def test_verbs_that_command_are_refused_before_their_command_is_sent(served):
         assert installed[event.drive.partition(":")[0]].intent(event.message).only_asks, event
 
 
-def test_reading_and_stopping_are_always_allowed(served):
+def test_read_only_drive_may_be_read_and_stopped(served):
     for name in ("fan", "mixer", "belt"):
         drive = served.plant.drive(name)
         drive.probe()
@@ -200,14 +200,14 @@ def test_reading_and_stopping_are_always_allowed(served):
     assert asked == {"danfoss-fc:3", "fuji:2", "vlt3500:5"}
 
 
-def test_a_read_only_drive_cannot_be_set_up():
+def test_read_only_drive_cannot_be_set_up():
     served = Served()
     with served.plant as plant, pytest.raises(UsageError, match="cannot be set up, because it is read-only"):
         plant.bus("hall").drive("vabus", 1, set_up={"480": 1}, read_only=True)
 
 
-def test_a_verb_that_tells_without_being_answered_is_not_let_through():
-    """Whoever is told is commanded, too."""
+def test_read_only_drive_refuses_a_verb_that_sends_an_unanswered_telegram():
+    """A telegram without a reply can command a drive, too."""
     vabus = installed["vabus"]
 
     class Shouting:
@@ -238,7 +238,7 @@ def test_a_verb_that_tells_without_being_answered_is_not_let_through():
         take_away()
 
 
-def test_awaited_it_is_refused_alike():
+def test_awaited_read_only_drive_refuses_a_start():
     virtual = VirtualPlant(PLANT)
 
     async def start():
@@ -252,7 +252,7 @@ def test_awaited_it_is_refused_alike():
         asyncio.run(start())
 
 
-def test_a_verb_that_asks_is_carried_out_and_hears_what_goes_wrong():
+def test_reading_verb_of_a_read_only_drive_runs_and_gets_errors():
     def asking():
         yield Pause(seconds=1)
         try:
@@ -279,7 +279,7 @@ def test_a_verb_that_asks_is_carried_out_and_hears_what_goes_wrong():
         play(unknown.extra["look"](), [])
 
 
-def test_options_that_cannot_be_name_the_drive_and_the_file():
+def test_invalid_options_are_reported_with_the_drive_and_the_file():
     wrong = DriveConfig(name="pump", protocol="vabus", address=1, line="hall", options={"modle": "agile"})
     with (
         Served(Plant(lines=(PlantLine(name="hall"),), drives=())).plant as plant,
@@ -296,7 +296,7 @@ def test_options_that_cannot_be_name_the_drive_and_the_file():
         plant.drive("pump")
 
 
-def test_a_file_is_opened(tmp_path):
+def test_plant_is_opened_from_a_file(tmp_path):
     path = tmp_path / "plant.toml"
     path.write_text('format = 1\n[[line]]\nname = "hall"\n[[drive]]\ndrive = "vabus:1"\n')
     with open_plant(path) as plant, pytest.raises(UsageError, match="line hall has no port; write port ="):
@@ -305,7 +305,7 @@ def test_a_file_is_opened(tmp_path):
         open_plant(tmp_path / "none.toml")
 
 
-def test_two_drives_with_one_address_are_named():
+def test_ambiguous_address_is_refused_with_the_drive_names():
     twice = Plant(
         lines=PLANT.lines,
         drives=tuple(DriveConfig(name=line, protocol="vabus", address=1, line=line) for line in ("hall", "yard")),
@@ -328,11 +328,11 @@ def test_two_drives_with_one_address_are_named():
         ({}, ""),
     ],
 )
-def test_where_a_line_is_reached(said, reached):
+def test_line_is_reached_at_its_port_or_its_listening_address(said, reached):
     assert PlantLine(name="hall", **said).reached_at == reached
 
 
-def test_what_the_plant_says_of_a_line_is_how_it_is_opened():
+def test_line_is_opened_with_the_settings_of_the_plant():
     line = PlantLine(name="hall", echo=True, settings={"baudrate": 9600})
     plant = Plant(lines=(line,), drives=(DriveConfig(name="pump", protocol="vabus", address=1, line="hall"),))
     virtual = VirtualPlant(plant)
@@ -344,7 +344,7 @@ def test_what_the_plant_says_of_a_line_is_how_it_is_opened():
         assert opened.bus("hall").drive("vabus", 2).facts.settings.baudrate == 19200
 
 
-def test_a_drive_that_is_looked_up_after_closing_opens_its_line_again():
+def test_drive_requested_after_closing_opens_its_line_again():
     plant = Plant(
         lines=(PlantLine(name="hall"),), drives=(DriveConfig(name="pump", protocol="vabus", address=1, line="hall"),)
     )
@@ -361,7 +361,7 @@ def test_a_drive_that_is_looked_up_after_closing_opens_its_line_again():
 
 
 class TestStatus:
-    def test_all_drives_in_the_order_of_the_plant(self):
+    def test_status_reports_all_drives_in_plant_order(self):
         served = Served()
         served.virtual.power_off("belt")
         with served.plant as plant:
@@ -376,7 +376,7 @@ class TestStatus:
         for event in served.sent:
             assert installed[event.drive.partition(":")[0]].intent(event.message).only_asks, event
 
-    def test_a_line_that_cannot_be_opened_does_not_hide_the_other(self):
+    def test_status_reports_other_lines_if_one_cannot_be_opened(self):
         virtual = VirtualPlant(PLANT)
         tried = []
 
@@ -391,19 +391,19 @@ class TestStatus:
         assert [report.exit_code for report in reports] == [3, 3, 0, 0]
         assert tried == ["hall"]
 
-    def test_lines_are_asked_at_the_same_time(self):
+    def test_status_asks_all_lines_concurrently(self):
         virtual = VirtualPlant(PLANT)
         both = Barrier(2, timeout=20)
 
         def port_of(line):
-            # Passes only when the other line is being opened, too.
+            # Passes only while the other line is being opened, too.
             both.wait()
             return virtual.line(line.name).port
 
         with OpenPlant(PLANT, port_of=port_of) as plant:
             assert [report.exit_code for report in plant_status(plant)] == [0, 0, 0, 0]
 
-    def test_a_value_that_a_drive_refuses_is_left_open(self, tmp_path):
+    def test_status_leaves_a_refused_value_out(self, tmp_path):
         model = tmp_path / "odd.toml"
         model.write_text(
             'format = 1\nprotocol = "vabus"\nname = "odd"\nextends = "agile"\n[quantities]\noutput_current = "1599"\n'
@@ -417,7 +417,7 @@ class TestStatus:
         assert report.current_a is None
         assert report.output_hz == 0
 
-    def test_what_is_no_error_of_ours_is_not_swallowed(self):
+    def test_status_does_not_hide_programming_errors(self):
         def port_of(line):
             raise RuntimeError(line.name)
 
@@ -425,7 +425,7 @@ class TestStatus:
             plant_status(plant)
 
 
-# The file that a scan writes
+# The plant file that a scan writes
 
 
 def found(protocol="vabus", address=1, sound=True, **options):
@@ -438,7 +438,7 @@ def read_text(text, path: Path):
     return read_plant(path)
 
 
-def test_what_a_scan_has_found_is_read_back(tmp_path):
+def test_scanned_drives_are_read_back_from_the_plant_file(tmp_path):
     other = LineSettings(baudrate=19200, parity="E", stopbits=1.5)
     drives = [
         found(),
@@ -462,7 +462,7 @@ def test_what_a_scan_has_found_is_read_back(tmp_path):
     assert "# fuji:2 answered with damage only" in text
 
 
-def test_settings_that_all_share_are_the_lines(tmp_path):
+def test_settings_shared_by_all_drives_belong_to_the_line(tmp_path):
     plant = read_text(
         scanned_text([ScannedLine(port="COM3", found=[found(), found(address=2)])]), tmp_path / "plant.toml"
     )
@@ -470,7 +470,7 @@ def test_settings_that_all_share_are_the_lines(tmp_path):
     assert [drive.options for drive in plant.drives] == [{}, {}]
 
 
-def test_several_scanned_lines_make_one_plant_whose_drives_have_names(tmp_path):
+def test_several_scanned_lines_make_one_plant_with_named_drives(tmp_path):
     lines = [ScannedLine(port="/dev/ttyUSB0", found=[found()]), ScannedLine(port="/dev/ttyUSB1", found=[found()])]
     plant = read_text(scanned_text(lines), tmp_path / "plant.toml")
     assert [line.name for line in plant.lines] == ["ttyUSB0", "ttyUSB1"]
@@ -480,7 +480,7 @@ def test_several_scanned_lines_make_one_plant_whose_drives_have_names(tmp_path):
     ]
 
 
-def test_scanned_line_is_added_to_a_plant_file_that_people_wrote(tmp_path):
+def test_scanned_line_is_added_to_a_handwritten_plant_file(tmp_path):
     path = tmp_path / "plant.toml"
     path.write_text(
         'format = 1\n# our hall\n[[line]]\nname = "hall"\nport = "COM3"\n\n'
@@ -507,7 +507,7 @@ def test_scanned_line_is_added_to_a_plant_file_that_people_wrote(tmp_path):
     assert path.read_text() == before
 
 
-def test_plant_file_with_its_drives_in_one_list_is_not_added_to(tmp_path):
+def test_plant_file_with_its_drives_in_one_list_cannot_be_extended(tmp_path):
     path = tmp_path / "plant.toml"
     path.write_text('format = 1\nline = [{ name = "hall", port = "COM3" }]\ndrive = [{ drive = "vabus:1" }]\n')
     before = path.read_text()
@@ -516,7 +516,7 @@ def test_plant_file_with_its_drives_in_one_list_is_not_added_to(tmp_path):
     assert path.read_text() == before
 
 
-def test_a_file_is_written_whole(tmp_path):
+def test_write_whole_replaces_the_file_completely(tmp_path):
     path = tmp_path / "plant.toml"
     write_whole(path, "one")
     write_whole(path, "three")
@@ -526,7 +526,7 @@ def test_a_file_is_written_whole(tmp_path):
         write_whole(tmp_path / "nowhere" / "plant.toml", "four")
 
 
-def test_whether_a_file_could_be_written_is_known_before(tmp_path):
+def test_writability_is_checked_without_leaving_a_file(tmp_path):
     path = tmp_path / "plant.toml"
     must_be_writable(path)
     assert not list(tmp_path.iterdir())
@@ -536,7 +536,7 @@ def test_whether_a_file_could_be_written_is_known_before(tmp_path):
         must_be_writable(Path("/proc/plant.toml"))
 
 
-def test_a_file_that_cannot_be_replaced_stays(tmp_path, monkeypatch):
+def test_write_whole_keeps_the_old_file_after_an_error(tmp_path, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
@@ -566,7 +566,7 @@ MACHINES = st.builds(MachineUnit, unit=NAMES.filter(_is_unit), per_hz=ABOVE_ZERO
 
 
 def is_free(name):
-    """Whether this can end the name of a group."""
+    """Return whether this text may end the name of a group."""
     return name == name.rstrip() and not set(name) & {",", ":"}
 
 
@@ -623,7 +623,7 @@ LINES = st.builds(
     several=st.booleans(),
     remark=st.text(max_size=8),
 )
-def test_every_plant_is_read_back_as_it_was(tmp_path_factory, line, drives, several, remark):
+def test_every_written_plant_is_read_back_unchanged(tmp_path_factory, line, drives, several, remark):
     lines = (line, PlantLine(name="b")) if several else (line,)
     plant = Plant(lines=lines, drives=tuple(drives))
     remarks = {drive.name: remark for drive in drives}
@@ -632,5 +632,5 @@ def test_every_plant_is_read_back_as_it_was(tmp_path_factory, line, drives, seve
     assert [drive.groups for drive in found.drives] == [drive.groups for drive in plant.drives]
 
 
-def test_the_plant_of_nobody_has_a_line():
+def test_scan_that_finds_nothing_makes_a_plant_without_drives():
     assert scanned_plant([ScannedLine(port="COM3", found=[])]).drives == ()

@@ -1,4 +1,4 @@
-"""What a plant file that is wrong somewhere still says of its lines and drives."""
+"""Salvage of damaged plant files: the lines and drives that can still be read."""
 
 import pytest
 
@@ -33,14 +33,14 @@ def drive(name, drive="vabus:1", line="hall"):
     return f'\n[[drive]]\nname = "{name}"\ndrive = "{drive}"\nline = "{line}"\n'
 
 
-def test_how_a_line_is_opened(read):
+def test_valid_line_settings_are_salvaged(read):
     plant, lost = read(LINES + drive("pump") + "[drive]]")
     assert plant.line("hall").opening == {"baudrate": 9600, "echo": "expect"}
     assert [line.reached_at for line in plant.lines] == ["/dev/ttyUSB0", "socket://127.0.0.1:4001"]
     assert lost == []
 
 
-def test_two_drives_with_one_name_are_two(read):
+def test_drives_with_the_same_name_are_all_salvaged(read):
     plant, lost = read(LINES + drive("pump") + drive("pump", "danfoss-fc:3") + drive("pump", line="yard"))
     assert [(str(each), each.line) for each in plant.drives] == [
         ("vabus:1", "hall"),
@@ -50,7 +50,7 @@ def test_two_drives_with_one_name_are_two(read):
     assert lost == []
 
 
-def test_what_cannot_be_read_is_told(read):
+def test_unreadable_drives_are_reported(read):
     plant, lost = read(LINES + drive("pump") + drive("lift", line="cellar") + drive("fan", "danfoss-fc"))
     assert [each.name for each in plant.drives] == ["pump"]
     assert [" ".join(text.split(": ")[1].split()[:3]) for text in lost] == ["drive 2 (lift)", "drive 3 (fan)"]
@@ -60,12 +60,12 @@ def test_what_cannot_be_read_is_told(read):
     ("groups", "found"),
     [('["wet", "hall 2"]', ("wet", "hall 2")), ('"wet"', ("wet",)), ('["wet", 5, "vabus:2"]', ("wet",)), ("5", ())],
 )
-def test_groups_are_read_as_far_as_they_can_be_meant(read, groups, found):
+def test_valid_names_of_damaged_groups_are_salvaged(read, groups, found):
     plant, lost = read(LINES + drive("pump") + f"groups = {groups}\n[drive]]")
     assert [each.groups for each in plant.drives] == [found]
     assert lost == []
 
 
-def test_a_file_without_a_drive_that_can_be_read(read):
+def test_file_without_a_readable_drive_is_refused(read):
     with pytest.raises(FileFormatError, match="no drive of it can be read"):
         read(LINES + "[[drive]]")

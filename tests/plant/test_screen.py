@@ -1,4 +1,4 @@
-"""The screen of `drivecomm watch`: what its keys do, at a terminal that is none, over virtual plants."""
+"""The screen of `drivecomm watch` and its keys, in a simulated terminal, over virtual plants."""
 
 import asyncio
 import contextlib
@@ -29,7 +29,7 @@ NAMES = ["output_frequency", "output_current", "output_power"]
 
 
 class Watched:
-    """A screen that has watched a plant for some seconds, and somebody at its keys."""
+    """Watch screen that has shown a plant for some seconds, with keys to press."""
 
     def __init__(self, screen, pilot, plant):
         self.screen = screen
@@ -48,7 +48,7 @@ class Watched:
 
     @property
     def text(self):
-        """Everything that is on the screen, line by line."""
+        """Lines of text on the screen."""
         return [
             "".join(segment.text for segment in strip).rstrip()
             for strip in self.screen.screen._compositor.render_strips()
@@ -93,7 +93,7 @@ def run(scene):
 
 
 @pytest.mark.soak
-def test_the_table():
+def test_table_shows_states_values_faults_and_events():
     async def scene():
         plant = started(plant_of(PUMP, FAN, WELL, script=[tripped("fan", 14, 1), dark("well", 1)]), "pump")
         async with watched(plant, seconds=8) as watch:
@@ -113,7 +113,7 @@ def test_the_table():
     run(scene())
 
 
-def test_speed_of_the_machine_stands_beside_the_frequency():
+def test_machine_speed_is_shown_beside_the_frequency():
     async def scene():
         machine = MachineUnit(unit="m/min", per_hz="1.25")
         plant = started(plant_of(replace(PUMP, machine=machine), FAN), "pump")
@@ -135,7 +135,7 @@ def test_speed_of_the_machine_stands_beside_the_frequency():
         (160, ["address", "curr A", "power kW", "asked", "lost", "age s"], []),
     ],
 )
-def test_columns_that_fit(width, there, not_there):
+def test_columns_depend_on_the_terminal_width(width, there, not_there):
     async def scene():
         async with watched(plant_of(PUMP, FAN), size=(width, 24), names=NAMES) as watch:
             head = watch.text[1]
@@ -152,7 +152,7 @@ def test_columns_that_fit(width, there, not_there):
 
 @pytest.mark.soak
 @pytest.mark.parametrize(("width", "note"), [(30, 0), (36, 0), (40, 9), (48, 17), (60, 18)])
-def test_the_name_stays_where_there_is_little_room_and_the_note_gives_way(width, note):
+def test_note_is_shortened_before_the_name_in_a_narrow_terminal(width, note):
     long = replace(PUMP, name="a pump with a long name")
 
     async def scene():
@@ -170,7 +170,7 @@ def test_the_name_stays_where_there_is_little_room_and_the_note_gives_way(width,
 
 @pytest.mark.soak
 @pytest.mark.parametrize(("width", "there"), [(40, []), (56, ["trend"]), (100, ["trend", "range"])])
-def test_the_values_of_a_drive_are_whole_where_there_is_little_room(width, there):
+def test_values_of_a_drive_are_not_cut_off_in_a_narrow_terminal(width, there):
     async def scene():
         async with watched(started(plant_of(PUMP), "pump"), size=(width, 24), seconds=8) as watch:
             (row,) = [line for line in watch.text if line.startswith(" output frequency")]
@@ -182,7 +182,7 @@ def test_the_values_of_a_drive_are_whole_where_there_is_little_room(width, there
 
 
 @pytest.mark.soak
-def test_a_message_goes_away(monkeypatch):
+def test_message_disappears_after_a_while(monkeypatch):
     monkeypatch.setattr("drivecomm.cli.watch.screen.SAID_S", 0.05)
 
     async def scene():
@@ -199,7 +199,7 @@ def test_a_message_goes_away(monkeypatch):
     run(scene())
 
 
-def test_what_happens_has_the_time_of_day_where_there_is_one():
+def test_event_shows_the_time_of_day_if_it_is_known():
     event = DriveEvent(time_s=3661.0, drive="pump", kind="change", text="running")
     assert event_line(event, None).plain == "01:01:01  pump  running"
     noon = datetime(2026, 5, 4, 12, 0, 0).astimezone().timestamp()
@@ -207,7 +207,7 @@ def test_what_happens_has_the_time_of_day_where_there_is_one():
 
 
 @pytest.mark.soak
-def test_the_panel_follows_the_cursor_and_the_trend_the_key():
+def test_panel_follows_the_cursor_and_the_v_key_changes_the_trend():
     async def scene():
         async with watched(plant_of(PUMP, FAN), size=(140, 40), names=NAMES) as watch:
             assert any(line.startswith(" pump  vabus:1 on hall, agile, read-only:") for line in watch.text)
@@ -253,7 +253,7 @@ def test_parameters_are_read_page_by_page():
 
 
 @pytest.mark.soak
-def test_parameters_with_units_and_those_that_are_refused():
+def test_parameters_are_shown_with_their_units():
     async def scene():
         plant = plant_of(PUMP)
         plant.set("pump", "480", 2000)
@@ -277,7 +277,7 @@ def test_parameters_screen_may_be_left_while_a_parameter_is_read(key, monkeypatc
 
             async def polled(_, parameter):
                 asked.set()
-                # The reply comes in the same turn in which the read is cancelled.
+                # The reply arrives in the same loop step that cancels the read.
                 with contextlib.suppress(asyncio.CancelledError):
                     await answered.wait()
                 return Reading(parameter=parameter, value=1, raw=1)
@@ -295,7 +295,7 @@ def test_parameters_screen_may_be_left_while_a_parameter_is_read(key, monkeypatc
     run(scene())
 
 
-def test_crash_of_the_screen_is_an_error_of_the_command(monkeypatch):
+def test_crash_of_the_screen_exits_with_1(monkeypatch):
     screen = SimpleNamespace(run=lambda: None, return_code=1)
     monkeypatch.setattr(watching, "_screen", lambda: lambda *_, **__: screen)
     monkeypatch.setattr(watching, "_must_be_a_terminal", lambda: None)
@@ -303,7 +303,7 @@ def test_crash_of_the_screen_is_an_error_of_the_command(monkeypatch):
 
 
 @pytest.mark.soak
-def test_a_drive_without_a_model_has_no_parameters_to_show():
+def test_drive_without_a_model_has_no_parameters_to_show():
     async def scene():
         async with watched(plant_of(replace(PUMP, options={}))) as watch:
             await watch.press("p")
@@ -316,7 +316,7 @@ def test_a_drive_without_a_model_has_no_parameters_to_show():
 
 
 @pytest.mark.soak
-def test_the_trace_of_a_drive():
+def test_trace_screen_shows_and_pauses_the_telegrams_of_a_drive():
     async def scene():
         async with watched(plant_of(PUMP, FAN), size=(120, 40), seconds=1) as watch:
             await watch.press("down", "t")
@@ -340,7 +340,7 @@ def test_the_trace_of_a_drive():
 
 
 @pytest.mark.soak
-def test_stop_asks_first():
+def test_stop_key_asks_for_confirmation():
     async def scene():
         async with watched(started(plant_of(PUMP, FAN), "pump", "fan")) as watch:
             for answer in ("n", "escape", "enter"):
@@ -361,7 +361,7 @@ def test_stop_asks_first():
 
 
 @pytest.mark.soak
-def test_stop_at_once():
+def test_capital_s_key_stops_without_confirmation():
     async def scene():
         async with watched(started(plant_of(PUMP, FAN), "pump", "fan")) as watch:
             await watch.press("down", "S")
@@ -375,7 +375,7 @@ def test_stop_at_once():
 
 @pytest.mark.soak
 @pytest.mark.parametrize("key", ["p", "t"])
-def test_stop_at_once_goes_from_every_screen_but_a_question(key):
+def test_capital_s_key_stops_from_every_screen_except_a_question(key):
     async def scene():
         async with watched(started(plant_of(PUMP, FAN), "fan")) as watch:
             await watch.press("down", "s", "S")
@@ -390,7 +390,7 @@ def test_stop_at_once_goes_from_every_screen_but_a_question(key):
 
 
 @pytest.mark.soak
-def test_a_stop_that_fails_says_so():
+def test_failed_stop_is_reported():
     async def scene():
         async with watched(plant_of(PUMP, script=[dark("pump", 1)])) as watch:
             await watch.press("S")
@@ -422,7 +422,7 @@ def test_a_stop_that_fails_says_so():
         ),
     ],
 )
-def test_a_drive_that_is_not_armed_is_not_commanded(key, arm, changes, why):
+def test_drive_that_may_not_be_commanded_gets_nothing_and_shows_why(key, arm, changes, why):
     async def scene():
         plant = plant_of(PUMP)
         async with watched(plant, arm=arm, **changes) as watch:
@@ -437,7 +437,7 @@ def test_a_drive_that_is_not_armed_is_not_commanded(key, arm, changes, why):
 
 
 @pytest.mark.soak
-def test_an_armed_drive_is_started_and_reset():
+def test_armed_drive_is_started_and_reset_after_confirmation():
     async def scene():
         plant = plant_of(FAN, script=[tripped("fan", 14, 1)])
         async with watched(plant, arm=True, armed=True, link_loss=LinkLossPolicy(policy="hold")) as watch:
@@ -459,7 +459,7 @@ def test_an_armed_drive_is_started_and_reset():
 
 
 @pytest.mark.soak
-def test_a_drive_whose_watchdog_is_on_is_not_started_to_go_on():
+def test_drive_with_its_watchdog_on_is_not_started_with_hold():
     async def scene():
         plant = plant_of(FAN)
         with drivecomm.open_bus(plant.line("hall").port) as bus:
@@ -474,7 +474,7 @@ def test_a_drive_whose_watchdog_is_on_is_not_started_to_go_on():
 
 
 @pytest.mark.soak
-def test_the_log_key(tmp_path, monkeypatch):
+def test_log_key_starts_and_pauses_a_log(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
     async def scene():
@@ -496,7 +496,7 @@ def test_the_log_key(tmp_path, monkeypatch):
 
 
 @pytest.mark.soak
-def test_a_log_that_cannot_be_is_said(tmp_path):
+def test_unwritable_log_is_reported(tmp_path):
     async def scene():
         async with watched(plant_of(PUMP), log=tmp_path / "nowhere" / "log.csv") as watch:
             await watch.press("l")
@@ -507,7 +507,7 @@ def test_a_log_that_cannot_be_is_said(tmp_path):
 
 
 @pytest.mark.soak
-def test_a_full_disk_is_said_and_the_log_goes_on_when_there_is_room(tmp_path):
+def test_full_disk_is_reported_and_the_log_continues_later(tmp_path):
     async def scene():
         async with watched(plant_of(PUMP), log=tmp_path / "log.csv") as watch:
             await watch.press("l")
@@ -534,7 +534,7 @@ def test_a_full_disk_is_said_and_the_log_goes_on_when_there_is_room(tmp_path):
     assert list(read_rows(tmp_path / "log.csv"))
 
 
-def test_a_line_that_cannot_be_opened_ends_it():
+def test_screen_ends_if_its_line_cannot_be_opened():
     def broken():
         raise PortError("port hall does not exist; plug the adapter in")
 
@@ -553,7 +553,7 @@ def test_a_line_that_cannot_be_opened_ends_it():
 
 
 @pytest.mark.soak
-def test_q_leaves():
+def test_q_key_quits():
     async def scene():
         async with watched(plant_of(PUMP)) as watch:
             await watch.pilot.press("q")
@@ -565,7 +565,7 @@ def test_q_leaves():
 
 
 @pytest.mark.soak
-def test_a_hundred_drives_are_scrolled_through():
+def test_sixty_drives_are_scrolled_through():
     drives = [
         replace(PUMP, address=1 + number % 30, line=["hall", "yard"][number // 30], name=f"drive{number:02}")
         for number in range(60)

@@ -1,4 +1,4 @@
-"""How a drive is after each result of its poll plan, for `drivecomm watch` and for the server alike."""
+"""Reachability and status of a drive after each result of its poll plan, for `drivecomm watch` and the server."""
 
 import pytest
 
@@ -31,12 +31,12 @@ def after(known, **of_result):
     return view.reachability, view.status, view.error
 
 
-def test_drive_that_tells_its_status_answers():
+def test_drive_whose_status_is_read_counts_as_answering():
     assert after(seen(), parameter=STATUS) == ("answers", RUNNING, "")
     assert after(seen(reachability="silent", error=SILENT)) == ("answers", RUNNING, "")
 
 
-def test_value_says_that_a_drive_answers_and_nothing_of_its_status():
+def test_drive_whose_value_is_read_counts_as_answering_without_a_new_status():
     assert after(seen(reachability="silent", error=SILENT), parameter="481") == ("answers", None, "")
     assert after(seen(reachability="answers", status=READY, error="no"), parameter="481") == ("answers", READY, "no")
 
@@ -51,14 +51,14 @@ def test_drive_that_does_not_answer_is_silent(parameter, error):
 
 @pytest.mark.parametrize("parameter", [STATUS, "481"])
 @pytest.mark.parametrize("error", [OvertakenError("a stop went first"), LineBusyError("busy")])
-def test_drive_that_was_not_asked_is_as_it_was(parameter, error):
-    """One that is silent would otherwise be shown as answering while others have the line."""
+def test_drive_that_was_not_asked_keeps_its_reachability(parameter, error):
+    """Otherwise a silent drive would be shown as answering while other requests hold the line."""
     for known in (seen(reachability="silent", error=SILENT), seen(reachability="answers", status=READY)):
         assert known.view_after(result(parameter, error), str(error)) is known.view
     assert not has_answered(error)
 
 
-def test_drive_that_refuses_has_answered():
+def test_drive_that_refuses_counts_as_answering():
     refusal = RefusedError("481", 3, "busy")
     assert after(seen(reachability="silent", error=SILENT), error=refusal)[0] == "answers"
     assert after(seen(reachability="answers", status=READY), parameter="481", error=refusal)[0] == "answers"

@@ -1,4 +1,4 @@
-"""One line with a drive of each protocol, in one plant file: found, identified, started, backed up, stopped."""
+"""One line and plant file with a drive of each protocol: found, identified, backed up, started and stopped."""
 
 import pytest
 from benches import COMMANDED
@@ -23,7 +23,7 @@ DRIVES = {
     "ls-bus:11": 'model = "ig5a"',
     "ct-ansi:12": 'model = "unidrive-sp"',
     "toshiba:13": 'model = "vf-s11"',
-    # Danfoss drives are set to 8E1; a scan asks with the usual settings of a protocol.
+    # With parity N a scan finds this drive: it asks with the usual settings of a protocol, not with Danfoss's 8E1.
     "modbus:6": 'model = "danfoss-fc", parity = "N"',
 }
 HEAD = '[[drive]]\nname = "d{1}"\ndrive = "{0}:{1}"\nline = "hall"\narmed = true\noptions = {{ {2} }}\n'
@@ -37,11 +37,11 @@ def plant(tmp_path):
     return read_plant(file)
 
 
-def test_it_has_all_protocols_that_command_drives():
+def test_plant_holds_all_protocols_that_command_drives():
     assert {name.partition(":")[0] for name in DRIVES} == set(COMMANDED)
 
 
-def test_all_of_them_are_found_started_backed_up_and_stopped(plant):
+def test_drives_of_all_protocols_are_found_backed_up_started_and_stopped(plant):
     line = VirtualPlant(plant).line("hall")
     with drivecomm.open_bus(line.port) as bus:
         found = {each.name: each for each in bus.scan(addresses=range(1, len(DRIVES) + 1))}
@@ -50,13 +50,13 @@ def test_all_of_them_are_found_started_backed_up_and_stopped(plant):
         for config, virtual in zip(plant.drives, line.drives, strict=True):
             drive = config.build(bus.drive)
             drive.identify()
-            # Of LS drives only the common area is known, which is lost without mains, and no backup holds it.
+            # Of LS drives only the common area is known; it is lost without power, so no backup holds it.
             assert back_up(drive).entries or config.protocol == "ls-bus"
             policy = next((each for each in policies(drive.model) if each != "hold"), None)
-            # Hitachi and LS drives take hertz only: no page that was seen has their maximum frequency.
+            # Hitachi and LS drives take hertz only: no page that we have seen gives their maximum frequency.
             drive.set_reference(**({"percent": 20} if drive.capabilities.reference_percent else {"hz": 10}))
             if policy is None:
-                # Without a known watchdog (VLT 3500, MOVIDRIVE, LS, ...) they go on when the line falls silent.
+                # Without a known watchdog (VLT 3500, MOVIDRIVE, LS, ...) a drive keeps running on a silent line.
                 drive.start()
             else:
                 with drivecomm.keep(drive, policy, watchdog_s=2) as kept:
@@ -70,7 +70,7 @@ def test_all_of_them_are_found_started_backed_up_and_stopped(plant):
         line.advance(1)
         assert all(virtual.motor.running for virtual in line.drives)
         for config in plant.drives:
-            # A Mitsubishi is stopped by itself, since its protocol has no broadcast.
+            # Mitsubishi drives are stopped one by one, because their protocol has no broadcast.
             has_one = installed[config.protocol].broadcast_address is not None
             everybody = bus.broadcast(config.protocol, **config.options) if has_one else config.build(bus.drive)
             everybody.stop(Stop.RAMP if Stop.RAMP in everybody.capabilities.stops else Stop.COAST)

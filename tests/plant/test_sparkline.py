@@ -1,4 +1,4 @@
-"""Courses as characters: high is high, and a gap is a gap."""
+"""Values over time drawn as characters, with gaps."""
 
 from hypothesis import given, strategies as st
 
@@ -7,7 +7,7 @@ from drivecomm.cli.watch.panels import GAP, chart, sparkline
 VALUES = st.lists(st.one_of(st.none(), st.floats(-1e6, 1e6)), min_size=1, max_size=60)
 
 
-def test_from_nothing_to_the_highest():
+def test_sparkline_scale_includes_zero():
     assert sparkline([0.0, 5.0, None, 10.0]) == "▁▅ █"
     assert sparkline([7.0, 7.0]) == "██"
     assert sparkline([0.0, 0.0]) == "▁▁"
@@ -15,7 +15,7 @@ def test_from_nothing_to_the_highest():
     assert sparkline([]) == ""
 
 
-def test_a_chart_has_its_scale():
+def test_chart_shows_its_scale():
     assert chart([0.0, 25.0, 50.0, None], 4) == [
         "50   █ ",
         "     █ ",
@@ -25,7 +25,7 @@ def test_a_chart_has_its_scale():
 
 
 @given(VALUES)
-def test_higher_values_are_drawn_no_lower(values):
+def test_higher_value_is_never_drawn_lower(values):
     drawn = sparkline(values)
     assert len(drawn) == len(values)
     shown = sorted((value, character) for value, character in zip(values, drawn, strict=True) if value is not None)
@@ -34,7 +34,7 @@ def test_higher_values_are_drawn_no_lower(values):
 
 
 @given(VALUES, st.integers(2, 24))
-def test_a_chart_fills_its_lines_from_below(values, height):
+def test_chart_fills_its_lines_from_below(values, height):
     lines = chart(values, height)
     assert len(lines) == height
     assert len({len(line) for line in lines}) == 1

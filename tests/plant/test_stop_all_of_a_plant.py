@@ -104,14 +104,14 @@ def test_plant_stops_a_group_through_its_server(plant):
         assert summary(opened.stop_group("wet", "coast")) == GROUP
 
 
-def test_line_of_a_group_that_cannot_be_opened_is_reported_and_the_others_are_stopped(plant):
+def test_unopened_line_of_a_group_is_reported_and_other_lines_are_stopped(plant):
     grouped(plant, pump=["wet"], fan=["wet"])
     opened = OpenPlant(read_plant(plant), port_of=lambda line: "/dev/none" if line.name == "hall" else line.reached_at)
     with opened:
         assert [(each.drive, each.confirmed) for each in opened.stop_group("wet")] == [("pump", False), ("fan", True)]
 
 
-def test_line_that_cannot_be_opened_is_reported_and_the_others_are_stopped(plant):
+def test_unopened_line_is_reported_and_other_lines_are_stopped(plant):
     opened = OpenPlant(read_plant(plant), port_of=lambda line: "/dev/none" if line.name == "hall" else line.reached_at)
     with opened:
         results = opened.stop_all()

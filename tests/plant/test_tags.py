@@ -1,4 +1,4 @@
-"""Tags of a plant: what a file may say of them, what a table says, and how that comes into the file."""
+"""Tags of a plant: read from the plant file, imported from a table, and written to the plant file."""
 
 import tomllib
 from contextlib import suppress
@@ -69,7 +69,7 @@ def test_tags_of_a_drive_are_read(file):
         ("tags = { 480 = 'a' }\n", "480 cannot be 'a'; write a table in braces"),
     ],
 )
-def test_tags_that_cannot_be_are_refused(file, tags, sentence):
+def test_invalid_tags_are_refused(file, tags, sentence):
     with pytest.raises(FileFormatError) as caught:
         plant_of(file, tags)
     assert sentence in str(caught.value)
@@ -103,7 +103,7 @@ def test_tables_of_spreadsheets_are_read(file, text):
     assert (found.problems, found.others, found.tags) == ([], [], {"pump": {"output_frequency": SPEED}})
 
 
-def test_empty_cell_removes_and_missing_column_keeps(file):
+def test_empty_cell_removes_a_fact_and_missing_column_keeps_it(file):
     plant = plant_of(file, NAMED)
     kept = imported_tags("tag,drive,parameter\nP1,pump,output_frequency\n", plant)
     assert kept.tags == {"pump": {"output_frequency": Tag(name="P1", group="mixing/P101", deadband=0.05)}}
@@ -112,12 +112,12 @@ def test_empty_cell_removes_and_missing_column_keeps(file):
     assert (removed.tags, removed.others) == ({"pump": {"output_frequency": Tag()}}, ["remark"])
 
 
-def test_table_that_says_what_there_is_changes_nothing(file):
+def test_table_equal_to_the_plant_changes_nothing(file):
     text = "tag,drive,parameter,group,deadband\nP101.SPEED,pump,output_frequency,mixing/P101,0.05\n,pump,480,,\n"
     assert imported_tags(text, plant_of(file, NAMED)).tags == {}
 
 
-def test_each_row_that_does_not_fit_is_named_by_its_line(file):
+def test_each_invalid_row_is_reported_with_its_line(file):
     rows = [
         "tag,drive,parameter,deadband",
         "a,pmup,480,",
@@ -154,7 +154,7 @@ def test_each_row_that_does_not_fit_is_named_by_its_line(file):
         ("tag,drive,parameter\na\0,b,c\n", ""),
     ],
 )
-def test_what_is_no_table_of_tags_is_refused(file, text, sentence):
+def test_table_with_wrong_columns_is_refused(file, text, sentence):
     plant = read_plant(file)
     if not sentence:
         assert imported_tags(text, plant).problems
@@ -172,7 +172,7 @@ def test_any_text_is_a_table_or_refused(tmp_path_factory, text):
         imported_tags(f"drive,parameter,tag{text}", read_plant(file))
 
 
-def test_names_may_be_exchanged_in_one_table(file):
+def test_tag_names_may_be_swapped_in_one_table(file):
     plant = plant_of(file, 'tags = { 480 = { name = "a" }, status = { name = "b" } }\n')
     found = imported_tags("tag,drive,parameter\nb,pump,480\na,pump,status\n", plant)
     assert (found.problems, found.tags) == ([], {"pump": {"480": Tag(name="b"), "status": Tag(name="a")}})
@@ -192,7 +192,7 @@ def test_names_may_be_exchanged_in_one_table(file):
     ids=["none", "inline", "comment", "dotted", "table", "tables", "empty"],
 )
 @pytest.mark.parametrize("ending", ["\n", "\r\n"])
-def test_tags_are_written_and_all_else_stays(file, own, ending):
+def test_written_tags_leave_the_rest_of_the_file_unchanged(file, own, ending):
     plant_of(file, own)
     text = file.read_text().replace("\n", ending)
     file.write_bytes(text.encode())
@@ -211,13 +211,13 @@ def test_tags_are_written_and_all_else_stays(file, own, ending):
     assert after.index("P101.SET") < after.index("# the roof")
 
 
-def test_last_tag_that_is_removed_leaves_no_table(file):
+def test_removing_the_last_tag_removes_its_table(file):
     plant_of(file, NAMED)
     write_tags(file, {0: {"output_frequency": Tag()}})
     assert file.read_text() == PLANT.replace("TAGS\n", "")
 
 
-def test_drives_in_a_list_get_their_tags_too(tmp_path):
+def test_tags_are_written_to_drives_in_a_list(tmp_path):
     file = tmp_path / "plant.toml"
     drives = 'drive = [\n    { name = "pump", drive = "vabus:1" }, # one\n    { name = "fan", drive = "vabus:2" },\n]\n'
     file.write_text('format = 1\nline = [{ name = "hall" }]\n' + drives)

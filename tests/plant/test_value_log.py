@@ -1,4 +1,4 @@
-"""Logs of values: what is written is read back, whatever happens meanwhile."""
+"""Value logs: rows are read back as written, despite cut-off files, killed programs and foreign files."""
 
 import csv
 import subprocess
@@ -53,7 +53,7 @@ def result(value=Decimal("10.00"), *, time_s=TIME, error=None, name="output_freq
 FAILED = NoReplyError("vabus:1 did not answer within 100 ms")
 
 
-def test_the_columns_of_a_row():
+def test_row_holds_all_columns_as_texts():
     assert row_of(result(note="type and unit are derived")).texts() == {
         "time": "2026-09-21T14:13:20.125Z",
         "drive": "pump",
@@ -68,7 +68,7 @@ def test_the_columns_of_a_row():
     }
 
 
-def test_rows_without_a_fresh_value():
+def test_stale_and_bad_rows_hold_the_cause():
     stale = row_of(result(error=FAILED))
     assert (stale.quality, stale.value, stale.note) == ("stale", "10.00", "vabus:1 did not answer within 100 ms")
     bad = row_of(result(None, error=FAILED))
@@ -77,12 +77,12 @@ def test_rows_without_a_fresh_value():
     assert not bad.is_fresh
 
 
-def test_the_number_of_a_value():
+def test_number_of_a_row_is_none_unless_its_value_is_a_number():
     rows = [row_of(result(value)) for value in (7, Decimal("-0.5"), "running", "NaN")]
     assert [row.number for row in rows] == [7.0, -0.5, None, None]
 
 
-def test_a_row_is_on_disk_when_it_is_written(tmp_path):
+def test_row_is_on_disk_when_write_returns(tmp_path):
     path = tmp_path / "log.csv"
     with open_log(path) as log:
         log.write(result())
@@ -95,7 +95,7 @@ def test_a_row_is_on_disk_when_it_is_written(tmp_path):
     assert [row.text for row in rows] == ["", '14, "earth" fault']
 
 
-def test_time_drive_and_name_are_a_key(tmp_path):
+def test_time_drive_and_name_identify_a_row(tmp_path):
     path = tmp_path / "log.csv"
     times = [TIME, TIME, TIME + 0.0004, TIME + 0.001, TIME + 0.01, TIME - 3600]
     with open_log(path) as log:
@@ -108,14 +108,14 @@ def test_time_drive_and_name_are_a_key(tmp_path):
     assert [round((time - mine[0]).total_seconds(), 3) for time in mine] == [0, 0.001, 0.002, 0.003, 0.01, -3600]
 
 
-def test_a_log_that_nothing_came_to_is_not_left_behind_by_an_error(tmp_path):
+def test_error_leaves_no_empty_log_behind(tmp_path):
     for name in ("log.csv", "log.parquet"):
         with pytest.raises(NoReplyError), open_log(tmp_path / name):
             raise FAILED
     assert not list(tmp_path.iterdir())
 
 
-def test_a_log_is_gone_on_with_and_a_cut_row_is_lost_alone(tmp_path):
+def test_log_is_continued_and_loses_only_a_cut_off_row(tmp_path):
     path = tmp_path / "log.csv"
     for _ in range(2):
         with open_log(path) as log:
@@ -129,7 +129,7 @@ def test_a_log_is_gone_on_with_and_a_cut_row_is_lost_alone(tmp_path):
     assert [row.value for row in read_rows(path)] == ["10.00", "11.00"]
 
 
-def test_a_head_that_was_cut_is_written_again(tmp_path):
+def test_cut_off_header_is_written_again(tmp_path):
     path = tmp_path / "log.csv"
     path.write_bytes(b"time,dri")
     with open_log(path) as log:
@@ -137,7 +137,7 @@ def test_a_head_that_was_cut_is_written_again(tmp_path):
     assert len(list(read_rows(path))) == 1
 
 
-def test_a_foreign_file_is_left_alone(tmp_path):
+def test_foreign_file_is_left_alone(tmp_path):
     path = tmp_path / "notes.csv"
     path.write_text("my,own,notes\n1,2,3\n", encoding="utf-8")
     with pytest.raises(FileFormatError, match=r"exists already and is not a value log; give another name"):
@@ -147,7 +147,7 @@ def test_a_foreign_file_is_left_alone(tmp_path):
         list(read_rows(path))
 
 
-def test_parquet_holds_the_same_and_numbers(tmp_path):
+def test_parquet_log_holds_the_same_rows_and_numbers(tmp_path):
     path = tmp_path / "log.parquet"
     with open_log(path) as log:
         for value in (Decimal("10.00"), 7, "running"):
@@ -163,7 +163,7 @@ def test_parquet_holds_the_same_and_numbers(tmp_path):
     assert table["time"].to_pylist()[0] == datetime(2026, 9, 21, 14, 13, 20, 125000, tzinfo=UTC)
 
 
-def test_parquet_is_written_in_groups(tmp_path, monkeypatch):
+def test_parquet_log_is_written_in_row_groups(tmp_path, monkeypatch):
     monkeypatch.setattr("drivecomm.plant.value_log.parquet_files.ROWS_A_GROUP", 10)
     path = tmp_path / "log.parquet"
     with open_log(path) as log:
@@ -188,7 +188,7 @@ sys.stdin.read()
 
 
 @pytest.mark.soak
-def test_what_a_kill_leaves_is_read_and_gone_on_with(tmp_path):
+def test_log_of_a_killed_program_is_read_and_continued(tmp_path):
     path = tmp_path / "log.parquet"
     command = [sys.executable, "-c", WRITER, str(path), str(Path(__file__).parent)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as writer:
@@ -202,7 +202,7 @@ def test_what_a_kill_leaves_is_read_and_gone_on_with(tmp_path):
     assert [row.number for row in read_rows(path)] == list(range(101))
 
 
-def test_files_that_cannot_be(tmp_path):
+def test_unusable_log_files_are_refused(tmp_path):
     there = tmp_path / "log.parquet"
     there.write_bytes(b"PAR1")
     for path, kind, message in (
@@ -222,7 +222,7 @@ def test_files_that_cannot_be(tmp_path):
             list(read_rows(path))
 
 
-def test_a_parquet_file_of_somebody_else(tmp_path):
+def test_foreign_parquet_file_is_refused(tmp_path):
     path = tmp_path / "other.parquet"
     parquet.write_table(pa.table({"time": [1]}), path)
     with pytest.raises(FileFormatError, match="is not a value log; it must have the columns time, drive"):
@@ -233,14 +233,14 @@ def test_a_parquet_file_of_somebody_else(tmp_path):
     "line",
     ["yesterday,p,n,,,,,,good,", "2026-01-01T00:00:00,p,n,,,,,,good,", "2026-01-01T00:00:00Z,p,n,,,,,,fine,", "x"],
 )
-def test_a_row_that_is_none_is_named(tmp_path, line):
+def test_malformed_row_is_reported_with_its_line(tmp_path, line):
     path = tmp_path / "log.csv"
     path.write_text(",".join(COLUMNS) + "\n" + line + "\n", encoding="utf-8")
     with pytest.raises(FileFormatError, match=r"log.csv, line 2: not a row of a value log"):
         list(read_rows(path))
 
 
-def test_parquet_without_pyarrow(tmp_path, monkeypatch):
+def test_parquet_log_without_pyarrow_names_the_extra(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(UsageError, match=r"install drivecomm\[log\], or use .csv"):
         open_log(tmp_path / "log.parquet")
@@ -267,7 +267,7 @@ ROWS = st.builds(
 @pytest.mark.soak
 @settings(max_examples=30)
 @given(st.lists(ROWS, max_size=6))
-def test_any_rows_come_back(tmp_path_factory, rows):
+def test_any_rows_are_read_back(tmp_path_factory, rows):
     folder = tmp_path_factory.mktemp("logs")
     for path, kind, read in (
         (folder / "log.csv", CsvLog, read_csv),

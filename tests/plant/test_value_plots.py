@@ -1,4 +1,4 @@
-"""Plots of logs: what they show, and that each form is what it says it is."""
+"""Plots of value logs: their contents, and valid files in each format."""
 
 import re
 import sys
@@ -52,7 +52,7 @@ ROWS = [
 ]
 
 
-def test_a_panel_for_each_unit():
+def test_plot_has_a_panel_for_each_unit():
     picture = picture_of(ROWS)
     assert {unit: [curve.title for curve in panel] for unit, panel in picture.panels.items()} == {
         "Hz": ["pump output frequency", "fan output frequency"],
@@ -61,18 +61,18 @@ def test_a_panel_for_each_unit():
     }
 
 
-def test_a_gap_where_a_drive_gave_nothing():
+def test_missing_value_is_a_gap():
     curve = picture_of(ROWS).panels["Hz"][0]
     assert [isnan(value) for value in curve.values] == [False] * 5 + [True] + [False] * 4
     assert (curve.gaps, len(curve.numbers)) == (1, 9)
 
 
-def test_a_stale_value_is_a_gap():
+def test_stale_value_is_a_gap():
     curve = picture_of([row(0, "x", 1), row(0, "x", 1, quality="stale"), row(2, "x", 2)]).curves[0]
     assert (curve.numbers, curve.gaps) == ([1.0, 2.0], 1)
 
 
-def test_states_and_faults():
+def test_plot_holds_states_and_faults():
     picture = picture_of(ROWS)
     assert [(each.drive, each.state, (each.end - each.begin).seconds) for each in picture.states] == [
         ("pump", "running", 5),
@@ -85,7 +85,7 @@ def test_states_and_faults():
     assert [(each.text, each.begin) for each in picture.faults] == [("14 earth fault", BEGIN + timedelta(seconds=3))]
 
 
-def test_only_some_drives_and_names():
+def test_plot_is_limited_to_the_given_drives_and_names():
     picture = picture_of(ROWS, drives=["fan"], names=["output_frequency"])
     assert [curve.title for curve in picture.curves] == ["fan output frequency"]
     assert picture.drives == ["fan"]
@@ -103,7 +103,7 @@ def test_thinning_keeps_extremes_order_and_gaps(values, most):
     curve = Curve(drive="d", name="n", unit="", times=times, values=values)
     thin = curve.thinned(most)
     assert thin.times == sorted(set(thin.times))
-    # First, last and extremes of each stretch; more only where there are gaps, of which some are kept.
+    # First, last and extremes of each stretch; more only at gaps, of which a limited number is kept.
     stretches = -(-most // Outline.POINTS)
     assert len(thin.values) <= max(most, stretches * (Outline.POINTS + 3 * (Outline.MOST_GAPS + 1)))
     if not curve.gaps:
@@ -115,7 +115,7 @@ def test_thinning_keeps_extremes_order_and_gaps(values, most):
 
 
 @pytest.mark.soak
-def test_png(tmp_path):
+def test_png_shows_the_fault(tmp_path):
     imread = pytest.importorskip("matplotlib.image").imread
     path = tmp_path / "plot.png"
     save(picture_of(ROWS), "log", path)
@@ -129,7 +129,7 @@ def test_png(tmp_path):
 
 
 @pytest.mark.soak
-def test_svg_is_the_same_each_time_and_loads_nothing(tmp_path):
+def test_svg_is_reproducible_and_loads_nothing(tmp_path):
     path = tmp_path / "plot.svg"
     save(picture_of(ROWS), "log", path)
     text = path.read_text(encoding="utf-8")
@@ -155,7 +155,7 @@ class _Page(HTMLParser):
 
 
 @pytest.mark.soak
-def test_the_page_stands_alone(tmp_path):
+def test_html_page_loads_nothing_from_elsewhere(tmp_path):
     path = tmp_path / "plot.html"
     rows = [*ROWS, status(9, "fault", text="<b>5</b>")]
     save(picture_of(rows), "a <log>", path)
@@ -173,12 +173,12 @@ def test_the_page_stands_alone(tmp_path):
 
 
 def _fetched(text):
-    """Return what a browser would get from elsewhere; names of namespaces are none of that."""
+    """Return the references that a browser would load from elsewhere; names of namespaces do not count."""
     return re.findall(r"""(?:src|href)=["'](?!#)[^"']*|url\(["']?(?!#)[^)]*|@import[^;]*""", text)
 
 
 @pytest.mark.soak
-def test_what_cannot_be_written(tmp_path):
+def test_unwritable_plot_is_refused(tmp_path):
     picture = picture_of(ROWS)
     with pytest.raises(UsageError, match=r"a plot is .png, .svg or .html"):
         save(picture, "log", tmp_path / "plot.pdf")
@@ -186,13 +186,13 @@ def test_what_cannot_be_written(tmp_path):
         save(picture, "log", tmp_path / "nowhere" / "plot.svg")
 
 
-def test_without_matplotlib(tmp_path, monkeypatch):
+def test_plot_without_matplotlib_names_the_extra(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(UsageError, match=r"plots need matplotlib, which is not installed; install drivecomm\[plot\]"):
         save(picture_of(ROWS), "log", tmp_path / "plot.png")
 
 
-def test_a_log_of_one_moment_and_one_of_states_alone(tmp_path):
+def test_single_moment_and_states_alone_can_be_plotted(tmp_path):
     save(picture_of([row(0, "x", 1)]), "one", tmp_path / "one.svg")
     save(picture_of([status(0, "running"), status(5, "fault")]), "states", tmp_path / "states.svg")
     assert (tmp_path / "states.svg").exists()

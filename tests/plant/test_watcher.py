@@ -1,4 +1,4 @@
-"""What a watcher knows of the drives of a plant, and when."""
+"""The watcher of a plant: states, values, trends and events of its drives."""
 
 import asyncio
 from dataclasses import replace
@@ -13,7 +13,7 @@ from drivecomm.plant.watching import WatchedLine, Watcher, lines_of
 from drivecomm.protocol import DriveConfig, DriveState, LinkLossPolicy, installed
 
 
-def test_states_values_and_counters():
+def test_board_holds_states_values_and_counters():
     board = watched(plant_of(PUMP, FAN), 5).board()
     pump, fan = board.drives
     assert (pump.name, pump.line, pump.reachability, pump.fault, pump.error) == ("pump", "hall", "answers", "", "")
@@ -30,12 +30,12 @@ def test_states_values_and_counters():
     assert board.view("fan") == fan
 
 
-def test_only_the_names_that_are_wanted():
+def test_only_the_requested_names_are_read():
     pump = watched(plant_of(PUMP), 3, names=["output_current", "torque"]).board().view("pump")
     assert list(pump.values) == ["output_current"]
 
 
-def test_the_trend_of_a_motor_that_runs_up():
+def test_trend_follows_a_motor_that_runs_up():
     plant = plant_of(replace(PUMP, motor={"ramp_up_s": 10}))
     with drivecomm.open_bus(plant.line("hall").port) as bus:
         pump = bus.drive("vabus", 1, model="agile")
@@ -52,7 +52,7 @@ def test_the_trend_of_a_motor_that_runs_up():
     assert watcher.cells("pump", "torque", 4) == [None] * 4
 
 
-def test_a_fault_with_its_text_and_its_end():
+def test_fault_is_reported_with_its_text_and_its_end():
     plant = plant_of(PUMP, FAN, script=[tripped("fan", 14, 2.5)])
 
     async def watch():
@@ -74,14 +74,14 @@ def test_a_fault_with_its_text_and_its_end():
 
 
 @pytest.mark.parametrize(("protocol", "code"), [("vabus", 5), ("danfoss-fc", 14), ("vlt3500", 14), ("fuji", 7)])
-def test_every_protocol_tells_its_fault(protocol, code):
+def test_fault_is_shown_with_every_protocol(protocol, code):
     drive = replace(PUMP, protocol=protocol, options={})
     pump = watched(plant_of(drive, script=[tripped("pump", code, 1)]), 4).board().view("pump")
     assert pump.reachability == "answers"
     assert pump.fault
 
 
-def test_a_dead_drive_is_shown_and_holds_up_no_other():
+def test_silent_drive_is_shown_and_does_not_delay_others():
     alone = watched(plant_of(PUMP), 30).board().view("pump").counters["replies"]
     plant = plant_of(PUMP, FAN, script=[dark("fan", 5, 20)])
     watcher = watched(plant, 30)
@@ -97,7 +97,7 @@ def test_a_dead_drive_is_shown_and_holds_up_no_other():
     assert 20 <= again.time_s < 31
 
 
-def test_a_drive_that_never_answers():
+def test_drive_that_never_answers_is_shown_as_silent():
     board = watched(plant_of(PUMP, FAN, script=[dark("fan", 0)]), 10).board()
     fan = board.view("fan")
     assert (fan.reachability, fan.status, fan.age_s, fan.fault) == ("silent", None, None, "")
@@ -105,19 +105,19 @@ def test_a_drive_that_never_answers():
     assert board.silent == 1
 
 
-def test_nothing_is_said_of_a_drive_that_has_fallen_silent():
+def test_status_and_fault_of_a_silent_drive_are_unknown():
     fan = watched(plant_of(PUMP, FAN, script=[tripped("fan", 14, 2), dark("fan", 5)]), 12).board().view("fan")
     assert (fan.reachability, fan.status, fan.fault) == ("silent", None, "")
 
 
-def test_a_gap_in_the_trend_while_a_drive_is_away():
+def test_trend_has_a_gap_while_the_drive_is_silent():
     watcher = watched(plant_of(PUMP, script=[dark("pump", 10, 14)]), 30)
     course = watcher.cells("pump", "output_frequency", 60)[-29:]
     assert None in course[8:20]
     assert None not in course[:7] + course[-3:]
 
 
-def test_two_lines_with_drives_of_the_same_address():
+def test_drives_with_one_address_on_two_lines_are_kept_apart():
     plant = plant_of(PUMP, WELL)
     plant.trip("well", 5)
     watcher = watched(plant, 4)
@@ -130,7 +130,7 @@ def test_two_lines_with_drives_of_the_same_address():
     assert times == sorted(times)
 
 
-def test_a_line_that_cannot_be_opened_is_tried_again(monkeypatch):
+def test_line_that_cannot_be_opened_is_retried(monkeypatch):
     monkeypatch.setattr("drivecomm.plant.watching.watcher.REOPEN_LONGEST_S", 0.02)
     plant = plant_of(PUMP, WELL)
     hall, yard = virtual_lines(plant)
@@ -158,7 +158,7 @@ def test_a_line_that_cannot_be_opened_is_tried_again(monkeypatch):
     assert happened.time_s >= 2 * 0.02
 
 
-def test_a_line_that_is_never_opened_ends_with_the_time():
+def test_watching_an_unopened_line_ends_after_its_duration():
     plant = plant_of(PUMP, WELL)
     hall, yard = virtual_lines(plant)
 
@@ -173,7 +173,7 @@ def test_a_line_that_is_never_opened_ends_with_the_time():
     assert asyncio.run(watch()).view("well").reachability == "silent"
 
 
-def test_a_trend_goes_on_when_watching_is_taken_up_again():
+def test_trend_continues_when_watching_resumes():
     plant = plant_of(PUMP)
 
     async def watch():
@@ -186,7 +186,7 @@ def test_a_trend_goes_on_when_watching_is_taken_up_again():
     assert course[-9:] == [0.0] * 9
 
 
-def test_no_line_at_all_is_an_error():
+def test_watcher_raises_if_no_line_can_be_opened():
     def broken():
         raise PortError("port hall does not exist; plug the adapter in")
 
@@ -199,7 +199,7 @@ def test_no_line_at_all_is_an_error():
         asyncio.run(watch())
 
 
-def test_results_are_told():
+def test_results_are_passed_to_the_callback():
     results = []
     plant = plant_of(PUMP)
 
@@ -216,7 +216,7 @@ def test_results_are_told():
 
 
 @pytest.mark.soak
-def test_nothing_is_commanded():
+def test_watcher_sends_no_command():
     plant = plant_of(PUMP, FAN)
     watcher = watched(plant, 5)
     assert not any(state.running for state in plant.states())
@@ -228,7 +228,7 @@ def test_nothing_is_commanded():
         assert plugin.intent(message).only_asks, message
 
 
-def test_what_cannot_be_watched():
+def test_watcher_refuses_wrong_arguments():
     line = WatchedLine(name="hall", port="x", drives=(DriveConfig(protocol="vabus", address=1),))
     for lines, options, message in (
         ([], {}, "there is nothing to watch"),
@@ -242,7 +242,7 @@ def test_what_cannot_be_watched():
         WatchedLine(name="hall", port="x", drives=())
 
 
-def test_lines_of_a_plant():
+def test_watched_lines_are_made_from_a_plant():
     echoing = replace(HALL, echo=True, settings={"baudrate": 9600})
     plant = Plant(lines=(echoing, YARD), drives=(PUMP,))
     (line,) = lines_of(plant, {"baudrate": 19200, "attempts": 2, "parity": None})
@@ -256,7 +256,7 @@ def test_lines_of_a_plant():
         lines_of(Plant(lines=(replace(HALL, port=""),), drives=(PUMP,)))
 
 
-def test_a_plant_that_says_what_may_be_commanded():
+def test_watched_drive_keeps_its_arming_and_link_loss_policy():
     line = replace(HALL, port="", listen="tcp:127.0.0.1:4001")
     drive = replace(PUMP, armed=True, link_loss=LinkLossPolicy(policy="hold"))
     (watched_line,) = lines_of(Plant(lines=(line,), drives=(drive,)))

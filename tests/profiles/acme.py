@@ -1,9 +1,9 @@
-"""Acme drives: an invented protocol in which everything happens that places can need, on a virtual line.
+"""Acme drives: an invented protocol that uses every feature of register drives, on a virtual line.
 
-    >  address  what  register  data data  XOR        and < for a reply
+>  address  kind  register  data data  XOR        and < for a reply
 
-what: R read, W write, P choose a page, in a reply also N, with a code. Registers from 100 on are the same on each page,
-the others have ten on a page. Register 120 commands, 121 resets without a reply, 122 shows the status.
+kind: R read, W write, P choose a page; in a reply also N, a refusal with a code. Registers from 100 on are the same on
+each page, the others have ten on a page. Register 120 takes commands, 121 resets without a reply, 122 shows the status.
 """
 
 from contextlib import contextmanager
@@ -24,7 +24,7 @@ RESET = 121
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AcmeMessage:
-    """One telegram."""
+    """A message of the Acme protocol."""
 
     kind: str
     address: int
@@ -33,16 +33,16 @@ class AcmeMessage:
 
 
 class Request(AcmeMessage):
-    """What the master sends."""
+    """A request of the master."""
 
 
 class Reply(AcmeMessage):
-    """What a drive answers."""
+    """A reply of a drive."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refusal:
-    """That it does not."""
+    """A refusal by a drive."""
 
     kind: str
     address: int
@@ -70,7 +70,7 @@ FORMS = {
 
 
 class AcmeCodec:
-    """Seven bytes each, and so many at the end."""
+    """Telegrams of seven bytes, followed by `end` carriage returns."""
 
     def __init__(self, end=0):
         self.end = bytes([0x0D]) * end
@@ -88,12 +88,12 @@ class AcmeCodec:
 
 
 class AcmeDialect(Dialect):
-    """Registers of a page have the kind p."""
+    """The dialect of Acme drives; registers of a page have the place kind p."""
 
     title = "Acme"
     broadcast_address = 0
     probe, identity = Place("", 122), {"software": "19"}
-    repeats = {"": ("register",), "write": ("data",)}  # noqa: RUF012 - never changed
+    repeats = {"": ("register",), "write": ("data",)}  # noqa: RUF012 - never mutated
     refusals = {SUM_ERROR: "wrong sum", BUSY: "busy", UNKNOWN: "no such register", LIMITS: "limits", MODE: "mode"}  # noqa: RUF012
     codes = {"unknown": UNKNOWN, "read only": UNKNOWN, "running": MODE, "limits": LIMITS, "not set up": MODE}  # noqa: RUF012
     busy = (BUSY,)
@@ -172,7 +172,10 @@ def _in_page(place):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AcmeOptions:
-    """writes: where a write goes, "stored" or "volatile". end: how many characters follow each telegram."""
+    """Options of an Acme drive.
+
+    writes: storage of a plain write, "stored" or "volatile". end: number of carriage returns after each telegram.
+    """
 
     writes: str = "stored"
     end: int = 0
@@ -203,7 +206,7 @@ MODEL = read_model(Path(__file__).parent / "acme.toml", "acme")
 
 @contextmanager
 def on_a_line(*addresses, model=MODEL, **options):
-    """Yield a virtual line with drives, a bus on it, what is heard there, and the drives as a program has them."""
+    """Yield a virtual line, a bus on it, a function that lists the bytes sent, and the drives of the bus."""
     take_away = installed.register(ACME)
     try:
         line, heard = VirtualLine([virtual_drive("acme", each, model=model, **options) for each in addresses]), []

@@ -1,4 +1,4 @@
-"""A profile played against its own machine: a drive that is nothing but the profile, on a line without bytes."""
+"""A drive that consists of a profile and its machine alone, on a line without bytes."""
 
 from drivecomm.errors import NoReplyError
 from drivecomm.profiles import ProfileMachine
@@ -6,10 +6,11 @@ from drivecomm.protocol import Motor, Pause
 
 
 class Drive:
-    """Carries words to a machine; time passes by the pauses of whoever commands it.
+    """A drive that gets control words directly; time advances by the pauses of its commander.
 
-    deaf, deaf_to: ignores every control word, or this one. lost: how many replies are lost from now on, after the drive
-    has heard. sent: what it was sent.
+    deaf: whether it ignores every control word. deaf_to: a control word that it ignores. lost: number of replies to
+    lose from now on, after the drive has received the word. sent: the words received so far, each with whether it was
+    urgent.
     """
 
     def __init__(self, profile, *, deaf=False, deaf_to=None, hz=50.0):
@@ -41,7 +42,7 @@ class Drive:
         return {"": self.machine.status_word() | bits}
 
     def carry_out(self, exchange):
-        """Carry out what somebody does with the drive; return what came of it."""
+        """Run an exchange with the drive; return its result."""
         try:
             effect = next(exchange)
             while True:

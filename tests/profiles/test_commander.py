@@ -1,4 +1,4 @@
-"""Commanding by a profile: what is urgent, what is said, and what a drive that does not obey comes to."""
+"""Commands by a profile: which words are urgent, which errors are raised, and when a drive does not obey."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -17,13 +17,13 @@ def commander(drive, **further):
     return Commander(drive.profile, drive, state_timeout_s=1.0, **further)
 
 
-def test_a_start_overtakes_nothing():
+def test_start_sends_its_words_without_urgency():
     drive = Drive(DRIVECOM)
     drive.carry_out(commander(drive).start())
     assert drive.sent == [(0x0006, False), (0x0007, False), (0x000F, False)]
 
 
-def test_a_drive_that_is_on_its_way_is_sent_the_rest_of_it():
+def test_start_of_a_switched_on_drive_sends_only_the_remaining_words():
     drive = Drive(DRIVECOM)
     drive.machine.control(0x0006, 0)
     drive.machine.control(0x0007, 0)
@@ -31,7 +31,7 @@ def test_a_drive_that_is_on_its_way_is_sent_the_rest_of_it():
     assert drive.sent == [(0x000F, False)]
 
 
-def test_what_is_prepared_comes_before_the_first_word_and_not_where_nothing_is_started():
+def test_preparation_runs_before_the_first_word_and_not_in_a_fault():
     drive, order = Drive(DRIVECOM), []
 
     def prepared():
@@ -46,7 +46,7 @@ def test_what_is_prepared_comes_before_the_first_word_and_not_where_nothing_is_s
     assert order == [[]]
 
 
-def test_a_fault_that_keeps_a_motor_from_starting_is_named():
+def test_start_of_a_tripped_drive_is_refused_with_its_fault_code():
     def code():
         return 12
         yield
@@ -57,7 +57,7 @@ def test_a_fault_that_keeps_a_motor_from_starting_is_named():
         drive.carry_out(commander(drive, fault_code=code).start())
 
 
-def test_a_stop_that_the_drive_does_not_report_is_not_confirmed():
+def test_stop_without_a_matching_status_word_raises_an_error():
     stands = Step(word=0x0007, repeats=True, until=(Condition(mask=0x6F, values=(0x23,)),))
     known = replace(DRIVECOM, stops={Stop.RAMP: (stands,)})
     drive = Drive(known)
@@ -71,7 +71,7 @@ TWO_STEPS = replace(DRIVECOM, stops={Stop.RAMP: (Step(word=0x1000, repeats=True)
 
 
 class Refusing(Drive):
-    """A drive that refuses some words."""
+    """A drive that refuses certain control words."""
 
     refused = (0x1000,)
 
@@ -115,33 +115,33 @@ def test_stop_that_another_overtakes_sends_no_further_step():
     assert drive.sent == [(0x1000, True)]
 
 
-def test_a_way_of_its_own_leads_backwards():
+def test_reverse_start_uses_its_own_steps():
     known = replace(DRIVECOM, start_reverse=(*DRIVECOM.start[:2], replace(DRIVECOM.start[2], word=0x080F)))
     drive = Drive(known)
     drive.carry_out(commander(drive).start(reverse=True))
     assert [word for word, _ in drive.sent] == [0x0006, 0x0007, 0x080F]
 
 
-def test_what_nobody_answers_is_not_awaited():
+def test_reset_without_answers_waits_for_no_status():
     drive = Drive(DRIVECOM, deaf=True)
     drive.carry_out(commander(drive, answers=False).reset())
     assert [word for word, _ in drive.sent] == [0x0000, 0x0080, 0x0000]
 
 
-def test_a_pause_passes_before_its_step():
+def test_pause_of_a_step_precedes_the_step():
     known = replace(DRIVECOM, start=(DRIVECOM.start[0], replace(DRIVECOM.start[1], pause_s=0.1), DRIVECOM.start[2]))
     drive = Drive(known)
     drive.carry_out(commander(drive).start())
     assert drive.now == pytest.approx(0.1)
 
 
-def test_a_word_that_was_not_read_says_nothing():
+def test_condition_on_an_unread_word_does_not_hold():
     assert not Condition(mask=0, values=(0,), place="elsewhere").holds({"": 0})
     assert control_profile("profidrive").says("remote", {"elsewhere": 0xFFFF}) is False
     assert control_profile("profidrive").says("reverse", {"": 0xFFFF}) is None
 
 
-def test_all_valid_bits_are_needed():
+def test_control_word_commands_only_with_all_valid_bits():
     known = replace(DRIVECOM, valid=0x0C00)
     assert known.commands(0x0C0F)
     assert not known.commands(0x040F)
@@ -157,7 +157,7 @@ def asked_for(code, times):
 
 
 @pytest.mark.parametrize(("code", "text"), [(12, "too hot"), (13, ""), (None, "")])
-def test_a_status_of_a_fault_has_its_code_and_text(code, text):
+def test_status_of_a_fault_has_its_code_and_text(code, text):
     drive, times = Drive(DRIVECOM), []
     drive.machine.trip(12, 0)
     status = drive.carry_out(
@@ -167,13 +167,13 @@ def test_a_status_of_a_fault_has_its_code_and_text(code, text):
     assert times == [code]
 
 
-def test_a_status_without_a_fault_asks_for_no_code():
+def test_status_without_a_fault_does_not_read_the_fault_code():
     drive, times = Drive(DRIVECOM), []
     status = drive.carry_out(commander(drive, fault_code=asked_for(12, times)).status(None))
     assert (status.fault, status.fault_code, times) == (False, None, [])
 
 
-def test_the_code_of_a_fault_is_asked_for_only_where_it_is_said():
+def test_refused_start_does_not_read_the_code_if_the_message_omits_it():
     drive, times = Drive(control_profile("profidrive")), []
     drive.machine.trip(12, 0)
     with pytest.raises(StateError, match="the drive has a fault and cannot start"):

@@ -1,4 +1,4 @@
-"""A virtual drive that is a profile: what time, mains and trips make of it."""
+"""The state machine of a virtual drive: effects of time, power loss and trips."""
 
 import pytest
 from played import Drive
@@ -18,19 +18,19 @@ def drive():
     return found
 
 
-def test_a_trip_is_a_fault_at_once(drive):
+def test_trip_is_a_fault_immediately(drive):
     drive.machine.trip(9, drive.now)
     assert drive.machine.state.means is DriveState.FAULT
     assert not drive.motor.running
 
 
-def test_a_motor_that_trips_by_itself_is_a_fault(drive):
+def test_trip_of_the_motor_puts_the_machine_into_fault(drive):
     drive.motor.trip(9, drive.now)
     drive.passes(0.1)
     assert drive.machine.state.name == "fault"
 
 
-def test_a_control_word_finds_the_drive_as_it_is_by_then(drive):
+def test_control_word_acts_on_the_state_at_its_time(drive):
     drive.machine.control(0x0002, drive.now)
     assert drive.machine.state.name == "quick stop active"
     drive.now += 60
@@ -38,7 +38,7 @@ def test_a_control_word_finds_the_drive_as_it_is_by_then(drive):
     assert drive.machine.state.name == "ready to switch on"
 
 
-def test_mains_forget_the_control_word(drive):
+def test_power_up_clears_the_control_word(drive):
     drive.machine.trip(9, drive.now)
     drive.machine.control(0x0080, drive.now)
     assert not drive.motor.fault
@@ -49,7 +49,7 @@ def test_mains_forget_the_control_word(drive):
     assert not drive.motor.fault
 
 
-def test_a_state_that_something_else_brings_about_moves_the_motor(drive):
+def test_state_entered_without_a_control_word_acts_on_the_motor(drive):
     drive.machine.enter("switched on", drive.now)
     drive.passes(5)
     assert not drive.motor.running

@@ -1,4 +1,4 @@
-"""A profile that no drive could obey, or that would not be safe, says so."""
+"""Mistakes in profiles: a profile that no drive could obey or that would be unsafe is reported."""
 
 from dataclasses import replace
 
@@ -33,12 +33,12 @@ RUNS = Step(word=0x000F, repeats=True)
         ({"states": (replace(SOUND.states[0], shows=0x08), *SOUND.states[1:])}, "is shown as 'fault'"),
     ],
 )
-def test_it_says_what_is_wrong(changed, said):
+def test_mistakes_in_an_altered_profile_are_reported(changed, said):
     assert any(said in each for each in mistakes_in(replace(SOUND, **changed))), list(
         mistakes_in(replace(SOUND, **changed))
     )
 
 
-def test_one_that_no_status_word_can_be():
+def test_state_that_no_status_word_shows_is_a_mistake():
     state = replace(SOUND.states[0], known_by=replace(SOUND.states[0].known_by, values=(0x80,)))
     assert any("no status word is the state" in each for each in mistakes_in(replace(SOUND, states=(state,))))

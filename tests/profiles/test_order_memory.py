@@ -1,4 +1,4 @@
-"""What is remembered of a drive whose commands are registers."""
+"""Remembered commands of a drive that is commanded by registers."""
 
 import pytest
 
@@ -14,12 +14,12 @@ def memory():
     return held
 
 
-def test_a_trip_ends_a_start_also_before_the_motor_was_seen_to_run(memory):
+def test_trip_clears_a_start_even_if_the_motor_was_never_seen_running(memory):
     memory.notice(running=False, fault=True)
     assert memory.held is None
 
 
-def test_a_start_holds_until_the_motor_is_seen_to_stand_after_it_ran(memory):
+def test_start_is_held_until_the_motor_stops_after_running(memory):
     memory.notice(running=False, fault=False)
     assert memory.held is START
     memory.notice(running=True, fault=False)
@@ -28,13 +28,13 @@ def test_a_start_holds_until_the_motor_is_seen_to_stand_after_it_ran(memory):
     assert memory.held is None
 
 
-def test_what_lets_no_motor_run_holds_over_a_trip(memory):
+def test_command_that_runs_no_motor_is_held_through_a_trip(memory):
     memory.hold(START, runs=False)
     memory.notice(running=False, fault=True)
     assert memory.held is START
 
 
-def test_whether_the_drive_has_answered_is_not_forgotten_with_its_command(memory):
+def test_forget_keeps_the_unanswered_mark(memory):
     memory.unanswered = True
     memory.forget()
     assert (memory.held, memory.unanswered) == (None, True)

@@ -1,4 +1,4 @@
-"""Control profiles as TOML: what one may say, and what is said of one that is wrong."""
+"""Control profiles as TOML: their contents, and the errors of an invalid one."""
 
 import pytest
 
@@ -14,7 +14,7 @@ def read(**content):
     return control_profile_from(Table({"name": "test", **content}, "test.toml"))
 
 
-def test_conditions():
+def test_conditions_are_read_in_every_form():
     bits = {
         "running": "on",
         "fault": [3, {"bit": 4, "active": 0}],
@@ -48,12 +48,12 @@ def test_conditions():
         ({"valid": "yes"}, "valid cannot be"),
     ],
 )
-def test_one_that_is_wrong(content, said):
+def test_invalid_profile_is_refused(content, said):
     with pytest.raises(FileFormatError, match=said):
         read(**content)
 
 
-def test_a_name_that_there_is_not():
+def test_unknown_profile_name_is_refused():
     with pytest.raises(UsageError, match="'drivekom'"):
         control_profile("drivekom")
 
@@ -74,7 +74,7 @@ PRINTED = {
 
 
 @pytest.mark.parametrize("name", PRINTED)
-def test_words_are_those_of_the_manuals(name):
+def test_control_words_of_a_profile_are_those_of_the_manuals(name):
     known = control_profile(name)
     start, stops, reset = PRINTED[name]
     assert [step.word for step in known.start] == start
@@ -83,7 +83,7 @@ def test_words_are_those_of_the_manuals(name):
     assert known.take_back == known.stops[Stop.RAMP]
 
 
-def test_bits_of_the_status_words():
+def test_status_conditions_depend_on_the_expected_bits():
     drivecom, fc = control_profile("drivecom"), control_profile("danfoss-fc")
     assert [bit for bit in range(16) if drivecom.says("warning", {"": 1 << bit})] == [7, 15]
     assert [bit for bit in range(16) if fc.says("fault", {"": 1 << bit})] == [3, 6]

@@ -1,4 +1,4 @@
-"""Each control profile: sound by itself, and obeyed by its own machine in every way that it promises."""
+"""Each control profile: free of mistakes, and obeyed by its own machine in every command that it offers."""
 
 import pytest
 from played import Drive
@@ -28,13 +28,13 @@ def state(drive):
 
 
 @pytest.mark.parametrize("known", ALL, ids=lambda known: known.name)
-def test_it_is_sound(known):
+def test_packaged_profile_has_no_mistakes_and_a_source(known):
     assert list(mistakes_in(known)) == []
     assert known.source
 
 
 @by_name
-def test_a_start_reaches_a_motor_that_runs(known):
+def test_start_leads_to_a_running_motor(known):
     drive = started(known)
     assert drive.motor.running
     assert state(drive) is DriveState.RUNNING
@@ -43,7 +43,7 @@ def test_a_start_reaches_a_motor_that_runs(known):
 
 
 @by_name
-def test_a_start_backwards_turns_it_the_other_way_and_tells_so_with_what_lets_it_run(known):
+def test_reverse_bit_turns_the_motor_backwards_and_is_in_running_words_only(known):
     if known.reverse:
         drive = Drive(known)
         drive.carry_out(commander(drive).start(reverse=True))
@@ -55,7 +55,7 @@ def test_a_start_backwards_turns_it_the_other_way_and_tells_so_with_what_lets_it
 
 
 @by_name
-def test_a_start_by_a_word_of_its_own_for_backwards_ends_in_a_motor_that_runs_backwards(known):
+def test_reverse_start_with_its_own_steps_runs_the_motor_backwards(known):
     if known.start_reverse:
         drive = Drive(known)
         drive.carry_out(commander(drive).start(reverse=True))
@@ -67,13 +67,13 @@ def test_a_start_by_a_word_of_its_own_for_backwards_ends_in_a_motor_that_runs_ba
 
 
 @by_name
-def test_each_command_decides_all_bits_that_let_a_motor_run(known):
+def test_each_step_sets_all_bits_that_let_a_motor_run(known):
     ways = (known.start, known.start_reverse, known.reset, *known.stops.values())
     assert all(known.runs.mask & ~step.mask == 0 for steps in ways for step in steps)
 
 
 @by_name
-def test_nothing_runs_before_the_last_word(known):
+def test_motor_runs_only_after_the_last_word_of_the_start(known):
     drive = Drive(known)
     for step in known.start[:-1]:
         drive.machine.control(step.word, drive.now)
@@ -84,7 +84,7 @@ def test_nothing_runs_before_the_last_word(known):
 
 @by_name
 @pytest.mark.parametrize("how", list(Stop))
-def test_each_stop_leaves_it_and_is_urgent(known, how):
+def test_each_stop_is_urgent_and_leaves_the_motor_stopped(known, how):
     drive = started(known)
     drive.passes(5)
     sent = len(drive.sent)
@@ -103,7 +103,7 @@ def test_each_stop_leaves_it_and_is_urgent(known, how):
 
 
 @by_name
-def test_a_quick_stop_is_quicker_than_a_ramp(known):
+def test_quick_stop_is_quicker_than_a_ramp_stop(known):
     if Stop.QUICK not in known.stops:
         pytest.skip("it has no quick stop")
     stands = {}
@@ -118,7 +118,7 @@ def test_a_quick_stop_is_quicker_than_a_ramp(known):
 
 @by_name
 @pytest.mark.parametrize("how", list(Stop))
-def test_it_can_be_started_again_after_each_stop(known, how):
+def test_motor_can_be_started_again_after_each_stop(known, how):
     if how in known.stops:
         drive = started(known)
         drive.carry_out(commander(drive).stop(how))
@@ -128,8 +128,8 @@ def test_it_can_be_started_again_after_each_stop(known, how):
 
 
 @by_name
-def test_a_start_that_is_not_obeyed_is_taken_back(known):
-    # The status word of the FC profile says running when the motor turns, which a start at zero does not bring about.
+def test_start_that_is_not_obeyed_is_taken_back(known):
+    # The status word of the FC profile shows "running" only when the motor turns, and a start at 0 Hz turns no motor.
     if known.start[-1].until:
         drive = Drive(known, deaf_to=known.start[-1].word)
         with pytest.raises(StateError, match="taken back"):
@@ -139,7 +139,7 @@ def test_a_start_that_is_not_obeyed_is_taken_back(known):
 
 
 @by_name
-def test_a_start_is_sent_once_and_what_is_open_is_said(known):
+def test_unanswered_start_is_sent_once_and_raises_an_error(known):
     drive = Drive(known)
     for step in known.start[:-1]:
         drive.machine.control(step.word, drive.now)
@@ -151,7 +151,7 @@ def test_a_start_is_sent_once_and_what_is_open_is_said(known):
 
 
 @by_name
-def test_a_fault_is_refused_a_start_and_acknowledged_by_one_edge(known):
+def test_start_in_a_fault_is_refused_and_reset_sends_one_edge(known):
     drive = started(known)
     drive.machine.trip(7, drive.now)
     assert state(drive) is DriveState.FAULT
@@ -171,7 +171,7 @@ def test_a_fault_is_refused_a_start_and_acknowledged_by_one_edge(known):
 
 
 @by_name
-def test_a_reset_needs_an_edge(known):
+def test_reset_needs_a_rising_edge(known):
     drive = started(known)
     edge = known.reset[1].word
     drive.machine.trip(7, drive.now)
@@ -181,7 +181,7 @@ def test_a_reset_needs_an_edge(known):
 
 
 @by_name
-def test_a_reset_of_a_drive_without_a_fault_sends_nothing(known):
+def test_reset_of_a_drive_without_a_fault_sends_nothing(known):
     drive = started(known)
     sent = len(drive.sent)
     drive.carry_out(commander(drive).reset())
@@ -190,7 +190,7 @@ def test_a_reset_of_a_drive_without_a_fault_sends_nothing(known):
 
 
 @by_name
-def test_a_fault_whose_cause_lasts_is_said(known):
+def test_reset_of_a_lasting_fault_raises_an_error(known):
     drive = started(known)
     drive.machine.trip(7, drive.now)
     drive.deaf = True
@@ -199,7 +199,7 @@ def test_a_fault_whose_cause_lasts_is_said(known):
 
 
 @by_name
-def test_what_commands_nothing_changes_nothing(known):
+def test_idle_word_changes_neither_state_nor_motor(known):
     if known.idle is not None:
         drive = started(known)
         before = drive.machine.state, drive.motor.command
@@ -209,7 +209,7 @@ def test_what_commands_nothing_changes_nothing(known):
 
 
 @by_name
-def test_after_mains_nothing_runs_by_itself(known):
+def test_motor_stays_stopped_after_power_up(known):
     drive = started(known)
     drive.machine.power_up(drive.now)
     drive.passes(60)
@@ -217,7 +217,7 @@ def test_after_mains_nothing_runs_by_itself(known):
 
 
 @by_name
-def test_no_single_word_starts_a_drive_that_has_just_been_switched_on_or_reset(known):
+def test_no_single_word_starts_a_drive_after_power_up_or_reset(known):
     if len(known.start) > 1:
         for tripped in (False, True):
             drive = Drive(known)
@@ -231,12 +231,12 @@ def test_no_single_word_starts_a_drive_that_has_just_been_switched_on_or_reset(k
 
 
 @by_name
-def test_each_state_is_shown_as_what_it_means(known):
+def test_each_state_is_reported_with_its_meaning(known):
     for each in known.states:
         assert known.status({"": each.shows}).state is each.means
 
 
-def test_a_reference_that_a_drive_shows_has_a_sign():
+def test_reference_taken_over_from_a_drive_is_signed():
     assert [taken_over(raw) for raw in (0x0000, 0x7FFF, 0x8000, 0xC000)] == [0, 32767, -32768, -16384]
     with pytest.raises(StateError, match="set the reference first"):
         taken_over(None)

@@ -1,4 +1,4 @@
-"""The verbs of drives that hold registers, over a line: each rule once, with a drive of an invented protocol."""
+"""Commands of register drives over a line: each rule is tested once, with a drive of an invented protocol."""
 
 from decimal import Decimal
 
@@ -34,7 +34,10 @@ PAGE_1, PAGE_2 = telegram("page", 1), telegram("page", 2)
 
 
 def refusing(drive, code, times, register=None):
-    """Let a virtual drive refuse so many requests, before it does what they say."""
+    """Make a virtual drive refuse the next `times` requests instead of carrying them out.
+
+    register: the register whose requests are refused; None: any.
+    """
     hears, left = drive.hear, [times]
 
     def hear(find, now):
@@ -48,7 +51,7 @@ def refusing(drive, code, times, register=None):
     drive.hear = hear
 
 
-def test_a_read_chooses_the_page_of_its_parameter_first():
+def test_read_first_chooses_the_page_of_its_parameter():
     with on_a_line(1) as (_, _, sent, drive):
         assert drive.read("ramp_up").value == 2
         assert drive.read("15").raw == 1
@@ -56,8 +59,8 @@ def test_a_read_chooses_the_page_of_its_parameter_first():
         assert sent() == [PAGE_1, telegram("read", 2), PAGE_1, telegram("read", 5), PAGE_2, telegram("read", 3)]
 
 
-def test_a_page_is_chosen_anew_when_the_reply_of_a_read_was_lost():
-    """The drive may have started anew in between, with another page."""
+def test_page_is_chosen_again_after_a_lost_reply():
+    """The drive may have restarted in between and be on another page."""
     with on_a_line(1) as (line, _, sent, drive):
         virtual = line.drives[0]
         hears, lost = virtual.hear, []
@@ -73,7 +76,7 @@ def test_a_page_is_chosen_anew_when_the_reply_of_a_read_was_lost():
         assert sent() == [PAGE_1, telegram("read", 3)] * 2
 
 
-def test_a_request_that_only_prepares_moves_nothing_and_may_not_be_sent_by_anybody():
+def test_page_request_prepares_and_is_not_a_plain_question():
     with on_a_line(1):
         intent = installed["acme"].intent
         page, read, write = (
@@ -84,7 +87,7 @@ def test_a_request_that_only_prepares_moves_nothing_and_may_not_be_sent_by_anybo
     assert (read.only_asks, write.moves_nothing, write.access) == (True, False, "write")
 
 
-def test_signs_and_decimals_are_read_and_written():
+def test_signed_and_decimal_values_are_read_and_written():
     with on_a_line(1) as (line, _, _, drive):
         assert drive.read("trim").value == Decimal("-2.5")
         drive.write("trim", "-0.75", store=True)
@@ -94,7 +97,7 @@ def test_signs_and_decimals_are_read_and_written():
 
 
 @pytest.mark.parametrize("kind", ["s32", "f32"])
-def test_a_type_of_several_words_is_refused_where_a_place_has_one(kind):
+def test_type_of_several_words_is_refused_for_a_one_word_place(kind):
     with on_a_line(1) as (_, _, sent, drive):
         for call in (lambda: drive.read("18", type=kind), lambda: drive.write("18", 1, type=kind, store=True)):
             with pytest.raises(UsageError, match="has 16 bits"):
@@ -102,7 +105,7 @@ def test_a_type_of_several_words_is_refused_where_a_place_has_one(kind):
         assert sent() == []
 
 
-def test_a_refusal_that_is_an_error_of_the_line_is_asked_again():
+def test_refusal_that_reports_a_line_error_is_retried():
     with on_a_line(1) as (line, _, sent, drive):
         refusing(line.drives[0], SUM_ERROR, 2)
         assert drive.read("125").value == 0
@@ -113,7 +116,7 @@ def test_a_refusal_that_is_an_error_of_the_line_is_asked_again():
         assert len(sent()) == 6
 
 
-def test_a_stop_is_sent_again_after_an_error_of_the_line_and_a_start_is_not():
+def test_stop_is_resent_after_a_line_error_and_start_is_not():
     with on_a_line(1) as (line, _, sent, drive):
         refusing(line.drives[0], SUM_ERROR, 1, 120)
         drive.stop()
@@ -124,7 +127,7 @@ def test_a_stop_is_sent_again_after_an_error_of_the_line_and_a_start_is_not():
         assert sent().count(telegram("write", 120, 1)) == 1
 
 
-def test_a_busy_drive_is_asked_again_for_a_second():
+def test_busy_drive_is_retried_for_one_second():
     with on_a_line(1) as (line, _, _, drive):
         refusing(line.drives[0], BUSY, 10)
         assert drive.read("125").value == 0
@@ -135,7 +138,7 @@ def test_a_busy_drive_is_asked_again_for_a_second():
         assert 1 <= line.time - began < 1.5
 
 
-def test_a_stop_and_what_prepares_it_wait_for_no_late_reply():
+def test_stop_and_its_page_request_are_urgent():
     dialect = AcmeDialect(1, AcmeOptions(), MODEL)
     drive = RegisterConversation(dialect, OrderMemory())
     stopping = drive.write(dialect.place_of("11"), (0,), "11", urgent=True, attempts=None)
@@ -144,7 +147,7 @@ def test_a_stop_and_what_prepares_it_wait_for_no_late_reply():
     assert (page.message.kind, page.urgent, stop.message.kind, stop.urgent) == ("page", True, "write", True)
 
 
-def test_a_start_reads_what_the_drive_needs_and_more_of_it_backwards():
+def test_start_checks_its_conditions_and_a_reverse_start_checks_more():
     with on_a_line(1) as (line, _, sent, drive):
         virtual = line.drives[0]
         virtual.poke("16", 1)
@@ -161,7 +164,7 @@ def test_a_start_reads_what_the_drive_needs_and_more_of_it_backwards():
         assert telegram("write", 120, 1) not in sent()[before:]
 
 
-def test_a_start_backwards_turns_backwards():
+def test_reverse_start_turns_the_motor_backwards():
     with on_a_line(1) as (line, _, _, drive):
         drive.start(reverse=True)
         line.advance(5)
@@ -169,7 +172,7 @@ def test_a_start_backwards_turns_backwards():
         assert line.drives[0].motor.output_hz == -25
 
 
-def test_a_start_that_is_not_obeyed_is_taken_back():
+def test_start_that_is_not_obeyed_is_taken_back():
     with on_a_line(1) as (line, _, sent, drive):
         virtual = line.drives[0]
         virtual._machine._orders.act = lambda _now: None
@@ -179,7 +182,7 @@ def test_a_start_that_is_not_obeyed_is_taken_back():
         assert telegram("write", 120, 0) in sent()
 
 
-def test_a_reset_without_reply_is_sent_once_and_the_drive_left_alone_meanwhile():
+def test_reset_without_reply_is_sent_once_and_waits_for_the_restart():
     with on_a_line(1) as (line, _, sent, drive):
         line.drives[0].trip(9, line.time)
         assert drive.status().fault_code == 9
@@ -190,7 +193,7 @@ def test_a_reset_without_reply_is_sent_once_and_the_drive_left_alone_meanwhile()
         assert drive.status().state is DriveState.READY
 
 
-def test_a_reference_above_the_maximum_is_refused_before_it_is_sent():
+def test_reference_above_the_maximum_is_refused_unsent():
     with on_a_line(1) as (_, _, sent, drive):
         for asked in ({"hz": 61}, {"hz": -61}, {"percent": 101}):
             with pytest.raises(ValueRefusedError):
@@ -201,7 +204,7 @@ def test_a_reference_above_the_maximum_is_refused_before_it_is_sent():
         assert drive.read("reference").value == 30
 
 
-def test_a_reference_is_sent_only_to_a_drive_that_takes_it():
+def test_reference_is_refused_unsent_if_the_drive_uses_another_source():
     with on_a_line(1) as (line, _, sent, drive):
         line.drives[0].poke("17", 0)
         for asked in ({"hz": 10}, {"percent": 10}):
@@ -212,13 +215,13 @@ def test_a_reference_is_sent_only_to_a_drive_that_takes_it():
         assert not [each for each in sent() if each[2:4] == b"W" + bytes([126])]
 
 
-def test_a_reference_is_never_rounded():
+def test_reference_is_never_rounded():
     with on_a_line(1) as (_, _, _, drive), pytest.raises(ValueRefusedError):
         drive.set_reference(hz="10.05")
 
 
 @pytest.mark.parametrize(("writes", "store"), [("stored", True), ("volatile", False)])
-def test_a_write_says_where_it_goes_and_nothing_else_is_sent(writes, store):
+def test_write_to_a_storage_that_the_drive_lacks_is_refused_unsent(writes, store):
     with on_a_line(1, writes=writes) as (_, _, sent, drive):
         with pytest.raises(NotSupported, match="store"):
             drive.write("ramp_up", 3, store=not store)
@@ -228,7 +231,7 @@ def test_a_write_says_where_it_goes_and_nothing_else_is_sent(writes, store):
             drive.write("reference", 3, store=True)
 
 
-def test_a_command_that_is_written_as_a_parameter_goes_out_once():
+def test_write_to_a_command_parameter_is_sent_once():
     with on_a_line(1) as (line, _, sent, drive):
         hears, virtual = line.drives[0].hear, line.drives[0]
         virtual.hear = lambda find, now: None if find.message.kind == "write" else hears(find, now)
@@ -237,13 +240,13 @@ def test_a_command_that_is_written_as_a_parameter_goes_out_once():
         assert len([each for each in sent() if each[2:3] == b"W"]) == 1
 
 
-def test_verbs_of_one_protocol_use_the_same_conversation():
+def test_verb_of_the_dialect_sends_its_write():
     with on_a_line(1) as (_, _, sent, drive):
         drive.jog(2)
         assert sent() == [telegram("write", 130, 2)]
 
 
-def test_all_drives_are_stopped_by_one_telegram_and_nothing_else_is_for_all():
+def test_broadcast_stops_all_drives_and_refuses_other_verbs():
     with on_a_line(1, 2) as (line, bus, sent, *drives):
         for each in drives:
             each.start()
@@ -259,7 +262,7 @@ def test_all_drives_are_stopped_by_one_telegram_and_nothing_else_is_for_all():
                 answered(call(), lambda _: None)
 
 
-def test_a_drive_without_a_model_is_not_commanded_and_is_read():
+def test_drive_without_a_model_is_read_but_not_commanded():
     with on_a_line(1) as (_, bus, sent, _):
         drive = bus.drive("acme", 1)
         assert drive.read("122").raw == 0
@@ -269,7 +272,7 @@ def test_a_drive_without_a_model_is_not_commanded_and_is_read():
         assert len(sent()) == 1
 
 
-def test_a_reply_is_judged_by_what_it_repeats():
+def test_reply_must_match_the_repeated_fields_of_its_request():
     dialect = AcmeDialect(1, AcmeOptions(), None)
     asked = dialect.writing(dialect.place_of("126"), (5,)).message
     right = dialect.taken(asked)
@@ -280,7 +283,7 @@ def test_a_reply_is_judged_by_what_it_repeats():
     assert dialect.mismatch(asked, dialect.refused(asked, 3)) == ""
 
 
-def test_who_is_there_is_asked_once():
+def test_probe_is_sent_once():
     with on_a_line(1) as (line, _, sent, drive):
         drive.probe()
         line.power_off(line.drives[0])
@@ -289,7 +292,7 @@ def test_who_is_there_is_asked_once():
         assert sent() == [telegram("read", 122)] * 2
 
 
-def test_a_fault_without_a_number_has_none():
+def test_fault_with_code_zero_has_no_fault_code():
     with on_a_line(1) as (line, _, _, drive):
         line.drives[0].trip(9, line.time)
         assert drive.status().fault_code == 9

@@ -1,4 +1,4 @@
-"""Virtual drives that hold registers: what they do beside answering, on a line with a clock of its own."""
+"""Virtual register drives: their behaviour beyond plain replies, on a line with its own clock."""
 
 import pytest
 from acme import MODE, SUM_ERROR, UNKNOWN, AcmeCodec, on_a_line, telegram
@@ -13,7 +13,7 @@ def answer_to(line, data):
     return line.receive(line.time + 0.1, 100)
 
 
-def test_a_damaged_request_is_answered_where_the_protocol_says_so():
+def test_damaged_request_is_refused_if_the_protocol_has_a_reply_for_it():
     with on_a_line(1) as (line, _, _, _):
         damaged = bytearray(telegram("read", 125))
         damaged[4] ^= 1
@@ -23,7 +23,7 @@ def test_a_damaged_request_is_answered_where_the_protocol_says_so():
         assert answer_to(line, bytes(damaged)) == b""
 
 
-def test_the_ramps_and_the_limit_of_a_motor_are_those_of_its_parameters():
+def test_ramps_and_maximum_of_the_motor_follow_the_parameters():
     with on_a_line(1) as (line, _, _, drive):
         motor = line.drives[0].motor
         assert (motor.ramp_up_s, motor.ramp_down_s, motor.maximum_hz) == (2, 4, 60)
@@ -36,7 +36,7 @@ def test_the_ramps_and_the_limit_of_a_motor_are_those_of_its_parameters():
         assert drive.read("output_frequency").value == 25
 
 
-def test_faults_shift_in_the_memory_and_stay_without_mains():
+def test_fault_memory_shifts_and_survives_a_power_cycle():
     with on_a_line(1) as (line, _, _, drive):
         virtual = line.drives[0]
         for code in (5, 6, 7, 8):
@@ -50,7 +50,7 @@ def test_faults_shift_in_the_memory_and_stay_without_mains():
         assert drive.status().state is DriveState.READY
 
 
-def test_a_watchdog_trips_and_any_telegram_feeds_it_where_the_protocol_says_so():
+def test_watchdog_is_fed_by_telegrams_to_others_and_trips_in_silence():
     with on_a_line(1, 2) as (line, _, _, drive, other):
         line.drives[0].poke("14", 20)
         drive.start()
@@ -63,7 +63,7 @@ def test_a_watchdog_trips_and_any_telegram_feeds_it_where_the_protocol_says_so()
         assert (status.fault_code, status.fault_text) == (33, "the master was silent")
 
 
-def test_commands_are_refused_by_a_drive_that_is_not_set_up():
+def test_drive_that_is_not_set_up_refuses_commands():
     with on_a_line(1) as (line, _, _, drive):
         line.drives[0].poke("15", 0)
         with pytest.raises(RefusedError) as refused:
@@ -71,7 +71,7 @@ def test_commands_are_refused_by_a_drive_that_is_not_set_up():
         assert refused.value.code == MODE
 
 
-def test_commands_are_forgotten_without_mains_and_stored_parameters_are_not():
+def test_power_cycle_clears_commands_and_keeps_stored_parameters():
     with on_a_line(1) as (line, _, _, drive):
         drive.write("ramp_up", 9, store=True)
         drive.start()
@@ -81,13 +81,13 @@ def test_commands_are_forgotten_without_mains_and_stored_parameters_are_not():
         assert line.drives[0]._machine.words["120"] == 0
 
 
-def test_what_a_dialect_does_not_know_is_refused_by_its_code():
+def test_unknown_register_is_refused_with_the_code_of_the_dialect():
     with on_a_line(1) as (line, _, _, _):
         reply = AcmeCodec().decode(answer_to(line, telegram("read", 201)), "reply")
         assert (reply.kind, reply.error) == ("refused", UNKNOWN)
 
 
-def test_a_drive_that_starts_anew_is_deaf_for_a_while():
+def test_restarting_drive_ignores_requests_for_a_second():
     with on_a_line(1) as (line, _, _, _):
         line.transmit(telegram("write", 121, 0x9696))
         assert answer_to(line, telegram("read", 125)) == b""
@@ -95,12 +95,12 @@ def test_a_drive_that_starts_anew_is_deaf_for_a_while():
         assert answer_to(line, telegram("read", 125)) != b""
 
 
-def test_nobody_can_look_for_what_a_drive_does_not_hold():
+def test_peek_at_an_unknown_parameter_is_refused():
     with on_a_line(1) as (line, _, _, _), pytest.raises(ParameterAddressError, match="holds no parameter '99'"):
         line.drives[0].peek("99", line.time)
 
 
-def test_a_coil_holds_no_number_that_it_could_not_tell():
+def test_poke_refuses_a_number_too_large_for_a_coil():
     drive = virtual_drive("modbus", 1)
     with pytest.raises(ParameterAddressError):
         drive.poke("c65500", 1)
@@ -109,7 +109,7 @@ def test_a_coil_holds_no_number_that_it_could_not_tell():
 
 
 @pytest.mark.parametrize(("parameter", "raw"), [("ramp_up", 65536), ("trim", -65537), ("last_fault", 256)])
-def test_a_register_holds_no_number_that_it_could_not_tell(parameter, raw):
+def test_poke_refuses_a_number_outside_the_range_of_a_register(parameter, raw):
     with on_a_line(1) as (line, _, _, _):
         with pytest.raises(ValueError, match=f"{parameter} has no room for {raw}"):
             line.drives[0].poke(parameter, raw)
@@ -117,7 +117,7 @@ def test_a_register_holds_no_number_that_it_could_not_tell(parameter, raw):
         assert line.drives[0].peek("trim", line.time) == 0xFFFB
 
 
-def test_what_is_for_all_drives_is_obeyed_and_not_answered():
+def test_broadcast_is_obeyed_and_not_answered():
     with on_a_line(1) as (line, _, _, drive):
         drive.start()
         assert answer_to(line, telegram("write", 120, 0, address=0)) == b""
@@ -125,8 +125,8 @@ def test_what_is_for_all_drives_is_obeyed_and_not_answered():
         assert drive.status().state is DriveState.READY
 
 
-def test_a_drive_in_a_plant_is_told_of_telegrams_to_others_only_where_they_feed_its_watchdog():
-    """A plant leaves the telegrams to others away from its drives, but for those that overhear."""
+def test_only_drives_whose_watchdog_counts_foreign_telegrams_overhear():
+    """A virtual plant passes telegrams to other drives only to drives that have `overhear`."""
     with on_a_line(1) as (line, _, _, drive):
         virtual = line.drives[0]
         virtual.poke("14", 20)

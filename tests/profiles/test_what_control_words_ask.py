@@ -1,4 +1,4 @@
-"""Control words that stop in several ways at once, and what the drives of a profile take them for."""
+"""Control words that request several kinds of stop, and the reaction of the drives of each profile."""
 
 import pytest
 
@@ -51,14 +51,14 @@ CASES = [(name, *each) for name, words in PROFILES.items() for each in words.ite
 
 
 @pytest.mark.parametrize(("name", "word", "asks"), CASES, ids=lambda each: f"{each:04X}" if type(each) is int else each)
-def test_what_a_word_asks_of_a_motor_that_runs(name, word, asks):
+def test_control_word_acts_on_a_running_motor_as_listed(name, word, asks):
     known = control_profile(name)
     assert known.asks(word) == asks
     assert known.lets_run(word) is (asks in ("run", "hold"))
 
 
 @pytest.mark.parametrize("name", PROFILES)
-def test_an_acknowledgement_lets_no_motor_run_in_the_profiles_of_later_drives(name):
+def test_acknowledgement_word_is_a_ramp_stop(name):
     known = control_profile(name)
     edge = known.reset[1].word
     assert edge & 0x80

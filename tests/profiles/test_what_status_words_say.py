@@ -1,4 +1,4 @@
-"""Status words as the manuals print them, with every value of the bits that they leave open."""
+"""Status words as printed in the manuals, with every value of the bits left open."""
 
 import itertools
 
@@ -45,7 +45,7 @@ VLT_3500 = {
 
 
 def words(pattern):
-    """Yield a word for each value that two of three open bits can have, and the others all 0 and all 1."""
+    """Yield words that match a pattern: all values of the lowest six open bits, with the others all 0 and all 1."""
     bits = pattern.replace(" ", "")
     for fill in itertools.product("01", repeat=min(6, bits.count("x"))):
         for rest in "01":
@@ -54,32 +54,32 @@ def words(pattern):
 
 
 @pytest.mark.parametrize(("pattern", "name"), DRIVECOM.items())
-def test_states_of_drivecom(pattern, name):
+def test_drivecom_status_word_gives_the_printed_state(pattern, name):
     assert {control_profile("drivecom").state_of({"": word}).name for word in words(pattern)} == {name}
 
 
 @pytest.mark.parametrize(("pattern", "state"), PROFIDRIVE.items())
-def test_states_of_profidrive(pattern, state):
+def test_profidrive_status_word_gives_the_printed_state(pattern, state):
     assert {control_profile("profidrive").status({"": word}).state for word in words(pattern)} == {state}
 
 
 @pytest.mark.parametrize(("pattern", "state"), FC.items())
-def test_states_of_the_fc_profile(pattern, state):
+def test_fc_profile_status_word_gives_the_printed_state(pattern, state):
     assert {control_profile("danfoss-fc").status({"": word}).state for word in words(pattern)} == {state}
 
 
 @pytest.mark.parametrize(("pattern", "state"), VLT_3500.items())
-def test_states_of_vlt_3500(pattern, state):
+def test_vlt_3500_status_word_gives_the_printed_state(pattern, state):
     assert {control_profile("vlt3500").status({"": word}).state for word in words(pattern)} == {state}
 
 
 @pytest.mark.parametrize("name", ["vlt3500", "danfoss-fc", "danfoss-profidrive"])
-def test_flags_are_the_bits_where_no_manual_names_the_states(name):
+def test_each_bit_is_a_flag_in_profiles_without_named_states(name):
     profile = control_profile(name)
     assert all(profile.status({"": 1 << bit}).flags == (profile.flags[bit],) for bit in range(16))
 
 
-def test_the_bits_of_a_vlt_3500_have_the_names_that_the_manuals_give_them():
+def test_vlt_3500_bits_have_the_names_of_the_manuals():
     # VLT 3000 manual p. 78 (0 to 8), VLT 3500 manual p. 91, VLT 2000 manual p. 36.
     assert list(control_profile("vlt3500").flags.items()) == [
         (0, "control ready"),
@@ -101,20 +101,20 @@ def test_the_bits_of_a_vlt_3500_have_the_names_that_the_manuals_give_them():
     ]
 
 
-def test_the_bits_that_danfoss_drives_do_not_share_between_their_profiles():
+def test_fc_and_profidrive_flags_of_danfoss_differ_in_bits_4_to_6_only():
     fc, profidrive = control_profile("danfoss-fc").flags, control_profile("danfoss-profidrive").flags
     assert {bit for bit in range(16) if fc[bit] != profidrive[bit]} == {4, 5, 6}
     assert (fc[13], fc[14]) == ("DC link voltage outside limits", "torque or current limit exceeded")
 
 
-def test_a_word_is_made_of_the_names_that_are_so():
+def test_word_of_sets_the_bits_of_the_true_flags():
     vlt = control_profile("vlt3500")
     assert vlt.word_of({"running": True, "tripped": False, "control ready": True}) == 0x0801
     assert vlt.word_of({}) == 0
     assert all(vlt.flags_of(vlt.word_of({name: True})) == (name,) for name in vlt.flags.values())
 
 
-def test_a_pattern_that_no_manual_lists_is_no_state():
+def test_unlisted_drivecom_pattern_is_not_ready():
     drivecom = control_profile("drivecom")
     assert drivecom.state_of({"": 0x0002}) is None
     status = drivecom.status({"": 0x0002})
@@ -132,12 +132,12 @@ def test_a_pattern_that_no_manual_lists_is_no_state():
         (0x1028, False, False, False),
     ],
 )
-def test_what_the_operation_status_of_an_inverter_says(word, running, at_reference, fault):
+def test_fuji_operation_status_gives_running_at_reference_and_fault(word, running, at_reference, fault):
     status = control_profile("fuji").status({"": word})
     assert (status.running, status.at_reference, status.fault) == (running, at_reference, fault)
     assert status.remote is bool(word & 0x1000)
 
 
-def test_the_operation_status_of_an_inverter_is_named_as_printed():
+def test_fuji_operation_status_bits_have_their_printed_names():
     names = ("FWD", "REV", "EXT", "INT", "BRK", "NUV", "TL", "VL", "IL", "ACC", "DEC", "ALM", "RL", "BUSY")
     assert control_profile("fuji").flags_of(0x9FFF) == names

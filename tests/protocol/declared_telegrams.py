@@ -1,4 +1,4 @@
-"""The telegrams of three protocols as declarations: a length by a code, a length until a constant, a length field.
+"""Declared telegrams of three protocols, whose length is set by a code, a constant or a length field.
 
 Mitsubishi's computer link: FR-D700 manual, pages 189 to 192. LECOM-A/B: Lenze EDB2102EN, pages 8-16 to 8-23. Control
 Techniques' ANSI protocol: UD70 user guide, pages 6-7 to 6-11.
@@ -30,7 +30,7 @@ EOT, ENQ, STX, ETX, ACK, NAK = b"\x04", b"\x05", b"\x02", b"\x03", b"\x06", b"\x
 
 
 def message(kind, *names):
-    """Return the class of a telegram whose fields these are."""
+    """Return a telegram class with these fields."""
     known = [(name, object) for name in names]
     return make_dataclass(
         kind.title().replace("_", ""),
@@ -50,7 +50,7 @@ TWO_DIGITS = frozenset({0x6C, 0x73, 0x7A, 0x7F, 0xEC, 0xF3, 0xFA, 0xFF})
 
 
 def mitsubishi():
-    """The instruction code decides how many digits there are; in a reply, where ETX stands."""
+    """Return telegrams whose instruction code decides the number of digits; in a reply the place of ETX does."""
     station = "address" / deciding(hex_number(2, allowed=range(32)))
     wait = "wait" / hex_number(1)
 
@@ -85,7 +85,7 @@ def _code_characters(number):
 
 
 def lecom():
-    """A value ends where ETX stands; BCC behind it may be any byte, an ETX as well."""
+    """Return telegrams whose value ends at ETX; the BCC that follows may be any byte, even ETX."""
     address = "address" / decimal_number(2)
     code = "code" / one_of(range(6230), _code_characters, "C1 and C2")
     value = "value" / characters(until(ETX, least=1, most=20))
@@ -116,7 +116,7 @@ def _doubled(unit):
 
 
 def ct_ansi():
-    """As LECOM, with each digit of the address twice; a reply can be a single EOT."""
+    """Return telegrams as those of LECOM, but with each address digit sent twice; a reply may be a single EOT."""
     address = "address" / one_of(range(100), _doubled, "group and unit, each twice")
     parameter = "parameter" / decimal_number(4, meaning="menu and parameter")
     written = (constant(STX), parameter, "value" / characters(until(ETX, least=1, most=12)), constant(ETX))
@@ -146,7 +146,10 @@ class Block:
 
 
 def counted():
-    """A length field, a telegram that is the beginning of another one, and fields that tell the form of a message."""
+    """Return telegrams with a length field and with fields that choose the form of a message.
+
+    One of the telegrams is the start of another.
+    """
 
     letters = (("many", b"M"), ("one", b"O"), ("x", b"x"))
     kind = {name: "kind" / deciding(choice({letter: name})) for name, letter in letters}

@@ -1,4 +1,4 @@
-"""Verbs that need an answer, where nobody gives one."""
+"""Verbs that need an answer, on a drive that gives none."""
 
 import inspect
 
@@ -14,7 +14,7 @@ class Verbs:
 
     @needs_answer
     def status(self):
-        """Ask for it."""
+        """Read the status."""
         return (yield)
 
     @needs_answer
@@ -22,18 +22,18 @@ class Verbs:
         return percent * (1 + twice)
 
 
-def test_where_a_drive_answers_nothing_is_different():
+def test_verbs_of_an_answering_drive_are_unchanged():
     verbs = Verbs(answers=True)
     assert verbs.set_reference_percent(2, twice=True) == 4
     assert inspect.isgenerator(verbs.status())
 
 
 @pytest.mark.parametrize(("verb", "given"), [("status", ()), ("set_reference_percent", (2,))])
-def test_where_nobody_answers_it_is_refused_when_it_is_called(verb, given):
-    with pytest.raises(NotSupported, match=rf"^{verb.removesuffix('_percent')} needs an answer, and nobody answers"):
+def test_verb_that_needs_an_answer_is_refused_without_answers(verb, given):
+    with pytest.raises(NotSupported, match=rf"^{verb.removesuffix('_percent')} needs an answer, and no drive answers"):
         getattr(Verbs(answers=False), verb)(*given)
 
 
-def test_what_is_known_of_a_verb_stays_known():
-    assert Verbs.status.__doc__ == "Ask for it."
+def test_decorated_verb_keeps_its_docstring_and_signature():
+    assert Verbs.status.__doc__ == "Read the status."
     assert list(inspect.signature(Verbs(answers=True).set_reference_percent).parameters) == ["percent", "twice"]

@@ -1,11 +1,11 @@
-"""Texts of codes, from a file beside the modules of a package."""
+"""Texts of codes, read from a file in the folder of a module."""
 
 from pathlib import Path
 
 from drivecomm.protocol import code_texts
 
 
-def test_they_are_read_from_beside_a_module_and_once(tmp_path):
+def test_code_texts_are_read_once_from_the_folder_of_a_module(tmp_path):
     file = tmp_path / "errors.toml"
     file.write_text('0 = "no error"\n11 = "unknown parameter"\n', encoding="utf-8")
     module = str(Path(tmp_path) / "some.py")

@@ -1,4 +1,4 @@
-"""Entry points are read as importlib.metadata reads them."""
+"""Reading entry points with the same result as `importlib.metadata`."""
 
 import sys
 import zipfile
@@ -28,7 +28,7 @@ def by_metadata(group):
 
 
 @pytest.mark.parametrize("group", [GROUP, "console_scripts", "pytest11", "nobody.has.this"])
-def test_the_installed_ones(group):
+def test_installed_entry_points_are_those_of_importlib_metadata(group):
     assert sorted(entry_points(group)) == by_metadata(group)
 
 
@@ -45,12 +45,12 @@ def test_the_installed_ones(group):
         "",
     ],
 )
-def test_whatever_a_file_says(folder, text):
+def test_entry_points_file_is_parsed_as_by_importlib_metadata(folder, text):
     put(folder, text)
     assert sorted(entry_points(GROUP)) == by_metadata(GROUP)
 
 
-def test_a_line_that_is_no_entry_point_hides_no_other(folder):
+def test_malformed_line_does_not_hide_other_entry_points(folder):
     put(folder, f"[{GROUP}]\nwithout a value\none = a:b\n")
     assert EntryPoint("one", "a:b", "The.Stranger") in entry_points(GROUP)
 
@@ -58,13 +58,13 @@ def test_a_line_that_is_no_entry_point_hides_no_other(folder):
 @pytest.mark.parametrize(
     ("name", "about"), [("stranger.egg-info", "PKG-INFO"), ("the_stranger-1.0-py3.11.egg-info", "PKG-INFO")]
 )
-def test_an_older_kind_of_installation(folder, name, about):
+def test_egg_info_folder_is_read(folder, name, about):
     put(folder, f"[{GROUP}]\none = a:b\n", name, about)
     assert sorted(entry_points(GROUP)) == by_metadata(GROUP)
     assert EntryPoint("one", "a:b", "The.Stranger") in entry_points(GROUP)
 
 
-def test_of_two_installations_of_one_distribution_the_first_counts(folder, tmp_path_factory, monkeypatch):
+def test_first_of_two_installations_of_a_distribution_counts(folder, tmp_path_factory, monkeypatch):
     put(folder, f"[{GROUP}]\none = a:b\n")
     before = tmp_path_factory.mktemp("before")
     put(before, f"[{GROUP}]\none = c:d\n", "Stranger-2.0.dist-info")
@@ -73,14 +73,14 @@ def test_of_two_installations_of_one_distribution_the_first_counts(folder, tmp_p
     assert sorted(entry_points(GROUP)) == by_metadata(GROUP)
 
 
-def test_a_folder_that_is_not_there_and_one_that_is_no_distribution(folder, monkeypatch):
+def test_missing_folder_and_empty_distribution_are_ignored(folder, monkeypatch):
     monkeypatch.syspath_prepend(str(folder / "nowhere"))
     (folder / "empty-1.0.dist-info").mkdir()
     (folder / "file.egg-info").write_text("Name: file\n", encoding="utf-8")
     assert sorted(entry_points(GROUP)) == by_metadata(GROUP)
 
 
-def test_a_zip_file_on_the_path(folder, monkeypatch):
+def test_entry_points_are_found_in_a_zip_file_on_the_path(folder, monkeypatch):
     archive = folder / "packed.zip"
     with zipfile.ZipFile(archive, "w") as packed:
         packed.writestr("stranger-1.0.dist-info/METADATA", "Metadata-Version: 2.1\nName: stranger\nVersion: 1.0\n")
@@ -89,7 +89,7 @@ def test_a_zip_file_on_the_path(folder, monkeypatch):
     assert EntryPoint("one", "a:b", "stranger") in entry_points(GROUP)
 
 
-def test_what_finds_modules_elsewhere_is_asked(monkeypatch):
+def test_foreign_distribution_finder_does_not_change_the_result(monkeypatch):
     class Finder(metadata.DistributionFinder):
         def find_distributions(self, context=None):
             del context
@@ -102,7 +102,7 @@ def test_what_finds_modules_elsewhere_is_asked(monkeypatch):
     assert sorted(entry_points(GROUP)) == by_metadata(GROUP)
 
 
-def test_loading():
+def test_load_imports_the_object_of_an_entry_point():
     assert EntryPoint("one", "os.path:join", "x").load() is __import__("os").path.join
     assert EntryPoint("one", "os:path.join [extra]", "x").load() is __import__("os").path.join
     assert EntryPoint("one", "os", "x").load() is __import__("os")

@@ -1,4 +1,4 @@
-"""The framer alone, with a telegram form that is easy to see: `<`, one digit n, n letters."""
+"""The framer alone, with a simple telegram form: `<`, one digit n, n letters."""
 
 import time
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ class Word:
 
 
 class Letters:
-    """`<3abc`; `<` alone is a telegram too when nothing follows; capitals are damage."""
+    """Codec of `<3abc`; a lone `<` is a telegram too if nothing follows; capital letters are damage."""
 
     def measure(self, head, direction):
         assert direction == "reply"
@@ -52,12 +52,12 @@ def shape(found):
     return [(type(find).__name__, find.data) for find in found]
 
 
-def test_a_whole_telegram(framer):
+def test_whole_telegram_is_framed(framer):
     assert framer.feed(b"<3abc") == [Framed(b"<3abc", Word("abc"))]
     assert framer.missing == 1
 
 
-def test_a_telegram_in_pieces_says_how_much_is_missing(framer):
+def test_missing_counts_the_bytes_until_the_telegram_is_whole(framer):
     assert framer.missing == 1
     assert framer.feed(b"") == []
     assert framer.missing == 1
@@ -72,12 +72,12 @@ def test_a_telegram_in_pieces_says_how_much_is_missing(framer):
     assert not framer.begun
 
 
-def test_a_whole_telegram_behind_the_beginning_of_another_does_not_go_before_it(framer):
+def test_cut_telegram_consumes_bytes_of_the_next_one(framer):
     assert framer.feed(b"<4ab") == []
     assert shape(framer.feed(b"<1a")) == [("Framed", b"<4ab<1"), ("Noise", b"a")]
 
 
-def test_noise_around_telegrams_is_handed_out_in_order(framer):
+def test_noise_around_telegrams_is_returned_in_order(framer):
     found = framer.feed(b"xy<1az<2bc!")
     assert shape(found) == [
         ("Noise", b"xy"),
@@ -88,53 +88,53 @@ def test_noise_around_telegrams_is_handed_out_in_order(framer):
     ]
 
 
-def test_only_the_first_byte_of_a_damaged_telegram_is_dropped(framer):
+def test_search_resumes_after_the_first_byte_of_a_damaged_telegram(framer):
     found = framer.feed(b"<4AB<1a")
     assert shape(found) == [("Damaged", b"<4AB<1"), ("Noise", b"<4AB"), ("Framed", b"<1a")]
     assert found[0].error.category == "field"
 
 
-def test_damage_after_noise_comes_in_order(framer):
+def test_damage_after_noise_is_returned_in_order(framer):
     assert shape(framer.feed(b"x<1A")) == [("Noise", b"x"), ("Damaged", b"<1A"), ("Noise", b"<1A")]
 
 
-def test_a_gap_ends_a_telegram_that_could_have_been_longer(framer):
+def test_flush_ends_a_telegram_that_could_be_longer(framer):
     assert framer.feed(b"<") == []
     assert framer.flush() == [Framed(b"<", Word(""))]
     assert framer.flush() == []
 
 
-def test_a_gap_makes_damage_of_a_cut_telegram(framer):
+def test_flush_reports_a_cut_telegram_as_damaged(framer):
     assert framer.feed(b"<5abc") == []
     assert shape(framer.flush()) == [("Damaged", b"<5abc"), ("Noise", b"<5abc")]
     assert framer.missing == 1
     assert shape(framer.feed(b"<1a")) == [("Framed", b"<1a")]
 
 
-def test_a_gap_behind_a_cut_telegram_frees_the_whole_one_inside_it(framer):
+def test_flush_finds_a_whole_telegram_inside_a_cut_one(framer):
     assert framer.feed(b"<9<1a") == []
     assert shape(framer.flush()) == [("Damaged", b"<9<1a"), ("Noise", b"<9"), ("Framed", b"<1a")]
 
 
 class Capricious(Letters):
-    """Nothing is ever sound."""
+    """A codec that rejects every telegram."""
 
     def decode(self, *_):
         raise TelegramError("checksum", "never")
 
 
-def test_a_single_byte_that_is_cut_off_is_noise_and_no_damage():
+def test_flushed_single_byte_is_noise_and_not_damage():
     framer = Framer(Capricious(), "reply")
     assert framer.feed(b"<") == []
     assert framer.flush() == [Noise(b"<")]
 
 
-def test_a_shape_of_one_byte_that_is_no_telegram_is_damaged():
+def test_rejected_telegram_of_one_byte_is_damaged():
     framer = Framer(Capricious(), "reply")
     assert shape(framer.feed(b"<x")) == [("Damaged", b"<"), ("Noise", b"<x")]
 
 
-def test_garbage_for_ever_does_not_pile_up():
+def test_endless_garbage_is_not_buffered():
     framer = Framer(Letters(), "reply")
     for _ in range(1000):
         assert framer.feed(b"?" * 100) == [Noise(b"?" * 100)]
@@ -145,7 +145,7 @@ def test_garbage_for_ever_does_not_pile_up():
     assert sum(len(find.data) for find in false_starts.flush() if isinstance(find, Noise)) <= 11
 
 
-def test_what_a_codec_raises_on_its_own_is_not_hidden():
+def test_exception_of_the_codec_passes_through_the_framer():
     class Broken(Letters):
         def decode(self, *_):
             raise ZeroDivisionError
@@ -154,7 +154,7 @@ def test_what_a_codec_raises_on_its_own_is_not_hidden():
         Framer(Broken(), "reply").feed(b"<1a")
 
 
-def test_damaged_holds_what_was_wrong(framer):
+def test_damaged_find_holds_the_telegram_error(framer):
     (damaged, noise) = framer.feed(b"<1A")
     assert isinstance(damaged, Damaged)
     assert str(damaged.error) == "no small letters"
@@ -162,7 +162,7 @@ def test_damaged_holds_what_was_wrong(framer):
 
 
 class ByTheByte:
-    """What a framer finds, said as simply as can be: one byte after the other, everything measured anew."""
+    """A reference framer in the simplest form: it advances byte by byte and measures everything again each time."""
 
     def __init__(self, codec, direction):
         self.codec, self.direction, self.pending = codec, direction, b""
@@ -228,7 +228,7 @@ UNHURRIED = settings(
 @pytest.mark.parametrize("direction", ["request", "reply"])
 @pytest.mark.parametrize("name", ["vabus", "danfoss-fc", "vlt3500", "fuji"])
 @extents(15, 100)
-def test_nothing_is_found_otherwise_than_byte_by_byte(name, direction, extent):
+def test_framer_finds_the_same_as_the_byte_by_byte_reference(name, direction, extent):
     plugin = installed[name]
 
     @settings(UNHURRIED, max_examples=extent)
@@ -251,7 +251,7 @@ def test_nothing_is_found_otherwise_than_byte_by_byte(name, direction, extent):
     ("name", "request_length", "reply_length"),
     [("vabus", 1, 2), ("danfoss-fc", 8, 8), ("vlt3500", 22, 22), ("fuji", 8, 8)],
 )
-def test_an_empty_framer_waits_for_the_shortest_telegram(name, request_length, reply_length):
+def test_empty_framer_waits_for_the_shortest_telegram(name, request_length, reply_length):
     plugin = installed[name]
     codec = plugin.codec(plugin.options())
     for direction, length in (("request", request_length), ("reply", reply_length)):
@@ -261,7 +261,7 @@ def test_an_empty_framer_waits_for_the_shortest_telegram(name, request_length, r
         assert framer.missing == length
 
 
-def test_a_telegram_longer_than_what_is_looked_at_first():
+def test_telegram_longer_than_the_first_chunk_examined_is_framed():
     class Long(Letters):
         def measure(self, head, _):
             return 2 + 1000 if head[:1] == b"<" else 0
@@ -277,9 +277,9 @@ def test_a_telegram_longer_than_what_is_looked_at_first():
     ]
 
 
-def test_a_telegram_whose_length_stands_behind_what_is_looked_at_first():
+def test_length_field_beyond_the_first_chunk_examined_is_found():
     class Late(Letters):
-        """600 letters, and then how many thousands more."""
+        """A codec of 600 letters, a digit n, and n thousand further letters."""
 
         def measure(self, head, _):
             if head[:1] != b"<":
@@ -297,9 +297,9 @@ def test_a_telegram_whose_length_stands_behind_what_is_looked_at_first():
     ]
 
 
-def test_a_telegram_that_tells_step_by_step_how_long_it_is():
+def test_telegram_of_chained_blocks_is_framed():
     class Chained(Letters):
-        """Blocks of 600 letters, and behind each whether another one follows."""
+        """A codec of blocks of 600 letters, each ending with a mark that says whether another block follows."""
 
         def measure(self, head, _):
             length = 601 if head[:1] == b"<" else 0
@@ -319,11 +319,11 @@ def test_a_telegram_that_tells_step_by_step_how_long_it_is():
 
 
 @pytest.mark.soak
-def test_time_grows_with_noise_and_not_with_its_square():
+def test_framing_time_of_noise_grows_linearly():
     def seconds(length):
         began = time.process_time()
         assert Framer(Letters(), "reply").feed(b"?" * length) == [Noise(b"?" * length)]
         return time.process_time() - began
 
-    # Twenty times the noise; its square would take four hundred times as long.
+    # Twenty times the noise; quadratic growth would take four hundred times as long.
     assert min(seconds(200_000) for _ in range(3)) < 100 * min(seconds(10_000) for _ in range(5))

@@ -1,11 +1,11 @@
-"""What is made once for the same arguments."""
+"""Caching of results that are made once for the same arguments."""
 
 import pytest
 
 from drivecomm.protocol import kept
 
 
-def test_the_same_is_made_once_and_another_type_is_not_the_same():
+def test_result_is_cached_by_value_and_type_of_the_arguments():
     made = []
 
     @kept
@@ -19,7 +19,7 @@ def test_the_same_is_made_once_and_another_type_is_not_the_same():
     assert made == [(1, 0), (True, 0), (2, 3)]
 
 
-def test_what_could_not_be_made_is_tried_again():
+def test_exception_is_not_cached():
     tries = []
 
     @kept
@@ -33,7 +33,7 @@ def test_what_could_not_be_made_is_tried_again():
     assert len(tries) == 2
 
 
-def test_no_more_is_kept_than_a_poll_plan_has():
+def test_cache_drops_the_oldest_of_600_results():
     made = []
     once = kept(made.append)
     for number in range(600):

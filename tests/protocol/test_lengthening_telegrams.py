@@ -1,4 +1,4 @@
-"""Telegrams that begin like others and are told from them by their length alone."""
+"""Telegrams that start alike and differ in length only."""
 
 from dataclasses import dataclass
 
@@ -33,27 +33,27 @@ AMBIGUOUS = b"!1234CA4E"
 
 
 @pytest.mark.parametrize(("data", "digits"), [(FOUR, "1234"), (SIX[:7] + hex_sum(SIX[1:7]), "123456")])
-def test_both_lengths_are_read_and_written(data, digits):
+def test_telegrams_of_both_lengths_are_read_and_written(data, digits):
     assert CODEC.decode(data, "request") == Value(data=digits)
     assert CODEC.encode(Value(data=digits)) == data
     assert CODEC.measure(data, "request") == len(data)
 
 
-def test_shorter_one_is_found_without_waiting_for_more():
+def test_shorter_telegram_is_framed_without_waiting_for_more_bytes():
     assert CODEC.measure(FOUR, "request") == len(FOUR)
     (found,) = Framer(CODEC, "request").feed(FOUR)
     assert isinstance(found, Framed)
 
 
 @pytest.mark.parametrize("size", [1, 3, 100])
-def test_stream_holds_both(size):
+def test_telegrams_of_both_lengths_are_found_in_a_stream(size):
     six = CODEC.encode(Value(data="123456"))
     stream, framer = FOUR + six + FOUR, Framer(CODEC, "request")
     found = [find for place in range(0, len(stream), size) for find in framer.feed(stream[place : place + size])]
     assert [each.data for each in found] == [FOUR, six, FOUR]
 
 
-def test_longer_one_that_begins_with_a_whole_telegram_is_refused():
+def test_long_telegram_that_starts_with_a_whole_short_one_is_refused():
     data = AMBIGUOUS[:7] + hex_sum(AMBIGUOUS[1:7])
     with pytest.raises(TelegramError):
         CODEC.decode(data, "request")
@@ -63,18 +63,18 @@ def test_longer_one_that_begins_with_a_whole_telegram_is_refused():
 
 
 @pytest.mark.parametrize("digits", ["12345", "12ab", "", 1234, None, ["1", "2"]])
-def test_what_fits_neither_is_refused(digits):
+def test_encode_refuses_a_value_that_fits_neither_length(digits):
     with pytest.raises(TelegramError):
         CODEC.encode(Value(data=digits))
 
 
-def test_damage_is_named_as_in_the_telegram_of_that_length():
+def test_wrong_checksum_is_reported_for_both_lengths():
     for data in (FOUR[:-1] + b"0", SIX[:-1] + b"0"):
         with pytest.raises(TelegramError) as raised:
             CODEC.decode(data, "request")
         assert raised.value.category == "checksum"
 
 
-def test_forms_and_kinds_are_those_of_both():
+def test_codec_has_the_forms_and_kinds_of_both_lengths():
     assert CODEC.forms.keys() == {"Four", "Done", "Six", "Done, long"}
     assert CODEC.message({"kind": "done"}, "reply") == Done()

@@ -1,4 +1,4 @@
-"""Line settings, timing, and what replaces what."""
+"""Line settings, timing, and overriding the facts of a line."""
 
 import pytest
 
@@ -18,7 +18,7 @@ TIMING = Timing(reply_timeout_s=0.5, gap_s=0.05, turnaround_s=0.0, broadcast_pau
         ({"stopbits": 1.5}, 10.5, "9600 8N1.5"),
     ],
 )
-def test_how_long_a_character_is(settings, bits, text):
+def test_character_time_follows_the_line_settings(settings, bits, text):
     line = LineSettings(**settings)
     assert line.character_s == pytest.approx(bits / 9600)
     assert line.wire_s(10) == pytest.approx(bits / 960)
@@ -39,24 +39,24 @@ def test_how_long_a_character_is(settings, bits, text):
         {"stopbits": 3},
     ],
 )
-def test_settings_that_cannot_be(settings):
+def test_impossible_line_settings_are_refused(settings):
     with pytest.raises(UsageError):
         LineSettings(**settings)
 
 
 @pytest.mark.parametrize("settings", [{"baudrate": "fast"}, {"baudrate": None}, {"parity": 3}, {"parity": []}])
-def test_settings_of_the_wrong_kind_are_refused_in_the_tree(settings):
+def test_line_settings_of_the_wrong_type_raise_usage_error(settings):
     with pytest.raises(UsageError):
         LineSettings(**settings)
 
 
 @pytest.mark.parametrize("timing", [{"reply_timeout_s": -1}, {"gap_s": -0.1}, {"late_s": -1}, {"attempts": 0}])
-def test_timing_that_cannot_be(timing):
+def test_impossible_timing_is_refused(timing):
     with pytest.raises(UsageError):
         Timing(**{"reply_timeout_s": 0.5, "gap_s": 0.05, "turnaround_s": 0.0, "broadcast_pause_s": 0.0, **timing})
 
 
-def test_facts_are_overridden_by_name():
+def test_line_facts_are_overridden_by_name():
     facts = LineFacts(settings=LineSettings(), timing=TIMING)
     changed = facts.override({"baudrate": 19200, "attempts": 1, "parity": None})
     assert changed.settings == LineSettings(baudrate=19200)
@@ -68,7 +68,7 @@ def test_facts_are_overridden_by_name():
         facts.override({"baudrate": 1})
 
 
-def test_of_a_pause_in_seconds_and_one_in_characters_the_longer_holds():
+def test_longer_of_the_pause_in_seconds_and_in_characters_applies():
     def pauses(baudrate, seconds):
         timing = Timing(
             reply_timeout_s=0.5,

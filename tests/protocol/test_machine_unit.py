@@ -1,4 +1,4 @@
-"""The unit of a machine: exact both ways, refused where it cannot be, and never another unit than its own."""
+"""Machine units: exact conversion in both directions, refusal of impossible ones and of foreign units."""
 
 from decimal import Decimal
 from fractions import Fraction
@@ -26,26 +26,26 @@ MACHINES = st.one_of(
 
 
 @given(machine=MACHINES, hz=st.decimals(min_value=-600, max_value=600, places=3))
-def test_conversion_returns_exactly_the_same_frequency(machine, hz):
+def test_conversion_to_the_machine_unit_and_back_is_exact(machine, hz):
     assert machine.to_hz(machine.from_hz(hz)) == Fraction(hz)
     assert machine.from_hz(machine.to_hz(hz)) == Fraction(hz)
 
 
 @given(machine=MACHINES, hz=st.decimals(min_value=-600, max_value=600, places=2))
-def test_reference_is_the_frequency_whose_speed_was_given(machine, hz):
+def test_reference_is_the_frequency_of_the_given_speed(machine, hz):
     exactly = machine.from_hz(hz)
-    # A decimal number with all the digits that tell two steps of 0.01 Hz apart.
+    # A decimal number with enough digits to distinguish two steps of 0.01 Hz.
     value = Decimal(round(exactly * 10**15)).scaleb(-15)
     assert machine.reference_hz(value) == machine.reference_hz(f"{value} {machine.unit}") == hz
 
 
 @given(machine=MACHINES, hz=st.decimals(min_value=-600, max_value=600, places=2))
-def test_speed_that_is_shown_sets_the_frequency_it_was_shown_for(machine, hz):
+def test_displayed_speed_as_reference_sets_the_same_frequency(machine, hz):
     assert machine.reference_hz(machine.shown(hz).value) == hz
 
 
 @given(machine=MACHINES)
-def test_unit_is_made_again_of_its_content(machine):
+def test_machine_unit_can_be_rebuilt_from_its_content(machine):
     assert MachineUnit(**machine.content) == machine
 
 
@@ -63,11 +63,11 @@ def test_unit_is_made_again_of_its_content(machine):
         ({"unit": "1/h", "per_hz": 100}, "1E+1", "1000 1/h"),
     ],
 )
-def test_speed_is_shown_with_the_digits_of_its_frequency(said, hz, shown):
+def test_speed_is_shown_with_as_many_decimals_as_its_frequency(said, hz, shown):
     assert str(MachineUnit(**said).shown(Decimal(hz))) == shown
 
 
-def test_numbers_become_exact_decimals():
+def test_numbers_of_a_machine_unit_become_exact_decimals():
     assert MachineUnit(unit="m/min", per_hz=0.1).per_hz == Decimal("0.1")
     assert MachineUnit(unit="rpm", poles=4, gear="5.20").gear == Decimal("5.2")
 
@@ -117,7 +117,7 @@ def test_speed_that_would_be_rounded_to_a_standstill_is_refused(value):
         BELT.reference_hz(value)
 
 
-def test_number_that_runs_into_the_unit_is_refused():
+def test_number_that_is_ambiguous_with_the_unit_is_refused():
     shaft = MachineUnit(unit="1/min", poles=4)
     assert shaft.reference_hz("30 1/min") == 1
     with pytest.raises(ValueRefusedError, match="write 10 1/min"):
@@ -150,10 +150,10 @@ def test_number_that_runs_into_the_unit_is_refused():
         ({"unit": "rpm", "poles": 4, "gear": 0}, "gear cannot be 0"),
         ({"unit": "rpm", "poles": 4, "per_turn": 1}, "rpm counts turns itself; leave per_turn out"),
         ({"unit": "m/min", "poles": 4}, "write per_turn"),
-        ({"unit": "m/s", "poles": 4, "per_turn": 1}, "poles give a speed a minute, and m/s is none"),
+        ({"unit": "m/s", "poles": 4, "per_turn": 1}, "poles give a speed a minute, and m/s is not one"),
     ],
 )
-def test_unit_that_cannot_be_is_refused(said, sentence):
+def test_invalid_machine_unit_is_refused(said, sentence):
     with pytest.raises(UsageError) as caught:
         MachineUnit(**said)
     assert sentence in str(caught.value)

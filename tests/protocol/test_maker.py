@@ -1,4 +1,4 @@
-"""Values that are made in a third of the time."""
+"""Fast construction of frozen dataclass values."""
 
 from dataclasses import FrozenInstanceError, dataclass, field, fields, replace
 from decimal import Decimal
@@ -16,7 +16,7 @@ class Value:
     counted: list[int] = field(default_factory=list)
 
 
-def test_they_are_what_the_constructor_makes():
+def test_maker_builds_the_same_value_as_the_constructor():
     made = maker(Value)(drive="fan", number=3, counted=[1])
     assert made == Value(drive="fan", number=3, counted=[1])
     assert type(made) is Value
@@ -24,7 +24,7 @@ def test_they_are_what_the_constructor_makes():
     assert replace(made, number=4).number == 4
 
 
-def test_a_reading_is_one_whatever_made_it():
+def test_reading_by_its_maker_equals_one_by_the_constructor():
     given = {"parameter": "481", "value": Decimal("1.5"), "raw": 15, "unit": "A", "type": "I16", "name": "current"}
     made = new_reading(**given)
     assert made == Reading(**given)
@@ -34,7 +34,7 @@ def test_a_reading_is_one_whatever_made_it():
     }  # fmt: skip
 
 
-def test_nobody_changes_them():
+def test_value_by_a_maker_is_immutable():
     made = maker(Value)(drive="fan", counted=[])
     with pytest.raises(FrozenInstanceError):
         made.number = 5
@@ -43,18 +43,18 @@ def test_nobody_changes_them():
 
 
 @pytest.mark.parametrize("given", [{}, {"drive": "fan"}, {"drive": "fan", "counted": [], "other": 1}])
-def test_what_is_missing_or_unknown_is_an_error(given):
+def test_maker_refuses_missing_and_unknown_fields(given):
     with pytest.raises(TypeError):
         maker(Value)(**given)
 
 
-def test_a_class_that_looks_at_its_fields_has_no_maker():
+def test_class_with_post_init_has_no_maker():
     @dataclass(frozen=True, slots=True, kw_only=True)
     class Checked:
         number: int
 
         def __post_init__(self) -> None:
-            """Look at it."""
+            """Check the number."""
 
     with pytest.raises(TypeError, match="Checked looks at its fields when it is made"):
         maker(Checked)

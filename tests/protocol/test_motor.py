@@ -1,4 +1,4 @@
-"""The motor that every virtual drive turns."""
+"""The motor model of every virtual drive."""
 
 import math
 
@@ -12,7 +12,7 @@ def motor():
     return Motor()
 
 
-def test_a_motor_at_rest(motor):
+def test_motor_at_rest_has_zero_outputs(motor):
     motor.advance(100.0)
     assert not motor.running
     assert (motor.output_hz, motor.shaft_hz, motor.current_a, motor.voltage_v, motor.power_kw) == (0, 0, 0, 0, 0)
@@ -23,7 +23,7 @@ def test_a_motor_at_rest(motor):
     assert not motor.decelerating
 
 
-def test_it_ramps_up_and_stays(motor):
+def test_motor_ramps_up_to_the_reference_and_stays(motor):
     motor.run(25.0, 0.0)
     motor.advance(1.0)
     assert motor.output_hz == pytest.approx(10.0)
@@ -44,7 +44,7 @@ def test_it_ramps_up_and_stays(motor):
     assert motor.energy_kwh == pytest.approx(1.2 * 60 / 3600, rel=0.1)
 
 
-def test_small_steps_and_one_step_agree():
+def test_many_small_time_steps_give_the_same_speed_as_one():
     together, apart = Motor(), Motor()
     for motor in (together, apart):
         motor.run(40.0, 0.0)
@@ -56,7 +56,7 @@ def test_small_steps_and_one_step_agree():
     assert together.output_hz == pytest.approx(apart.output_hz)
 
 
-def test_time_does_not_run_backwards(motor):
+def test_earlier_time_does_not_change_the_motor(motor):
     motor.run(50.0, 10.0)
     motor.advance(11.0)
     before = motor.output_hz
@@ -65,7 +65,7 @@ def test_time_does_not_run_backwards(motor):
     assert motor.output_hz == before
 
 
-def test_it_slows_down_to_a_lower_reference(motor):
+def test_motor_slows_down_to_a_lower_reference(motor):
     motor.run(50.0, 0.0)
     motor.advance(5.0)
     motor.run(30.0, 5.0)
@@ -77,7 +77,7 @@ def test_it_slows_down_to_a_lower_reference(motor):
     assert motor.at_reference
 
 
-def test_it_reverses_through_zero(motor):
+def test_motor_reverses_through_zero(motor):
     motor.run(20.0, 0.0)
     motor.advance(2.0)
     motor.run(-20.0, 2.0)
@@ -90,14 +90,14 @@ def test_it_reverses_through_zero(motor):
     assert motor.torque_percent == pytest.approx(-60.0)
 
 
-def test_the_reference_is_limited(motor):
+def test_reference_is_limited_to_the_maximum_frequency(motor):
     motor.run(80.0, 0.0)
     assert motor.target_hz == 50.0
     motor.run(-80.0, 0.0)
     assert motor.target_hz == -50.0
 
 
-def test_ramps_of_no_length_are_steps():
+def test_ramps_of_zero_seconds_are_steps():
     motor = Motor(ramp_up_s=0.0, ramp_down_s=0.0)
     motor.run(50.0, 0.0)
     motor.advance(0.001)
@@ -110,7 +110,7 @@ def test_ramps_of_no_length_are_steps():
 @pytest.mark.parametrize(
     ("how", "seconds"), [(Command.RAMP_STOP, 5.0), (Command.QUICK_STOP, 1.0), (Command.DC_BRAKE, 1.0)]
 )
-def test_ways_to_stop(motor, how, seconds):
+def test_stop_takes_the_time_of_its_kind(motor, how, seconds):
     motor.run(50.0, 0.0)
     motor.advance(5.0)
     motor.stop(how, 5.0)
@@ -123,7 +123,7 @@ def test_ways_to_stop(motor, how, seconds):
     assert motor.output_hz == 0
 
 
-def test_coasting_leaves_the_shaft_turning(motor):
+def test_shaft_turns_on_after_coasting_begins(motor):
     motor.run(50.0, 0.0)
     motor.advance(5.0)
     motor.stop(Command.OFF, 5.0)
@@ -135,7 +135,7 @@ def test_coasting_leaves_the_shaft_turning(motor):
     assert motor.shaft_hz == 0
 
 
-def test_holding_keeps_the_output(motor):
+def test_hold_keeps_the_output_frequency(motor):
     motor.run(50.0, 0.0)
     motor.advance(2.0)
     motor.stop(Command.HOLD, 2.0)
@@ -145,12 +145,12 @@ def test_holding_keeps_the_output(motor):
     assert not motor.decelerating
 
 
-def test_a_motor_that_is_off_cannot_be_braked(motor):
+def test_ramp_stop_leaves_a_motor_that_is_off_unchanged(motor):
     motor.stop(Command.RAMP_STOP, 1.0)
     assert motor.command is Command.OFF
 
 
-def test_a_trip_switches_off_and_blocks_until_the_reset(motor):
+def test_trip_switches_the_motor_off_until_a_reset(motor):
     motor.run(50.0, 0.0)
     motor.advance(2.0)
     motor.trip(14, 2.0)
@@ -165,12 +165,12 @@ def test_a_trip_switches_off_and_blocks_until_the_reset(motor):
     assert motor.running
 
 
-def test_a_trip_needs_a_code(motor):
+def test_trip_with_fault_code_zero_is_refused(motor):
     with pytest.raises(ValueError, match="fault code 0 means no fault"):
         motor.trip(0, 1.0)
 
 
-def test_it_warms_up_and_cools_down(motor):
+def test_motor_warms_up_and_cools_down(motor):
     motor.run(50.0, 0.0)
     motor.advance(600.0)
     warm = motor.temperature_c

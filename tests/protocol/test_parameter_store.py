@@ -1,4 +1,4 @@
-"""What virtual drives keep of their parameters, and with which codes they refuse."""
+"""Parameters held by virtual drives, and the codes of refused accesses."""
 
 from decimal import Decimal
 
@@ -25,11 +25,11 @@ def code_of(call, *given, **further):
     return refused.value.code
 
 
-def test_a_parameter_that_does_not_exist_has_one_code_whatever_is_done_with_it(store):
+def test_unknown_parameter_is_refused_with_the_same_code_by_every_access(store):
     assert {code_of(store.info, 9), code_of(store.readable, 9), code_of(store.writable, 9, running=False)} == {1}
 
 
-def test_access_is_refused_each_with_its_code(store):
+def test_each_forbidden_access_is_refused_with_its_code(store):
     assert store.readable(2).address == "2"
     assert store.writable(3, running=True).address == "3"
     assert store.writable(4, running=False).address == "4"
@@ -38,13 +38,13 @@ def test_access_is_refused_each_with_its_code(store):
     assert code_of(store.writable, 4, running=True) == 4
 
 
-def test_limits(store):
+def test_value_above_the_maximum_is_refused_with_its_code(store):
     limited = info("5", minimum=Decimal(1), maximum=Decimal(2))
     store.must_allow(limited, Decimal(2))
     assert code_of(store.must_allow, limited, Decimal("2.1")) == 5
 
 
-def test_what_went_to_ram_only_is_gone_without_mains(store):
+def test_power_cycle_clears_values_held_in_ram_only(store):
     store.put((1, 0), "new", stored=False)
     store.put((1, 1), "kept")
     assert store.held == {(1, 0): "new", (1, 1): "kept", (2, 0): "c"}

@@ -1,4 +1,4 @@
-"""Two facts of a reading: how good it was, and how sure the model is of what it means."""
+"""Quality of a reading, and the mark that tells how sure the model is of its meaning."""
 
 from drivecomm.protocol import ParameterInfo, Reading
 from drivecomm.protocol.word_format import WordFormat
@@ -8,22 +8,22 @@ def reading(**told):
     return Reading(parameter="1", value=1, raw=1, **told)
 
 
-def test_note_of_the_model_leaves_a_reading_good():
+def test_reading_with_a_note_of_the_model_is_good():
     assert reading(note="type and unit are derived").quality == "good"
     assert reading().quality == "good"
 
 
-def test_doubt_makes_a_reading_uncertain():
+def test_reading_with_a_doubt_is_uncertain():
     assert reading(doubt="another master is on the line").quality == "uncertain"
 
 
-def test_remark_holds_doubt_and_note():
+def test_remark_joins_doubt_and_note():
     assert [each.remark for each in (
         reading(), reading(note="derived"), reading(doubt="two replies"), reading(note="derived", doubt="two replies"),
     )] == ["", "derived", "two replies", "two replies; derived"]  # fmt: skip
 
 
-def test_pattern_that_is_not_a_number_is_not_a_good_one():
+def test_float_pattern_that_is_not_a_number_is_uncertain():
     kind = WordFormat(type="f32", size=2)
     found = kind.reading(kind.raw_of((0x7FC0, 0)), "1", None)
     assert (found.value, found.quality, found.doubt) == (
@@ -31,7 +31,7 @@ def test_pattern_that_is_not_a_number_is_not_a_good_one():
     )  # fmt: skip
 
 
-def test_register_says_how_sure_its_model_is_as_every_protocol_does():
+def test_note_of_a_register_reading_states_the_mark_of_the_model():
     kind = WordFormat(type="u16", size=1)
     notes = []
     for sure in ("printed", "drive", "derived", "field", "unconfirmed", "contradicted"):

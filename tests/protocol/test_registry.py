@@ -1,4 +1,4 @@
-"""Protocols by name: installed, registered, broken, claimed twice."""
+"""The registry of protocols: installed, registered and broken ones, and names claimed twice."""
 
 import sys
 from dataclasses import replace
@@ -11,7 +11,7 @@ from drivecomm.protocol import Protocol, Protocols, installed, protocols
 
 @pytest.fixture
 def fresh(tmp_path, monkeypatch):
-    """A registry that has loaded nothing, and a folder in which distributions can be put."""
+    """Yield a registry that has loaded nothing; distributions put into `tmp_path` are found by it."""
     monkeypatch.syspath_prepend(str(tmp_path))
     before = set(sys.modules)
     yield Protocols()
@@ -21,7 +21,7 @@ def fresh(tmp_path, monkeypatch):
 
 
 def put(folder, distribution, entry, code=None):
-    """Install a distribution with one entry point as pip would: a dist-info folder and a module."""
+    """Install a distribution with one entry point, as pip would: a dist-info folder and a module."""
     info = folder / f"{distribution.replace('-', '_')}-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {distribution}\nVersion: 1.0\n", encoding="utf-8")
@@ -38,24 +38,24 @@ RENAMED = (
 )
 
 
-def test_the_four_are_installed():
+def test_packaged_protocols_are_installed():
     assert {"danfoss-fc", "fuji", "vabus", "vlt3500"} <= set(installed)
     assert protocols() is installed
 
 
-def test_an_installed_protocol():
+def test_installed_protocol_is_loaded_once():
     assert isinstance(installed["vabus"], Protocol)
     assert installed["vabus"] is installed["vabus"]
     assert "vabus" in installed
     assert len(installed) == len(list(installed))
 
 
-def test_none_of_the_installed_is_broken():
+def test_no_installed_protocol_is_broken():
     assert installed.broken() == {}
     assert [plugin.name for plugin in installed.working()] == list(installed)
 
 
-def test_a_name_that_nobody_brings():
+def test_unknown_protocol_name_is_refused_with_the_installed_names():
     with pytest.raises(UnknownProtocolError, match=r"no installed protocol is named 'profibus'; installed are .*vabus"):
         installed["profibus"]
     assert "profibus" not in installed
@@ -63,13 +63,13 @@ def test_a_name_that_nobody_brings():
     assert installed.get("vabus") is installed["vabus"]
 
 
-def test_a_strangers_protocol(fresh, tmp_path):
+def test_protocol_of_a_foreign_distribution_is_loaded(fresh, tmp_path):
     put(tmp_path, "stranger-dist", "stranger = stranger_good:protocol", RENAMED)
     assert "stranger" in fresh
     assert fresh["stranger"].name == "stranger"
 
 
-def test_a_name_is_known_before_its_package_is_imported(fresh, tmp_path):
+def test_protocol_name_is_known_before_its_package_is_imported(fresh, tmp_path):
     put(tmp_path, "stranger-dist", "stranger = stranger_lazy:protocol", RENAMED)
     assert "stranger" in fresh
     assert "stranger_lazy" not in sys.modules
@@ -85,11 +85,11 @@ def test_a_name_is_known_before_its_package_is_imported(fresh, tmp_path):
         ("def (", r"cannot be loaded \(SyntaxError"),
         ("other = 1", r"cannot be loaded \(AttributeError"),
         (None, r"cannot be loaded \(ModuleNotFoundError"),
-        ("protocol = 'vabus'", "is no drivecomm.protocol.Protocol"),
+        ("protocol = 'vabus'", "is not a drivecomm.protocol.Protocol"),
         (RENAMED.replace("'stranger'", "'other'"), "brings a protocol named 'other'"),
     ],
 )
-def test_a_broken_plug_in_breaks_only_itself(fresh, tmp_path, code, what):
+def test_broken_plug_in_breaks_only_itself(fresh, tmp_path, code, what):
     put(tmp_path, "stranger-dist", "stranger = stranger_bad:protocol", code)
     with pytest.raises(ProtocolLoadError, match=what) as caught:
         fresh["stranger"]
@@ -102,7 +102,7 @@ def test_a_broken_plug_in_breaks_only_itself(fresh, tmp_path, code, what):
     assert set(fresh.broken()) == {"stranger"}
 
 
-def test_a_broken_plug_in_that_is_mended_loads(fresh, tmp_path):
+def test_repaired_plug_in_loads_without_a_restart(fresh, tmp_path):
     put(tmp_path, "stranger-dist", "stranger = stranger_mended:protocol", "raise RuntimeError")
     with pytest.raises(ProtocolLoadError):
         fresh["stranger"]
@@ -110,13 +110,13 @@ def test_a_broken_plug_in_that_is_mended_loads(fresh, tmp_path):
     assert fresh["stranger"].name == "stranger"
 
 
-def test_a_plug_in_that_ends_the_program_is_broken_too(fresh, tmp_path):
+def test_plug_in_that_raises_system_exit_is_broken(fresh, tmp_path):
     put(tmp_path, "stranger-dist", "stranger = stranger_exit:protocol", "raise SystemExit(3)")
     with pytest.raises(ProtocolLoadError):
         fresh["stranger"]
 
 
-def test_a_name_claimed_twice(fresh, tmp_path):
+def test_name_claimed_by_two_distributions_is_refused(fresh, tmp_path):
     put(tmp_path, "stranger-one", "stranger = stranger_one:protocol", RENAMED)
     put(tmp_path, "stranger-two", "stranger = stranger_two:protocol", RENAMED)
     with pytest.raises(
@@ -127,15 +127,15 @@ def test_a_name_claimed_twice(fresh, tmp_path):
     assert list(fresh).count("stranger") == 1
 
 
-def test_an_installed_name_claimed_by_a_stranger(fresh, tmp_path):
+def test_packaged_name_claimed_by_a_foreign_distribution_is_refused(fresh, tmp_path):
     put(tmp_path, "stranger-one", "vabus = stranger_vabus:protocol", RENAMED)
     with pytest.raises(ProtocolLoadError, match="'vabus' is claimed by drivecomm and stranger-one"):
         fresh["vabus"]
     assert set(fresh.broken()) == {"vabus"}
 
 
-def test_the_same_distribution_seen_twice_is_one(fresh, tmp_path):
-    # An editable installation on the path and its folder beside it.
+def test_distribution_found_twice_on_the_path_counts_once(fresh, tmp_path):
+    # An editable installation may be found on the path and again in its own folder.
     for folder in (tmp_path / "a", tmp_path / "b"):
         folder.mkdir()
         sys.path.insert(0, str(folder))
@@ -146,7 +146,7 @@ def test_the_same_distribution_seen_twice_is_one(fresh, tmp_path):
         del sys.path[:2]
 
 
-def test_registering_returns_its_undo():
+def test_register_returns_a_function_that_removes_the_protocol():
     own = replace(installed["vabus"], name="own")
     take_away = installed.register(own)
     try:

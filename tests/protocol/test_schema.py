@@ -1,4 +1,4 @@
-"""The vocabulary of schemas and the codec around them."""
+"""The leaves of telegram schemas and the forms made of them."""
 
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -68,7 +68,7 @@ def refusal(leaf, data):
         (hex_number(4, allowed=range(0x100)), b"00FF", 0xFF),
     ],
 )
-def test_a_leaf_reads_what_it_writes(leaf, data, value):
+def test_leaf_reads_the_bytes_that_it_writes(leaf, data, value):
     assert one(leaf).parse(data) == Note(value=value)
     assert one(leaf).build(Note(value=value)) == data
 
@@ -96,7 +96,7 @@ def test_a_leaf_reads_what_it_writes(leaf, data, value):
         (characters(2), b"abc", "length", "2 characters expected, 3 found"),
     ],
 )
-def test_a_leaf_refuses_to_read(leaf, data, category, text):
+def test_leaf_refuses_malformed_bytes(leaf, data, category, text):
     error = refusal(leaf, data)
     assert error.category == category
     assert text in str(error)
@@ -127,18 +127,18 @@ def test_a_leaf_refuses_to_read(leaf, data, category, text):
         (signed(2), -32769),
     ],
 )
-def test_a_leaf_refuses_to_write(leaf, value):
+def test_leaf_refuses_to_write_an_invalid_value(leaf, value):
     with pytest.raises(TelegramError, match=r"^note telegram") as caught:
         one(leaf).build(Note(value=value))
     assert (caught.value.category, caught.value.field) == ("field", "value")
 
 
-def test_a_field_that_is_not_given_is_refused():
+def test_build_refuses_a_missing_field():
     with pytest.raises(TelegramError):
         one(hex_number(2)).build(Note())
 
 
-def test_constants_and_fillers_are_written_and_not_asked_for():
+def test_constants_and_fillers_need_no_field():
     note = form(constant(b"<"), filler(b"  "), "value" / decimal_number(1), filler(b"0", "spare"), constant(b">"))
     assert note.build(Note(value=7)) == b"<  70>"
     assert note.parse(b"<xy7z>") == Note(value=7)
@@ -148,7 +148,7 @@ def test_constants_and_fillers_are_written_and_not_asked_for():
     ("compute", "covered", "check"),
     [(xor_byte, b"\x01\x02\x04", b"\x07"), (hex_sum, b"\xff\x02", b"01"), (decimal_sum, b"\x64\x07", b"07")],
 )
-def test_check_characters(compute, covered, check):
+def test_check_characters_are_computed_and_verified(compute, covered, check):
     assert compute(covered) == check
     checked = form("value" / characters(len(covered), lowest=0, highest=255), Check(len(check), 0, compute))
     text = covered.decode("latin-1")
@@ -159,13 +159,13 @@ def test_check_characters(compute, covered, check):
     assert caught.value.category == "checksum"
 
 
-def test_check_characters_leave_out_what_comes_before_their_start():
+def test_check_characters_cover_only_bytes_from_their_start():
     checked = form("other" / characters(1), "value" / hex_number(2), Check(1, 1, xor_byte))
     assert checked.build(Note(value=0x11, other="a")) == b"a11\x00"
     assert checked.parse(b"b11\x00") == Note(value=0x11, other="b")
 
 
-def test_check_characters_that_switch_the_check_off():
+def test_check_characters_may_switch_the_check_off():
     checked = form("value" / characters(1), Check(2, 0, decimal_sum, off=b"??"))
     assert checked.parse(b"a??") == Note(value="a")
     assert checked.parse(b"a97") == Note(value="a")
@@ -173,13 +173,13 @@ def test_check_characters_that_switch_the_check_off():
         checked.parse(b"a?7")
 
 
-def test_check_characters_are_left_out_when_told_to():
+def test_check_is_written_as_switched_off_on_request():
     checked = form("value" / characters(1), "other" / Check(2, 0, decimal_sum, off=b"??"))
     assert checked.build(Note(value="a", other=b"??")) == b"a??"
     assert checked.build(Note(value="a")) == checked.build(Note(value="a", other=b"11")) == b"a97"
 
 
-def test_check_characters_that_are_right_by_a_second_rule():
+def test_check_characters_by_a_second_rule_are_accepted():
     checked = form("value" / characters(1), Check(2, 0, decimal_sum, also=hex_sum))
     assert checked.parse_compiled != checked.parse_declared
     for parse in (checked.parse_compiled, checked.parse_declared):
@@ -190,7 +190,7 @@ def test_check_characters_that_are_right_by_a_second_rule():
     assert caught.value.category == "checksum"
 
 
-def test_check_characters_of_two_rules_that_can_be_switched_off():
+def test_check_with_a_second_rule_may_be_switched_off():
     checked = form("value" / characters(1), Check(2, 0, decimal_sum, off=b"??", also=hex_sum))
     for parse in (checked.parse_compiled, checked.parse_declared):
         assert parse(b"a97") == parse(b"a61") == parse(b"a??") == Note(value="a")
@@ -198,12 +198,12 @@ def test_check_characters_of_two_rules_that_can_be_switched_off():
         checked.parse(b"a?1")
 
 
-def test_check_characters_with_a_name_are_shown():
+def test_named_check_characters_become_a_field():
     checked = form("value" / Check(1, 0, xor_byte))
     assert checked.parse(b"\x00") == Note(value=b"\x00")
 
 
-def test_check_characters_that_are_missing():
+def test_missing_check_characters_are_a_length_error():
     with pytest.raises(TelegramError) as caught:
         form("value" / characters(1), Check(2, 0, hex_sum)).parse(b"a6")
     assert caught.value.category == "length"
@@ -216,43 +216,43 @@ SIZED = form(
 )
 
 
-def test_a_size_that_stands_in_the_telegram():
+def test_size_of_a_leaf_is_read_from_the_telegram():
     assert SIZED.parse(b"3abc") == Note(value="abc")
     assert SIZED.build(Note(value="abc")) == b"3abc"
     assert SIZED.parse(b"0") == Note(value="")
 
 
-def test_a_size_that_cannot_be_read_is_a_length():
+def test_unreadable_size_is_a_length_error():
     with pytest.raises(TelegramError) as caught:
         SIZED.parse(b"xabc")
     assert caught.value.category == "length"
 
 
-def test_a_size_that_is_computed_from_one_that_cannot_be_read():
+def test_size_computed_from_an_unreadable_field_is_a_length_error():
     computed = form(
         "length" / decimal_number(1),
         "value" / characters(this.length - 1),
     )
     assert computed.parse(b"3ab") == Note(value="ab")
-    # None - 1 must not leave the schema as a TypeError.
+    # `None - 1` must not leave the schema as a TypeError.
     with pytest.raises(TelegramError) as caught:
         computed.parse(b"xab")
     assert caught.value.category == "length"
 
 
-def test_a_size_below_nothing_is_a_length():
+def test_negative_size_is_a_length_error():
     computed = form(
         "length" / decimal_number(1),
         "value" / characters(this.length - 3),
     )
     assert computed.parse(b"4a") == Note(value="a")
-    # A stream read with a negative size takes everything that is there.
+    # Reading a stream with a negative size would return all that is left.
     with pytest.raises(TelegramError) as caught:
         computed.parse(b"1abc")
     assert caught.value.category == "length"
 
 
-def test_a_size_below_nothing_reads_nothing_twice():
+def test_negative_size_before_another_leaf_is_a_length_error():
     computed = form(
         "length" / decimal_number(1),
         "value" / characters(this.length - 3),
@@ -264,7 +264,7 @@ def test_a_size_below_nothing_reads_nothing_twice():
     assert caught.value.category == "length"
 
 
-def test_the_gravest_fault_is_named():
+def test_error_reports_the_most_severe_fault():
     checked = form(
         constant(b"<"), "value" / hex_number(2), "other" / characters(2), Check(2, 1, hex_sum), constant(b">")
     )
@@ -287,7 +287,7 @@ def test_the_gravest_fault_is_named():
     assert category(b"<" + sound + hex_sum(sound) + b">") == "field"
 
 
-def test_an_error_names_telegram_and_field():
+def test_error_names_telegram_and_field():
     error = refusal(hex_number(2), b"zz")
     assert str(error).startswith("note telegram, value: ")
     assert error.field == "value"
@@ -296,7 +296,7 @@ def test_an_error_names_telegram_and_field():
         form(constant(b"a")).parse(b"b")
 
 
-def test_a_message_that_refuses_its_fields_is_a_field_error():
+def test_rejection_by_a_read_function_is_a_field_error():
     def up_to_five(value):
         if value > 5:
             raise ValueError("more than five")
@@ -309,11 +309,11 @@ def test_a_message_that_refuses_its_fields_is_a_field_error():
     assert caught.value.category == "field"
 
 
-def test_fields_that_the_message_does_not_have_are_left_out():
+def test_leaf_without_a_field_of_the_message_is_ignored():
     assert form("value" / decimal_number(1), "colour" / decimal_number(1)).parse(b"12") == Note(value=1)
 
 
-def test_a_form_describes_its_leaves():
+def test_form_describes_its_leaves():
     described = form(
         constant(b"\x02", "STX"), "value" / hex_number(4, "the value"), Check(1, 0, xor_byte, meaning="BCC")
     ).describe()
@@ -322,12 +322,12 @@ def test_a_form_describes_its_leaves():
     assert form(constant(b"\x02\x03"), filler(b" ")).describe() == [("", "2", "02 03"), ("", "1", "not looked at")]
 
 
-def test_a_form_knows_how_long_its_telegram_is():
+def test_form_has_the_size_of_its_telegram():
     assert form(constant(b"\x02"), "value" / hex_number(4), Check(1, 0, xor_byte)).size == 6
     assert SIZED.size == 0
 
 
-def test_what_is_not_sure_reads_as_none():
+def test_unsure_leaf_reads_malformed_bytes_as_none():
     doubtful = one(unsure(hex_number(2), "a code, if any"))
     assert [doubtful.parse(data).value for data in (b"4E", b"  ", b"4e")] == [0x4E, None, None]
     assert [doubtful.build(Note(value=value)) for value in (0x4E, None)] == [b"4E", b"  "]
@@ -337,7 +337,7 @@ def test_what_is_not_sure_reads_as_none():
         doubtful.build(Note(value=256))
 
 
-def test_a_leaf_of_ones_own():
+def test_custom_leaf_reads_and_refuses():
     def read(data):
         if data == b"?":
             raise ValueError("a question")
@@ -352,7 +352,7 @@ def test_a_leaf_of_ones_own():
 
 
 @pytest.mark.parametrize("digits", [b"", b"0", b"FF", b"0123456789ABCDEF"])
-def test_hexadecimal_digits(digits):
+def test_hex_value_reads_any_number_of_digits_but_not_zero(digits):
     if digits:
         assert hex_value(digits) == int(digits, 16)
     else:
@@ -360,7 +360,7 @@ def test_hexadecimal_digits(digits):
             hex_value(digits)
 
 
-def test_a_form_can_be_used_many_times_and_by_many():
+def test_form_keeps_no_state_between_telegrams():
     first = SIZED.parse(b"3abc")
     assert SIZED.parse(b"2xy") == replace(first, value="xy")
     assert SIZED.parse(b"3abc") == first
@@ -369,7 +369,7 @@ def test_a_form_can_be_used_many_times_and_by_many():
 PAIR = Leaf(2, lambda found: (found[:1], found[1:]), lambda pair: pair[0] + pair[1])
 
 
-def test_fields_that_are_computed_from_leaves_and_leaves_from_fields():
+def test_fields_are_computed_from_leaves_and_back():
     paired = form(
         "both" / PAIR, reads={"value other": lambda both: both}, writes={"both": lambda note: (note.value, note.other)}
     )
@@ -385,7 +385,7 @@ def test_fields_that_are_computed_from_leaves_and_leaves_from_fields():
     assert split.build(Note(value=47)) == split.build_declared(Note(value=47)) == b"47"
 
 
-def test_a_message_is_looked_at_before_it_is_written():
+def test_check_of_a_form_may_refuse_a_message_before_it_is_built():
     def refuse_seven(note):
         if note.value == 7:
             raise TelegramError("field", "not seven", field="value")
@@ -459,12 +459,12 @@ ODD = [
 def outcome(function, given):
     try:
         return function(given)
-    except Exception:  # noqa: BLE001 - whatever it is, it is refused
+    except Exception:  # noqa: BLE001 - any exception counts as a refusal
         return "refused"
 
 
 @pytest.mark.parametrize("leaf", LEAVES, ids=lambda leaf: f"{leaf.size}-{leaf.meaning}")
-def test_a_leaf_in_code_is_the_leaf_as_declared(leaf):
+def test_compiled_leaf_behaves_as_the_declared_leaf(leaf):
     declared = one(leaf)
     assert declared.parse_compiled != declared.parse_declared
     assert declared.build_compiled != declared.build_declared
@@ -480,12 +480,12 @@ def test_a_leaf_in_code_is_the_leaf_as_declared(leaf):
                     assert repr(read) == repr(expected)
     for value in ODD:
         written = outcome(declared.build_compiled, Note(value=value))
-        # What the code does not know is written as declared.
+        # Compiled code may refuse a value that the declared leaf writes.
         assert written in ("refused", outcome(declared.build_declared, Note(value=value)))
         assert outcome(declared.build, Note(value=value)) == outcome(declared.build_declared, Note(value=value))
 
 
-def test_a_leaf_that_has_no_code_makes_its_telegram_interpreted():
+def test_form_with_a_leaf_that_cannot_be_compiled_is_interpreted():
     interpreted = one(characters(lambda _: 2))
     assert interpreted.parse_compiled == interpreted.parse_declared
     assert interpreted.build_compiled == interpreted.build_declared
@@ -506,7 +506,7 @@ class Doubting(Slotted):
             raise ValueError("more than five")
 
 
-def test_messages_are_made_as_their_class_makes_them():
+def test_parsed_message_equals_one_by_its_constructor():
     read = Form(Slotted, "value" / decimal_number(1)).parse(b"7")
     assert (read, hash(read), repr(read)) == (Slotted(value=7), hash(Slotted(value=7)), repr(Slotted(value=7)))
     assert Form(Doubting, "value" / decimal_number(1)).parse(b"5") == Doubting(value=5)

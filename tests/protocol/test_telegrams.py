@@ -1,4 +1,4 @@
-"""A codec made of forms: lengths, contents, blind spots, and which form bytes or a message have."""
+"""Codecs made of forms: lengths, contents, blind spots, and the form that fits bytes or a message."""
 
 from dataclasses import fields
 
@@ -50,7 +50,7 @@ MESSAGES = {
 
 @st.composite
 def telegrams(draw):
-    """A codec, a direction, a message of it and its bytes."""
+    """Draw a codec, a direction, a message and its bytes."""
     name = draw(st.sampled_from([*CODECS]))
     codec = CODECS[name]
     title, form = draw(st.sampled_from([*codec.forms.items()]))
@@ -63,7 +63,7 @@ def telegrams(draw):
 
 
 @given(telegrams())
-def test_telegrams_are_read_as_they_were_written(telegram):
+def test_telegram_is_read_as_it_was_written(telegram):
     codec, direction, made, data = telegram
     assert codec.decode(data, direction) == made
     assert codec.encode(codec.decode(data, direction)) == data
@@ -71,7 +71,7 @@ def test_telegrams_are_read_as_they_were_written(telegram):
 
 
 @given(telegrams())
-def test_measure_never_asks_for_more_than_the_telegram_has(telegram):
+def test_measure_never_exceeds_the_length_of_the_telegram(telegram):
     codec, direction, _, data = telegram
     for end in range(len(data)):
         assert end < codec.measure(data[:end], direction) <= len(data) or data[:end] == b"#"
@@ -80,7 +80,7 @@ def test_measure_never_asks_for_more_than_the_telegram_has(telegram):
 
 
 @given(telegrams())
-def test_telegrams_are_found_in_any_pieces(telegram):
+def test_telegrams_are_framed_from_pieces_of_any_size(telegram):
     codec, direction, made, data = telegram
     for size in (1, 2, 3, 5 * len(data)):
         framer = Framer(codec, direction)
@@ -91,7 +91,7 @@ def test_telegrams_are_found_in_any_pieces(telegram):
 
 
 @given(telegrams())
-def test_blind_spots_are_where_a_wrong_bit_is_not_noticed(telegram):
+def test_blind_spots_are_the_bytes_where_a_wrong_bit_stays_unnoticed(telegram):
     codec, direction, _, data = telegram
     blind = codec.blind_spots(data, direction)
     for place in range(len(data)):
@@ -107,7 +107,7 @@ def test_blind_spots_are_where_a_wrong_bit_is_not_noticed(telegram):
 
 
 @given(telegrams(), st.binary(max_size=30), st.integers(0, 30))
-def test_nothing_but_telegram_errors_comes_of_any_bytes(telegram, noise, kept):
+def test_decode_of_random_bytes_raises_only_telegram_errors(telegram, noise, kept):
     codec, direction, _, data = telegram
     for each in (noise, data[:kept] + noise, data[:kept]):
         assert codec.measure(each, direction) >= 0
@@ -123,7 +123,7 @@ ODD = [None, "x", "", -1, 1 << 70, 1.0, True, [], b"1", ("a",), {}]
 
 @pytest.mark.parametrize("odd", ODD, ids=repr)
 @pytest.mark.parametrize("name", CODECS)
-def test_encode_refuses_odd_fields_by_its_own_errors(name, odd):
+def test_encode_refuses_odd_fields_with_a_telegram_error(name, odd):
     codec = CODECS[name]
     for form in codec.forms.values():
         content = {each.name: odd for each in fields(form.message)}
@@ -134,12 +134,12 @@ def test_encode_refuses_odd_fields_by_its_own_errors(name, odd):
         assert caught.value.category == "field"
 
 
-def test_encode_refuses_what_is_no_telegram():
-    with pytest.raises(TelegramError, match="str is no telegram"):
+def test_encode_refuses_a_text_instead_of_a_message():
+    with pytest.raises(TelegramError, match="str is not a telegram"):
         CODECS["lecom"].encode("telegram")
 
 
-def test_encode_refuses_fields_for_which_there_is_no_leaf():
+def test_encode_refuses_a_field_that_the_form_does_not_have():
     with pytest.raises(TelegramError, match="this one telegram has no words") as caught:
         CODECS["counted"].encode(Block(kind="one", word=1, words="ab"))
     assert caught.value.field == "words"
@@ -159,14 +159,14 @@ def test_encode_refuses_fields_for_which_there_is_no_leaf():
         ("ct-ansi", "request", "04 32 32 36 36 02 30 31 32 31 2B 30 37 36 2E 34 03 21", {"value": "+076.4"}),
     ],
 )
-def test_telegrams_that_manuals_print(name, direction, text, fields):
+def test_printed_telegrams_of_the_manuals_are_read(name, direction, text, fields):
     data = bytes.fromhex(text)
     found = fields_of(CODECS[name].decode(data, direction))
     assert {key: found[key] for key in fields} == fields
     assert CODECS[name].measure(data, direction) == len(data)
 
 
-def test_check_byte_that_looks_like_the_end():
+def test_check_byte_equal_to_etx_is_read():
     codec = CODECS["lecom"]
     for number in range(0x20, 0x7F):
         data = codec.encode(codec.message({"kind": "value", "code": 11, "value": f"1{chr(number)}"}, "reply"))
@@ -178,19 +178,19 @@ def test_check_byte_that_looks_like_the_end():
         pytest.fail("no value has such a check byte")
 
 
-def test_leaf_that_never_ends_is_not_waited_for():
+def test_leaf_without_its_end_is_given_up_at_its_maximum_length():
     codec = CODECS["lecom"]
     assert codec.measure(STX + b"46" + 20 * b"1", "reply") == 25
     assert codec.measure(STX + b"46" + 21 * b"1", "reply") == 0
     assert codec.measure(STX + b"46" + 21 * b"1" + ETX, "reply") == 0
 
 
-def test_telegram_is_whole_where_no_longer_one_goes_on_behind_it():
+def test_measure_waits_for_more_only_if_a_longer_telegram_may_follow():
     codec = CODECS["counted"]
     assert [codec.measure(head, "request") for head in (b"#", b"#O", b"#?", b"#M\x00", b"#M\x09")] == [2, 5, 1, 1, 1]
 
 
-def test_constant_missing_behind_announced_characters_is_a_framing_error():
+def test_missing_constant_after_a_sized_leaf_is_a_framing_error():
     form = Form(
         A,
         *(constant(b"<"), "size" / decimal_number(1), "value" / characters(this.size), constant(b">")),
@@ -206,7 +206,7 @@ def test_constant_missing_behind_announced_characters_is_a_framing_error():
     assert caught.value.category == "length"
 
 
-def test_errors_name_what_is_wrong_with_telegrams_that_have_no_form():
+def test_undecodable_telegram_gets_the_error_category_of_its_fault():
     codec = CODECS["mitsubishi"]
     for data, category in (
         (b"\x07010", "framing"),
@@ -256,13 +256,13 @@ DIGIT = "value" / decimal_number(1)
         ([Form(A, constant(b"<"), DIGIT), Form(A, constant(b">"), DIGIT)], "in which form a A is written"),
     ],
 )
-def test_telegrams_that_nobody_can_tell_apart_are_refused(forms, text):
+def test_declaration_of_indistinguishable_telegrams_is_refused(forms, text):
     titled = {f"{form.message.__name__}{number}": form for number, form in enumerate(forms)}
     with pytest.raises(UsageError, match=text):
         Telegrams(titled, REPLIES)
 
 
-def test_constant_tells_digits_apart_that_cannot_hold_it():
+def test_constant_and_digits_at_the_same_place_distinguish_forms():
     codec = Telegrams(
         {"A": Form(A, constant(b"<"), DIGIT), "B": Form(B, constant(b"<"), constant(b"-"), DIGIT)}, REPLIES
     )
@@ -274,7 +274,7 @@ def test_constant_tells_digits_apart_that_cannot_hold_it():
     assert codec.decode(b"<-1", "request") == B(value=1)
 
 
-def test_titles_name_one_form_each():
+def test_duplicate_form_title_is_refused():
     form = Form(A, constant(b"<"), DIGIT)
     with pytest.raises(UsageError, match="same title"):
         Telegrams({"A": form}, {"A": REPLIES["C"]})
@@ -301,12 +301,12 @@ def test_titles_name_one_form_each():
         (lambda: deciding(characters(until(ETX, most=9))), "cannot decide"),
     ],
 )
-def test_declarations_that_mean_nothing_are_refused(declare, text):
+def test_meaningless_declaration_is_refused(declare, text):
     with pytest.raises((UsageError, TypeError, AttributeError), match=text):
         declare()
 
 
-def test_check_characters_may_stand_before_the_end():
+def test_check_characters_may_precede_the_end_constant():
     form = Form(A, constant(b"("), "value" / characters(until(b")", most=9)), Check(2, 1, hex_sum), constant(b")"))
     codec = Telegrams({"A": form}, REPLIES)
     data = codec.encode(A(value="abc"))
@@ -317,14 +317,14 @@ def test_check_characters_may_stand_before_the_end():
         codec.encode(A(value="abcdefghij"))
 
 
-def test_end_of_several_characters():
+def test_end_constant_may_have_several_characters():
     form = Form(A, constant(b"("), "value" / characters(until(b"\r\n", most=3)), constant(b"\r\n"))
     codec = Telegrams({"A": form}, REPLIES)
     assert [codec.measure(b"(ab\r\n"[:end], "request") for end in range(6)] == [3, 3, 3, 4, 5, 5]
     assert codec.measure(b"(abcde", "request") == 0
 
 
-def test_leaf_of_a_package_may_reach_until_a_constant():
+def test_custom_leaf_may_extend_until_a_constant():
     number = Leaf(until(b";", least=1, most=5), int, lambda value: b"%d" % value, alphabet=b"-0123456789")
     form = Form(A, "value" / number, constant(b";"))
     assert form.parse_compiled != form.parse_declared
@@ -342,7 +342,7 @@ def test_leaf_of_a_package_may_reach_until_a_constant():
 @pytest.mark.parametrize(
     "leaf", [hex_number(2, allowed={1, 7}), hex_number(4, allowed={1, 7}), choice({b"01": 1, b"07": 7})]
 )
-def test_form_is_found_by_a_deciding_leaf_of_any_kind(leaf):
+def test_deciding_leaf_of_any_kind_selects_the_form(leaf):
     other = choice({b"x" * leaf.size: "x"})
     codec = Telegrams(
         {"A": Form(A, "value" / deciding(leaf)), "B": Form(B, "value" / deciding(other), DIGIT, reads={})}, REPLIES

@@ -1,4 +1,4 @@
-"""Limits of a parameter, as far as they are known, and what a virtual drive says to whoever looks into it."""
+"""Limits of a parameter, as far as they are known, and refusals when looking into a virtual drive."""
 
 from decimal import Decimal
 
@@ -14,7 +14,7 @@ def limited(minimum=None, maximum=None, unit="Hz"):
 
 
 @pytest.mark.parametrize("value", ["0", "0.1", "50"])
-def test_limits_themselves_are_allowed(value):
+def test_value_at_a_limit_is_allowed(value):
     assert limited("0", "50").allows(Decimal(value))
     limited("0", "50").check(Decimal(value))
 
@@ -28,18 +28,18 @@ def test_limits_themselves_are_allowed(value):
         (limited("1"), "0", "0 for parameter 419 is below 1 Hz"),
     ],
 )
-def test_what_is_outside_is_refused_with_the_limits_that_are_known(info, value, said):
+def test_value_outside_its_limits_is_refused_with_the_known_limits(info, value, said):
     assert not info.allows(Decimal(value))
     with pytest.raises(ValueRefusedError) as caught:
         info.check(Decimal(value))
     assert str(caught.value) == said
 
 
-def test_without_limits_everything_is_allowed():
+def test_parameter_without_limits_allows_every_value():
     limited().check(Decimal(-(10**9)))
 
 
-def test_what_is_refused_to_somebody_who_looks_into_a_drive_does_not_exist():
+def test_refusal_when_looking_into_a_drive_reports_an_unknown_parameter():
     with pytest.raises(ParameterAddressError, match="the virtual drive holds no parameter '481'"), looked_into("481"):
         raise Refusal(3)
     with pytest.raises(ValueError, match="other"), looked_into("481"):

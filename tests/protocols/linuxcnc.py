@@ -1,7 +1,7 @@
-"""LinuxCNC under tests: its programs, and its drivers of spindles as masters of virtual drives.
+"""LinuxCNC in tests: its programs, and its spindle drivers as masters of virtual drives.
 
-LinuxCNC is used without being installed, and without real time: unpack its package `linuxcnc-uspace` (`dpkg -x`), and
-name the folder in DRIVECOMM_LINUXCNC. Most of its drivers need libmodbus5 besides.
+LinuxCNC is used without installing it, and without real time: unpack its package `linuxcnc-uspace` (`dpkg -x`), and set
+DRIVECOMM_LINUXCNC to the folder. Most of its drivers also need libmodbus5.
 """
 
 import os
@@ -36,17 +36,17 @@ ENVIRONMENT = {
 
 @contextmanager
 def served(drive, folder):
-    """Serve a virtual drive on a pseudo-terminal; gives its path, and what makes the drive trip."""
+    """Serve a virtual drive on a pseudo-terminal; yield its path and a function that trips the drive."""
     path = folder / "line"
     drive.motor.ramp_up_s = drive.motor.ramp_down_s = 1.0
     with served_in_thread(Server([drive], parse_listen(f"pty:{path}"))):
-        # The time that the drive lives in begins here.
+        # The clock of the served drive starts here.
         began = time.monotonic()
         yield os.path.realpath(path), lambda code: drive.trip(code, time.monotonic() - began)
 
 
 class Spindle:
-    """A driver that runs, and its pins."""
+    """A running driver and its pins."""
 
     def __init__(self, name, pins, log):
         self._name, self._pins, self._log = name, pins, log
@@ -66,7 +66,7 @@ class Spindle:
             time.sleep(0.2)
 
     def end(self):
-        """End the driver by its process id, since not all of them obey `unloadusr`, and wait until it is gone."""
+        """Terminate the driver by its process id and wait until it is gone; not all drivers obey `unloadusr`."""
         until = time.monotonic() + 10
         while (number := self._process()) and time.monotonic() < until:
             os.kill(number, signal.SIGTERM)
@@ -87,7 +87,7 @@ def _halcmd(*words):
 
 @contextmanager
 def driver(folder, name, command, *, pins=""):
-    """Run a driver; its process goes on when the program that started it has ended."""
+    """Run a driver and yield its spindle; its process outlives the program that starts it, and is ended afterwards."""
     program, log = folder / "spindle.hal", folder / "log"
     program.write_text(f"loadusr -Wn {name} {command}\n")
     spindle = Spindle(name, pins or name, log)

@@ -1,4 +1,4 @@
-"""Which addresses a drive of each protocol may hold: all that its telegrams can name, and what its models know."""
+"""Address spaces of each protocol: all addresses that its telegrams can carry, including those of the models."""
 
 from itertools import islice
 
@@ -39,7 +39,7 @@ def space_of(protocol, model=None, **given):
         ("fuji", "vg", {}, (["F00", "F01", "F02"], "M99", 1100)),
     ],
 )
-def test_addresses_in_their_order(protocol, model, given, shown):
+def test_address_space_lists_each_address_once_in_order(protocol, model, given, shown):
     found = list(space_of(protocol, model, **given).addresses())
     assert (found[:3], found[-1], len(found)) == shown
     assert len(set(found)) == len(found)
@@ -47,7 +47,7 @@ def test_addresses_in_their_order(protocol, model, given, shown):
 
 @pytest.mark.soak
 @pytest.mark.parametrize("case", every(4, CASES))
-def test_every_address_can_be_asked_for_and_the_models_are_within(case):
+def test_address_space_is_readable_and_covers_the_model(case):
     protocol, model = CASES[case]
     plugin = installed[protocol]
     known = load_model(plugin.package, protocol, model)
@@ -57,7 +57,7 @@ def test_every_address_can_be_asked_for_and_the_models_are_within(case):
     keys = {operations.address_of(address).partition("[")[0] for address in space.addresses()}
     for address in islice(space.addresses(), 0, None, 37):
         operations.read(address)
-    # A part of a register comes with the register; coils and inputs are asked for where a model names them.
+    # Parts of a register come with the register; coils and inputs are only read if a model names them.
     whole = [each for each in known.parameters if "." not in each and each[0] not in "cdi"]
     outside = [each for each in whole if operations.address_of(each).partition("[")[0] not in keys]
     assert outside == []
@@ -76,23 +76,23 @@ def test_every_address_can_be_asked_for_and_the_models_are_within(case):
         ("danfoss-fc", "3-10", 0, [], ""),
     ],
 )
-def test_elements_are_asked_for_where_there_may_be_some(protocol, address, code, runs, beyond):
+def test_array_elements_depend_on_the_refusal_code(protocol, address, code, runs, beyond):
     found = space_of(protocol).elements(address, code)
     assert ([list(run) for run in found.runs], found.beyond) == (runs, beyond)
 
 
-def test_an_index_of_a_vlt_begins_at_0_or_1_or_is_a_pair():
+def test_vlt_3500_index_starts_at_0_or_1_or_is_a_pair():
     runs = space_of("vlt3500").elements("502", 2).runs
     assert [run[0] for run in runs[:4]] == ["502[0]", "502[1]", "502[0,0]", "502[1,0]"]
 
 
-def test_an_array_of_a_danfoss_drive_may_have_more_elements_than_the_plain_address_names():
+def test_danfoss_fc_array_is_searched_for_elements_1_to_254():
     for code in (None, 3):
         found = space_of("danfoss-fc").elements("3-10", code)
         assert (found.runs[0][0], found.runs[0][-1], found.beyond) == ("3-10[1]", "3-10[254]", "3-10[255]")
 
 
-def test_no_address_of_a_modbus_drive_is_looked_for_in_the_whole_model(monkeypatch):
+def test_modbus_address_is_resolved_without_searching_the_model(monkeypatch):
     looked, place_of = [], modbus_parameters.place_of
     monkeypatch.setattr(modbus_parameters, "place_of", lambda *given: looked.append(given) or place_of(*given))
     known = load_model("drivecomm_modbus", "modbus", "danfoss-fc")

@@ -1,4 +1,4 @@
-"""One Bonfiglioli drive shows the same over VABus and over Modbus."""
+"""A Bonfiglioli drive, which shows the same values over VABus and over Modbus."""
 
 from decimal import Decimal
 
@@ -15,7 +15,7 @@ MODELS = {"vabus": "agile", "modbus": "bonfiglioli"}
 
 @pytest.fixture(params=MODELS)
 def turning_backwards(request):
-    """A virtual drive that turns at -20 Hz."""
+    """Yield a virtual drive that turns at -20 Hz."""
     line = VirtualLine([virtual_drive(request.param, 1, model=MODELS[request.param])])
     with drivecomm.open_bus(line.port) as bus:
         drive = bus.drive(request.param, 1, model=MODELS[request.param])
@@ -37,7 +37,7 @@ def test_frequency_has_the_sign_of_the_direction(turning_backwards, parameter):
 
 @pytest.mark.parametrize("protocol", MODELS)
 @pytest.mark.parametrize(("parameter", "unit"), [("289", "degC"), ("291", "degC"), ("294", "A"), ("297", "kW")])
-def test_highest_and_average_values_come_in_tenths(protocol, parameter, unit):
+def test_peak_and_average_values_have_a_factor_of_0_1(protocol, parameter, unit):
     # Ferretto.VW.MAS.InverterDriver divides them by 10.
     info = load_model(installed[protocol].package, protocol, MODELS[protocol]).parameters[parameter]
     assert (453 * info.factor, info.unit) == (Decimal("45.3"), unit)
@@ -47,7 +47,7 @@ def test_highest_and_average_values_come_in_tenths(protocol, parameter, unit):
 @pytest.mark.parametrize(
     ("code", "text"),
     [
-        # A program of a maker of warehouses compares 260 with 1454H: Ferretto.VW.MAS.InverterDriver
+        # A program of a warehouse builder compares 260 with 1454H: Ferretto.VW.MAS.InverterDriver
         (0x1454, "external error (F1454)"),
         (0x0503, "short circuit or earth fault (F0503)"),
         (0x0C13, "1 ms task overrun (F0C13)"),
@@ -55,7 +55,7 @@ def test_highest_and_average_values_come_in_tenths(protocol, parameter, unit):
         (0x2010, "watchdog: no correct exchange for the time in parameter 413 (F2010)"),
     ],
 )
-def test_fault_has_the_text_of_its_hexadecimal_digits(protocol, code, text):
+def test_fault_code_has_the_text_of_its_hexadecimal_digits(protocol, code, text):
     virtual = virtual_drive(protocol, 1, model=MODELS[protocol])
     virtual.trip(code, 0.0)
     with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:

@@ -1,4 +1,4 @@
-"""Every common name of every model of every installed protocol, read from the virtual drive of that model."""
+"""Every common name of every installed model, read from the virtual drive of that model."""
 
 from decimal import Decimal
 from struct import pack, unpack
@@ -21,8 +21,8 @@ MAPPED = {
     for common in model.quantities
 }
 
-# What the manuals' types say about a raw number: where its sign is, where the number stands in hexadecimal characters,
-# and where a number carries its own scale (Fuji format [12]: ten bits of mantissa, two of exponent from 0.01 on).
+# Raw numbers by type: where the sign bit is, which types are sent as hexadecimal characters,
+# and which carry their own scale (Fuji format [12]: ten bits of mantissa, two of exponent from 0.01 on).
 SIGN_BITS = {"int": 1 << 15, "int16": 1 << 15, "long": 1 << 31, "int32": 1 << 31}
 IN_HEXADECIMAL = ("uint", "int", "long")
 IN_CHARACTERS = ("text", "string")
@@ -30,16 +30,16 @@ OWN_SCALES = {"[12]": lambda word: (word & 0x3FF) * Decimal(10) ** ((word >> 10 
 
 
 def parameter_at(model, address):
-    """What the model knows of an address, be it a parameter of its own or one place of an array."""
+    """Return the parameter of an address, or that of its array; None if the model has neither."""
     return model.find(address) or model.find(address.partition("[")[0])
 
 
 def meant_by(held, info):
-    """What a raw value stands for in the parameter's unit, worked out without the reading code."""
+    """Return the value of a raw value in the parameter's unit, computed without the reading code."""
     if info.type in IN_CHARACTERS:
         return str(held).rstrip()
     if isinstance(held, str):
-        # VLT 3500 shows a number as it is sent, decimals and all.
+        # VLT 3500 sends numbers as decimal text, with their decimals.
         if info.type not in IN_HEXADECIMAL:
             return Decimal(held)
         held = int(held, 16)
@@ -54,7 +54,7 @@ def meant_by(held, info):
 
 
 class Bench:
-    """A virtual drive of a model whose motor has just been turning, and its master."""
+    """A virtual drive of a model whose motor turns, and its master."""
 
     def __init__(self, protocol, model, bus_of):
         self.virtual = virtual_drive(protocol, installed[protocol].addresses[0], model=model)
@@ -62,18 +62,18 @@ class Bench:
         self.drive = bus_of(self.line).drive(protocol, self.virtual.address, model=model)
 
     def turn(self):
-        """Let the motor turn, whatever the drive has been told; it may stop it again when it is next asked."""
+        """Make the motor turn without a command; the drive may stop it at the next request."""
         self.virtual.motor.run(25.0, self.line.time)
         self.line.advance(600)
 
     def held(self, address, info):
-        """What the drive holds now."""
+        """Return the value that the drive holds now."""
         return meant_by(self.virtual.peek(address, self.line.time), info)
 
 
 @pytest.fixture(scope="module")
 def bench():
-    """Give the bench of a model; one is made for each, because the tests only look."""
+    """Yield a function that returns the bench of a model; benches are shared, since the tests only read."""
     buses, benches = [], {}
 
     def bus_of(line):
@@ -91,7 +91,7 @@ def bench():
 
 
 @pytest.mark.parametrize(("protocol", "model", "common"), MAPPED.values(), ids=MAPPED)
-def test_a_common_name_is_read_in_its_unit_with_what_the_drive_holds(bench, protocol, model, common):
+def test_common_name_is_read_in_its_unit_with_the_value_the_drive_holds(bench, protocol, model, common):
     one = bench(protocol, model)
     one.turn()
     address = model.quantities[common]
@@ -106,25 +106,25 @@ def test_a_common_name_is_read_in_its_unit_with_what_the_drive_holds(bench, prot
         assert (reading.value, reading.unit, quantity.unit) == (before, "", "")
         return
     assert reading.unit == quantity.unit
-    # A motor that runs down gives a little less with every look.
+    # A motor that runs down gives slightly less with every read.
     ends = sorted(converted(Decimal(each), info.unit, quantity.unit) for each in (before, after))
     assert ends[0] <= Decimal(reading.value) <= ends[1]
 
 
 @pytest.mark.parametrize("model", [model for _, model in MODELS.values()], ids=MODELS)
-def test_common_names_are_those_of_the_registry_each_for_a_parameter_of_its_own(model):
+def test_common_names_are_registered_and_map_to_distinct_parameters(model):
     assert set(model.quantities) <= set(quantities())
     addresses = list(model.quantities.values())
     assert len(set(addresses)) == len(addresses), "two common names for one parameter"
     for info in model.parameters.values():
-        # What the maker calls by a common name has to be that quantity, for the common name goes first.
+        # A maker's name equal to a common name must mean that quantity, because the common name takes precedence.
         if info.name in model.quantities:
             assert parameter_at(model, model.quantities[info.name]) is info
 
 
 @pytest.mark.parametrize(("protocol", "model"), MODELS.values(), ids=MODELS)
-def test_a_quantity_shows_what_the_motor_does(bench, protocol, model):
-    """That it is what the drive holds is not enough: the parameter must be the one that shows the quantity."""
+def test_common_name_reads_the_quantity_of_the_motor(bench, protocol, model):
+    """Check that the mapped parameter is the one that shows the quantity, not merely one that reads correctly."""
     one = bench(protocol, model)
     motor = one.virtual.motor
     shown = {
@@ -147,6 +147,6 @@ def test_a_quantity_shows_what_the_motor_does(bench, protocol, model):
 
 
 def _measured(one, model, common):
-    """Whether the virtual drive measures the quantity: a number that stands in no document is just kept."""
+    """Return whether the virtual drive measures the quantity; an undocumented parameter only keeps its start value."""
     info = parameter_at(model, model.quantities[common])
     return info.sure != "unconfirmed" or one.drive.read(common).value != 0

@@ -1,11 +1,11 @@
-"""No common name of these models rests on what nobody could look up: a page, a program or a related page says it."""
+"""Sources of common names: a page, a program or a related page confirms each of them in these models."""
 
 import pytest
 
 from drivecomm.models import load_model, model_names
 from drivecomm.protocol import installed
 
-# Each model of these protocols but `guesses`, which says in its name what it is.
+# Each model of these protocols except `guesses`, whose facts are guesses by design.
 MODELS = {
     f"{protocol}/{name}": load_model(installed[protocol].package, protocol, name)
     for protocol in ("danfoss-fc", "uss", "fuji", "vlt3500", "vabus", "hitachi", "huanyang", "toshiba", "weg", "ls-bus")
@@ -18,7 +18,7 @@ MODELS = {
 
 
 @pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
-def test_common_name_rests_on_no_unconfirmed_fact(model):
+def test_common_name_does_not_rest_on_an_unconfirmed_fact(model):
     unconfirmed = {name for name, at in model.quantities.items() if model.parameters[at].sure == "unconfirmed"}
     assert not unconfirmed
 
@@ -37,6 +37,6 @@ def test_common_name_rests_on_no_unconfirmed_fact(model):
         ("vlt6000", "518", 540, "540"),
     ],
 )
-def test_old_vlt_value_has_the_factor_of_its_program_or_page(name, parameter, raw, value):
+def test_old_vlt_parameter_has_the_factor_of_its_source(name, parameter, raw, value):
     info = MODELS[f"danfoss-fc/{name}"].parameters[parameter]
     assert str(raw * info.factor) == value

@@ -1,6 +1,6 @@
-"""The functions made of the schemas write what the declared schemas write, whatever the fields hold.
+"""Compiled forms, which read and write the same as the declared schemas for any field values.
 
-The conformance checks go through vectors and sound messages; here the fields are of any type and size.
+The conformance checks use vectors and valid messages; here the fields have any type and size.
 """
 
 from functools import lru_cache
@@ -43,13 +43,13 @@ def outcome(function, given):
 def in_code(form, message):
     try:
         return form.build_compiled(message)
-    except Exception:  # noqa: BLE001 - the function may refuse with anything
+    except Exception:  # noqa: BLE001 - compiled code may refuse with any exception
         return None
 
 
 @every_direction
 @extents(20, 150)
-def test_fields_of_any_kind(name, direction, extent):
+def test_compiled_form_builds_any_fields_as_the_declared_form(name, direction, extent):
     plugin = installed[name]
 
     @settings(UNHURRIED, max_examples=extent)
@@ -71,7 +71,7 @@ def test_fields_of_any_kind(name, direction, extent):
 
 @every_direction
 @extents(20, 150)
-def test_every_byte_of_a_telegram_replaced(name, direction, extent):
+def test_compiled_form_parses_a_changed_byte_as_the_declared_form(name, direction, extent):
     @settings(UNHURRIED, max_examples=extent)
     @given(telegram=telegrams_for(name, direction), wrong=st.integers(0, 255))
     def alike(telegram, wrong):

@@ -35,18 +35,18 @@ class Bench:
             self.sent.append(event.data)
 
     def hears(self, data):
-        """Return what each drive answers to the bytes of a request."""
+        """Return the reply of each drive to the bytes of a request; None for a silent drive."""
         found = [drive.hear(Framed(data, CODEC.decode(data, "request")), 0.0) for drive in self.drives]
         return [each and each.data for each in found]
 
 
 class Replies:
-    """What replaces the answers of a drive, one after the other; None is silence."""
+    """Replacements for the next replies of a drive, in order; None makes the drive silent."""
 
     def __init__(self, *data):
         self.left = list(data)
 
-    def request(self, data, now):  # noqa: ARG002 - as a disturbance is called
+    def request(self, data, now):  # noqa: ARG002 - signature of a disturbance
         return [(0.0, data)]
 
     def reply(self, data, drive, now):  # noqa: ARG002
@@ -73,14 +73,14 @@ def words(bench):
 
 
 @pytest.mark.parametrize(("reverse", "word"), [(False, "+387"), (True, "+393")])
-def test_start_is_one_control_word(reverse, word):
+def test_start_sends_one_control_word(reverse, word):
     bench = Bench()
     bench.drive.start(reverse=reverse)
     assert words(bench) == [asked("write", place=642, data=word)]
 
 
 @pytest.mark.parametrize(("how", "word"), [(Stop.RAMP, "+385"), (Stop.COAST, "+384")])
-def test_stop_takes_the_run_bits_back(how, word):
+def test_stop_clears_the_run_bits(how, word):
     bench = Bench()
     bench.drive.start()
     bench.drive.stop(how)
@@ -104,21 +104,21 @@ def test_reference_without_its_selector_is_refused_unsent():
 
 
 @pytest.mark.parametrize(("hz", "data"), [("0", "+0.0"), ("50", "+50.0"), ("12.5", "+12.5")])
-def test_reference_has_sign_and_decimals_of_the_parameter(hz, data):
+def test_reference_is_sent_with_sign_and_decimals(hz, data):
     bench = Bench()
     bench.drive.set_reference(hz=hz)
     assert bench.sent[-1] == asked("write", place=121, data=data)
 
 
 @pytest.mark.parametrize("hz", ["50.1", "12.55"])
-def test_reference_beyond_its_end_or_step_is_refused_unsent(hz):
+def test_reference_above_its_maximum_or_between_steps_is_refused_unsent(hz):
     bench = Bench()
     with pytest.raises(ValueRefusedError):
         bench.drive.set_reference(hz=hz)
     assert not any(b"\x020121" in data for data in bench.sent)
 
 
-def test_start_whose_acknowledgement_is_lost_is_sent_once():
+def test_start_without_an_acknowledgement_is_sent_once():
     bench = Bench()
     status, enable = told(1040, "+1"), told(643, "+1")
     bench.line.disturbances.append(Replies(status, enable, None))
@@ -127,21 +127,21 @@ def test_start_whose_acknowledgement_is_lost_is_sent_once():
     assert words(bench).count(asked("write", place=642, data="+387")) == 1
 
 
-def test_stop_whose_acknowledgement_is_lost_is_sent_again():
+def test_stop_without_an_acknowledgement_is_sent_again():
     bench = Bench()
     bench.line.disturbances.append(Replies(None))
     bench.drive.stop()
     assert words(bench) == [asked("write", place=642, data="+385")] * 2
 
 
-def test_stop_that_no_page_shows_is_not_sent():
+def test_undocumented_quick_stop_is_refused_unsent():
     bench = Bench()
     with pytest.raises(NotSupported):
         bench.drive.stop(Stop.QUICK)
     assert not bench.sent
 
 
-def test_reset_takes_the_run_bits_back_first_and_leaves_the_motor_stopped():
+def test_reset_first_clears_the_run_bits_and_leaves_the_motor_stopped():
     bench = Bench()
     bench.drive.start()
     bench.drives[0].trip(3, bench.line.time)
@@ -163,7 +163,7 @@ def test_second_reset_resets_again():
 
 
 @pytest.mark.parametrize(("healthy", "running"), [(1, 0), (1, 1), (0, 0)])
-def test_classic_tells_its_state_by_single_parameters(healthy, running):
+def test_unidrive_classic_status_is_read_from_three_parameters(healthy, running):
     bench = Bench(model="unidrive-classic")
     bench.line.disturbances.append(Replies(told(1001, f"+{healthy}"), told(1002, f"+{running}"), told(1006, "+0")))
     status = bench.drive.status()
@@ -184,14 +184,14 @@ def test_classic_tells_its_state_by_single_parameters(healthy, running):
         ],
     ],
 )
-def test_nothing_that_moves_a_classic_is_sent(command):
+def test_command_to_a_unidrive_classic_is_refused_unsent(command):
     bench = Bench(model="unidrive-classic")
     with pytest.raises(NotSupported):
         command(bench.drive)
     assert not bench.sent
 
 
-def test_short_commands_go_to_the_parameter_named_last():
+def test_short_commands_refer_to_the_last_parameter():
     bench = Bench(11, 12)
     first = told(1124, "+0")
     assert bench.hears(asked("read", place=1124)) == [first, None]
@@ -203,7 +203,7 @@ def test_short_commands_go_to_the_parameter_named_last():
     assert bench.hears(b"\x15") == [None, told(121, "+0.0")]
 
 
-def test_rewrite_goes_to_the_drive_addressed_last():
+def test_rewrite_is_obeyed_by_the_last_addressed_drive():
     bench = Bench(11, 12)
     rewrite = asked("write", place=121, data="+12.5")[5:]
     assert bench.hears(rewrite) == [None, None]
@@ -213,19 +213,19 @@ def test_rewrite_goes_to_the_drive_addressed_last():
 
 
 @pytest.mark.parametrize(("address", "raw"), [(10, [125, 125, 0]), (0, [125, 125, 125])])
-def test_group_and_all_obey_without_an_answer(address, raw):
+def test_group_write_and_broadcast_are_obeyed_without_a_reply(address, raw):
     bench = Bench(11, 19, 21)
     assert bench.hears(asked("write", address, 121, "+12.5")) == [None] * 3
     assert [drive.peek("01.21", 0.0) for drive in bench.drives] == raw
 
 
 @pytest.mark.parametrize("address", [0, 1, 10, 20, 100])
-def test_group_is_no_drive(address):
+def test_group_address_is_refused_as_a_drive_address(address):
     with pytest.raises(AddressError):
         Bench().bus.drive("ct-ansi", address)
 
 
-def test_value_that_came_damaged_is_refused_by_its_drive_only():
+def test_damaged_write_is_refused_by_the_addressed_drive_only():
     bench = Bench(11, 12)
     telegram = bytearray(asked("write", place=121, data="+12.5"))
     telegram[-1] ^= 1
@@ -235,28 +235,28 @@ def test_value_that_came_damaged_is_refused_by_its_drive_only():
     assert bench.drives[0].peek("01.21", 0.0) == 0
 
 
-def test_decimals_that_a_parameter_does_not_have_are_cut_by_the_drive():
+def test_drive_truncates_excess_decimals():
     bench = Bench()
     assert bench.hears(asked("write", place=121, data=" 1.2999")) == [b"\x06"]
     assert bench.drives[0].peek("01.21", 0.0) == 12
 
 
 @pytest.mark.parametrize("data", ["+1.25", "X10"])
-def test_value_that_does_not_fit_the_model_is_not_believed(data):
+def test_value_that_does_not_fit_the_model_is_an_unexpected_reply(data):
     bench = Bench()
     bench.line.disturbances.append(Replies(*[told(121, data)] * 3))
     with pytest.raises(UnexpectedReplyError, match="check the model"):
         bench.drive.read("01.21")
 
 
-def test_answer_about_another_parameter_is_not_believed():
+def test_reply_for_another_parameter_is_rejected():
     bench = Bench()
     bench.line.disturbances.append(Replies(*[told(122, "+1.0")] * 3))
     with pytest.raises(drivecomm.ReplyError, match="parameter"):
         bench.drive.read("01.21")
 
 
-def test_unlisted_parameter_takes_whole_numbers_only():
+def test_unlisted_parameter_accepts_whole_numbers_only():
     bench = Bench()
     with pytest.raises(ValueRefusedError, match="whole number"):
         bench.drive.write("02.11", "5.5")
@@ -271,17 +271,17 @@ def test_unknown_parameter_is_refused():
 
 
 @pytest.mark.parametrize("parameter", ["121", "1.2", "100.00", "-1.21", "01.211", ""])
-def test_what_is_no_parameter_is_refused_with_how_to_write_one(parameter):
+def test_malformed_parameter_address_is_refused_with_the_right_form(parameter):
     with pytest.raises(ParameterAddressError, match="write menu and parameter"):
         Bench().drive.read(parameter)
 
 
-def test_type_that_no_parameter_has_is_refused():
+def test_unknown_parameter_type_is_refused():
     with pytest.raises(UsageError, match="types are s32"):
         Bench().drive.read("01.21", type="f32")
 
 
-def test_silent_drive_is_reported():
+def test_silent_drive_raises_no_reply_error():
     bench = Bench()
     with pytest.raises(NoReplyError):
         bench.bus.drive("ct-ansi", 12).read("01.21")

@@ -1,6 +1,7 @@
-"""Control Techniques ANSI against the public Rust crate x328-proto: its master on our drive, our master on its drive.
+"""Control Techniques ANSI tested against the public Rust crate x328-proto.
 
-The crate knows whole numbers of six characters only: it takes no decimal point.
+Its master commands our virtual drive, and our master its drive. The crate knows whole numbers of six characters only:
+it accepts no decimal point.
 """
 
 import os
@@ -29,7 +30,7 @@ PATIENCE_S = 20.0
 
 
 def commanded(line, *orders):
-    """Return what the crate's master tells of each of these orders."""
+    """Return the result that the crate's master reports for each order."""
     port = os.open(line, os.O_RDWR | os.O_NOCTTY)
     try:
         done = subprocess.run(
@@ -48,8 +49,11 @@ def served_drive(tmp_path):
         yield drive, line
 
 
-def test_master_of_the_crate_reads_writes_and_is_refused(served_drive):
-    """Behind the start the status word says healthy, active and at speed, since the reference is 0."""
+def test_master_of_the_crate_reads_writes_and_reports_refusals(served_drive):
+    """Check reads, writes and refusals.
+
+    After the start the status word shows healthy, active and at speed, since the reference is 0.
+    """
     drive, line = served_drive
     assert commanded(line, "read:11:1040", "write:11:642:387", "read:11:1040", "read:11:2001", "write:11:1040:1") == [
         "1",
@@ -63,8 +67,8 @@ def test_master_of_the_crate_reads_writes_and_is_refused(served_drive):
     assert not drive.motor.running
 
 
-def test_master_of_the_crate_goes_on_with_short_requests(served_drive):
-    """It repeats by NAK, goes on by ACK and back by BS."""
+def test_short_requests_of_the_crates_master_are_answered(served_drive):
+    """The master repeats a read with NAK, reads the next parameter with ACK and the previous one with BS."""
     _, line = served_drive
     assert commanded(line, *[f"again:11:{place}" for place in (1124, 1124, 1125, 1125, 1124, 1123)]) == [
         *["0", "0", "2", "2", "0", "11"],
@@ -73,7 +77,10 @@ def test_master_of_the_crate_goes_on_with_short_requests(served_drive):
 
 @contextmanager
 def foreign_drive(*held):
-    """Run a drive of the crate at 11 that holds these; gives the port, and what it tells of writes at the end."""
+    """Run a drive of the crate at address 11 that holds these values; yield the port and a list of writes.
+
+    The list is filled when the drive ends.
+    """
     ours, theirs = os.openpty()
     tty.setraw(theirs)
     told = []
@@ -84,12 +91,12 @@ def foreign_drive(*held):
         try:
             yield os.ttyname(theirs), told
         finally:
-            # Without anybody at the other end it reads nothing more, and ends.
+            # The program ends when the other end of its terminal is closed.
             os.close(theirs)
             told += program.communicate(timeout=PATIENCE_S)[1].splitlines()
 
 
-def test_drive_of_the_crate_is_read_stopped_and_refuses():
+def test_drive_of_the_crate_can_be_read_stopped_and_refuses_writes():
     with (
         foreign_drive("1040=8195", "642=0", "114=0", "115=0", "121=0", "2005=-7") as (port, told),
         drivecomm.open_bus(port) as bus,

@@ -1,4 +1,4 @@
-"""What a drive tells of its own parameters, and a model that is grown of it."""
+"""Descriptions that a drive gives of its own parameters, and a model grown from them."""
 
 from decimal import Decimal
 
@@ -20,7 +20,7 @@ AT_3 = {"address_format": "1-126", "address": 3}
 
 
 def element(pnu, number, pwe):
-    """A request for a description element, and the drive's answer."""
+    """Return a request for a description element, and the reply of the drive."""
     request = ParameterRequest(**AT_3, ak=4, pnu=pnu, ind=number, pwe=0, control_word=0, reference=0)
     ak = 7 if pwe is None else 3
     reply = {"pnu": pnu, "ind": number, "status_word": 0x0607, "main_actual": 0}
@@ -41,7 +41,7 @@ def described(script, parameter, **options):
     return play(DanfossFcOperations(3, DanfossFcOptions(), None).describe(parameter, **options), script)
 
 
-def test_the_telegrams_that_a_manual_prints():
+def test_printed_description_telegrams_give_the_parameter():
     # VLT 5000 Design Guide p. 95-98: 520 is of type 7, read only, with conversion index -2 and unit index 22.
     info = described(
         [
@@ -61,7 +61,7 @@ def test_the_telegrams_that_a_manual_prints():
     assert info.extra == {"conversion_index": -2}
 
 
-def test_negative_limits_of_a_word():
+def test_negative_limits_of_a_word_are_signed():
     info = described(
         [
             element(215, 1, 0x0003),
@@ -76,7 +76,7 @@ def test_negative_limits_of_a_word():
     assert (info.minimum, info.maximum, info.unit) == (Decimal("-100.00"), Decimal("100.00"), "%")
 
 
-def test_an_option_parameter_with_gaps_between_its_options():
+def test_option_parameter_may_have_gaps_between_its_options():
     info = described(
         [
             element(804, 1, 0x0405),
@@ -96,7 +96,7 @@ def test_an_option_parameter_with_gaps_between_its_options():
     assert info.access == "rw"
 
 
-def test_option_texts_can_be_left_out_or_be_fewer():
+def test_number_of_option_texts_is_limited_on_request():
     script = [element(801, 1, 0x0505), element(801, 6, "Control Site")]
     assert described([*script, element(801, 4, None)], "8-01", option_texts=0).values == {}
     only = described([*script, element(801, 4, None), option_text(801, 0, "Both")], "8-01", option_texts=1)
@@ -106,13 +106,13 @@ def test_option_texts_can_be_left_out_or_be_fewer():
             described([], "8-01", option_texts=bad)
 
 
-def test_what_the_protocol_cannot_carry_has_no_type():
+def test_data_type_that_the_protocol_cannot_carry_is_left_empty():
     info = described([element(1599, 1, 0x020A), element(1599, 6, None)], "15-99")
     assert (info.type, info.title, info.name) == ("", "parameter 15-99", "parameter_15_99")
     assert info.extra == {"data_type": 10}
 
 
-def test_a_parameter_that_does_not_exist():
+def test_description_of_an_unknown_parameter_is_refused():
     request, refusal = element(1999, 1, None)
     refusal = ParameterReply(**AT_3, ak=7, pnu=1999, ind=1, pwe=0, status_word=0x0607, main_actual=0)
     with pytest.raises(RefusedError, match="does not exist"):
@@ -121,8 +121,8 @@ def test_a_parameter_that_does_not_exist():
         described([], "nonsense")
 
 
-def test_a_broadcast_tells_nothing():
-    with pytest.raises(NotSupported, match="nobody answers"):
+def test_describe_is_refused_as_broadcast():
+    with pytest.raises(NotSupported, match="no drive answers"):
         DanfossFcOperations(0, DanfossFcOptions(), None).describe("8-04")
 
 
@@ -148,13 +148,13 @@ def test_a_broadcast_tells_nothing():
         (-2, 200, "", "1"),
     ],
 )
-def test_units_and_scales(index, unit_index, unit, factor):
+def test_unit_and_factor_follow_conversion_and_unit_index(index, unit_index, unit, factor):
     assert unit_and_factor(index, unit_index) == (unit, Decimal(factor))
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("name", PACKAGED)
-def test_a_grown_model_reads_the_same_values_as_the_packaged_one(name, tmp_path):
+def test_grown_model_reads_the_same_values_as_the_packaged_one(name, tmp_path):
     packaged = load_model("drivecomm_danfoss_fc", "danfoss-fc", name)
     virtual = virtual_drive("danfoss-fc", 3, model=name)
     line = VirtualLine([virtual])
@@ -174,13 +174,13 @@ def test_a_grown_model_reads_the_same_values_as_the_packaged_one(name, tmp_path)
         by_packaged = bus.drive("danfoss-fc", 3, model=packaged)
         by_grown = bus.drive("danfoss-fc", 3, model=read)
         for address, info in packaged.parameters.items():
-            # A raw number goes to and fro, and the other model has to make the same of it.
+            # Both models must convert the same raw number to the same value.
             one, other = by_packaged.read(address), by_grown.read(address)
             assert other.name == one.name
             if isinstance(one.value, str):
                 assert other.value == one.value
                 continue
-            # What has a unit of the application's own, such as the reference, comes without one.
+            # A parameter in a unit of the application, such as the reference, is described without a unit.
             factor = factor_between(other.unit, one.unit) if other.unit else 1
             assert factor is not None
             assert other.raw * read.parameters[address].factor * factor == other.raw * info.factor, address
@@ -193,7 +193,7 @@ def test_a_grown_model_reads_the_same_values_as_the_packaged_one(name, tmp_path)
             assert by_grown.read(common).unit == by_packaged.read(common).unit
 
 
-def test_a_grown_model_without_a_base_stands_by_itself():
+def test_grown_model_without_a_base_has_only_its_parameters():
     line = VirtualLine([virtual_drive("danfoss-fc", 3)])
     with drivecomm.open_bus(line.port) as bus:
         told = dict(descriptions(bus.drive("danfoss-fc", 3), ["16-14", "19-99", "3-41"]))

@@ -1,4 +1,4 @@
-"""Facts of Danfoss FC drives that once were wrong or missing, over both of their protocols."""
+"""Facts of Danfoss FC drives that were once wrong or missing, over both of their protocols."""
 
 import pytest
 
@@ -25,12 +25,12 @@ def address_of(protocol, parameter):
     [
         # FC 301/302 Programming Guide M0013101, parameter list: 16-12 Uint16 with index -1, 16-16 Int16 with -1, 16-17
         # Int32 with 67, 16-10 Int32 with 1 (10 W); a program that runs FC 302 drives has the same factors
-        # (STM32_Main, vsd_danfoss_init_parameters.cpp), a pump maker's map 0.1 V for register 16119.
+        # (STM32_Main, vsd_danfoss_init_parameters.cpp), and the map of a pump maker has 0.1 V for register 16119.
         ("16-12", 4000, "400.0"),
         ("16-16", 263, "26.3"),
         ("16-17", 1450, "1450"),
         ("16-10", 550, "5.50"),
-        # the same program
+        # from the program named above
         ("1-20", 400, "4.00"),
         ("1-24", 820, "8.20"),
         ("3-11", 50, "5.0"),
@@ -55,7 +55,7 @@ def test_output_voltage_stays_below_the_supply(protocol, name):
 
 
 def test_present_alarm_is_in_the_high_byte_of_16_87():
-    # The same program reads 4E00H as alarm 78 (vsd_danfoss.cpp).
+    # A program that runs FC 302 drives reads 4E00H as alarm 78 (vsd_danfoss.cpp).
     virtual = virtual_drive("danfoss-fc", 1, model="fc302")
     with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
         drive = bus.drive("danfoss-fc", 1, model="fc302")
@@ -64,7 +64,7 @@ def test_present_alarm_is_in_the_high_byte_of_16_87():
         status = drive.status()
         assert (status.fault_code, status.fault_text) == (78, "tracking error")
         drive.reset()
-        # 15-30 is the log of alarms (MG.33.B4.02 p. 240): the entry stays, and the status does not repeat it.
+        # 15-30 is the alarm log (MG.33.B4.02 p. 240): its entry remains, and the status no longer reports it.
         assert (drive.read("16-87").value, drive.read("fault_code").value) == (0, 78)
         assert drive.status().fault_code is None
 
@@ -92,13 +92,13 @@ def test_every_alarm_of_the_operating_guide_has_a_text(protocol, name):
     ]
     printed += [74, 75, *range(78, 85), 88, 90, 91, 99, 104, 122, 164, 166]
     assert not set(printed) - set(model_of(protocol, name).faults)
-    # 7.4.1, 7.4.5, 7.4.6: the drive runs on
+    # 7.4.1, 7.4.5, 7.4.6: the drive continues to run
     assert {1, 5, 6} <= set(model_of(protocol, name).warnings)
     assert not {1, 5, 6} & set(model_of(protocol, name).faults)
 
 
-def test_energy_has_no_common_name_where_its_length_differs_between_drives():
-    # A program for the FC 101 reads 15-02 as one register, the FC 302 has two.
+def test_energy_is_unmapped_because_its_length_differs_between_drives():
+    # A program for the FC 101 reads 15-02 as one register; the FC 302 has two.
     model = model_of("modbus", "danfoss-fc")
     assert "energy" not in model.quantities
     assert model.parameters["15020"].type == "u32"

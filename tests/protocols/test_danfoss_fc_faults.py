@@ -1,4 +1,4 @@
-"""A disturbed line: an FC reading is either what the drive holds or an error of the tree."""
+"""Danfoss FC drives on a disturbed line: a reading is either the value of the drive or a DriveCommError."""
 
 from random import Random
 
@@ -19,7 +19,7 @@ def disturbed(seed, **more):
 
 
 @pytest.mark.soak
-def test_two_thousand_readings():
+def test_readings_on_a_disturbed_line_are_right_or_errors():
     drives, line = disturbed(5)
     random = Random(5)
     good = 0
@@ -38,7 +38,7 @@ def test_two_thousand_readings():
 
 
 @pytest.mark.soak
-def test_a_thousand_writes_are_never_confirmed_falsely():
+def test_writes_on_a_disturbed_line_are_never_confirmed_falsely():
     drives, line = disturbed(6, delay_s=0.2)
     random = Random(6)
     good = 0
@@ -58,7 +58,7 @@ def test_a_thousand_writes_are_never_confirmed_falsely():
 
 
 @pytest.mark.soak
-def test_reading_never_starts_a_motor():
+def test_reads_on_a_disturbed_line_never_start_a_motor():
     drives, line = disturbed(7)
     with drivecomm.open_bus(line.port) as bus:
         master = bus.drive("danfoss-fc", 3, model="fc300")
@@ -71,7 +71,7 @@ def test_reading_never_starts_a_motor():
     assert not any(drive.motor.running for drive in drives)
 
 
-def test_a_start_whose_reply_is_lost_is_not_repeated():
+def test_start_without_a_reply_is_not_repeated():
     virtual = virtual_drive("danfoss-fc", 3)
     plan = FaultPlan(rate=0.0, kinds=(Fault.DROP,), requests=False)
     line = VirtualLine([virtual], faults=plan)

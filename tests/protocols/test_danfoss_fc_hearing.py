@@ -1,4 +1,4 @@
-"""What a Danfoss FC drive makes of the text replies of other drives: telegrams, and nothing to look into."""
+"""Text replies of other drives as a Danfoss FC drive receives them: skipped whole, contents ignored."""
 
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -25,23 +25,23 @@ def reply(text, way):
 
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("split", [0, 1, 2, 5, 6, 7, 12])
-def test_a_text_reply_is_one_telegram_and_what_stands_in_it_is_none(way, split):
+def test_telegram_inside_a_text_reply_is_not_framed(way, split):
     data = reply(TO_ALL.decode("latin-1") + "!", way)
     framer = Framer(CODEC, "request")
     finds = [*framer.feed(data[:split]), *framer.feed(data[split:] + TO_ALL)]
     assert [find.data for find in finds if isinstance(find, Framed)] == [data, TO_ALL]
-    # Without knowing of text replies the broadcast in the middle is found.
+    # A codec that does not know text replies finds the broadcast in the middle.
     assert TO_ALL in [find.data for find in Framer(PLAIN, "request").feed(data) if isinstance(find, Framed)]
 
 
 @settings(deadline=None)
 @given(st.text(st.characters(max_codepoint=255), max_size=40), st.sampled_from(WAYS))
-def test_any_text_reply_is_measured_whole(text, way):
+def test_any_text_reply_is_measured_in_full(text, way):
     data = reply(text, way)
     assert CODEC.measure(data, "request") == len(data)
 
 
-def test_a_drive_beside_it_does_not_act_on_what_stands_in_a_text():
+def test_drive_does_not_act_on_a_command_inside_a_foreign_text_reply():
     drive = virtual_drive("danfoss-fc", 4)
     line = VirtualLine([drive])
     line.configure(drive.settings)
@@ -53,13 +53,13 @@ def test_a_drive_beside_it_does_not_act_on_what_stands_in_a_text():
     assert drive.motor.running
 
 
-def test_a_damaged_text_reply_is_none():
+def test_damaged_text_reply_is_rejected():
     data = reply("FC-302", WAYS[0])
     with pytest.raises(TelegramError):
         CODEC.decode(data[:-1] + bytes([data[-1] ^ 1]), "request")
 
 
-def test_requests_and_replies_are_read_as_ever():
+def test_requests_and_replies_are_read_as_by_the_plain_codec():
     plugin = installed["danfoss-fc"]
     assert CODEC.decode(TO_ALL, "request") == plugin.codec(plugin.options()).decode(TO_ALL, "request")
     data = reply("FC-302", WAYS[2])

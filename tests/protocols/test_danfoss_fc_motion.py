@@ -22,7 +22,7 @@ READY, RUNNING, TRIPPED, LOCAL = 0x0607, 0x0F07, 0x0608, 0x0407
 
 
 def operations(model=None, *, memory=None, reference=0, **options):
-    """A master that has set a reference already, and knows that the drive's watchdog is on."""
+    """Return the operations of a master that has set a reference and knows that the watchdog of the drive is on."""
     if memory is None:
         memory = CommandMemory()
         memory.reference = reference
@@ -32,7 +32,7 @@ def operations(model=None, *, memory=None, reference=0, **options):
 
 
 def sent(word, reference=0, status=READY, actual=0):
-    """A process block and its answer, for the script."""
+    """Return a process block and its reply, for the script."""
     request = ProcessRequest(**AT_3, control_word=word, reference=reference)
     return request, ProcessReply(**AT_3, status_word=status, main_actual=actual)
 
@@ -42,18 +42,18 @@ def unanswered(word, reference=0):
 
 
 LOOK = sent(0, status=RUNNING)
-"""How a motor is looked at that runs."""
+"""A status request to a running motor: a process block that commands nothing, and its reply."""
 
 
 def read(status=RUNNING):
-    """A read of 16-14: whatever was commanded, it carries no control word."""
+    """Return a read of 16-14 and its reply; a read carries no control word, whatever was commanded."""
     parameter = {"pnu": 1614, "ind": 0}
     request = ParameterRequest(**AT_3, **parameter, ak=1, pwe=0, control_word=0, reference=0)
     return request, ParameterReply(**AT_3, **parameter, ak=2, pwe=524, status_word=status, main_actual=0)
 
 
 def started(profile="fc", reference=0, **options):
-    """A master that has started the motor, and has seen it run."""
+    """Return a master that has started the motor and has seen it run."""
     drive = operations(profile=profile, reference=reference, **options)
     steps = [sent(0x047E, reference), sent(0x047F, reference)] if profile == "profidrive" else [sent(0x047C, reference)]
     play(drive.start(), [sent(0), *steps])
@@ -62,7 +62,7 @@ def started(profile="fc", reference=0, **options):
 
 
 def repeats(drive, word, reference=0, status=RUNNING):
-    """Ask for the status: looked at first, then repeated."""
+    """Play a call of status: it first requests the status, then repeats this word."""
     play(drive.status(), [sent(0, status=status), sent(word, reference, status)])
 
 
@@ -71,9 +71,9 @@ def repeats_nothing(drive, status=RUNNING):
 
 
 class TestWithoutAWatchdog:
-    """Nothing has to be repeated, so nothing is."""
+    """Drives whose watchdog is off, so that no command has to be repeated."""
 
-    def test_neither_a_start_nor_a_stop_is_repeated(self):
+    def test_start_and_stop_are_not_repeated_without_a_watchdog(self):
         memory = CommandMemory()
         memory.reference = 0
         drive = operations(memory=memory)
@@ -82,8 +82,8 @@ class TestWithoutAWatchdog:
         play(drive.stop(), [sent(0x043C, status=RUNNING)])
         repeats_nothing(drive)
 
-    def test_a_start_that_a_tripped_drive_still_keeps_is_taken_back_once(self):
-        """Whoever resets it at its keypad would start the motor."""
+    def test_start_is_taken_back_once_after_a_trip(self):
+        """A tripped drive keeps the start, so a reset at its keypad would start the motor."""
         memory = CommandMemory()
         memory.reference = 0
         drive = operations(memory=memory)
@@ -92,7 +92,7 @@ class TestWithoutAWatchdog:
         repeats(drive, 0x043C, status=TRIPPED)
         repeats_nothing(drive, TRIPPED)
 
-    def test_not_where_somebody_else_has_reset_and_started_it_since(self):
+    def test_stop_is_not_repeated_if_another_master_has_restarted_the_motor(self):
         drive = started()
         play(drive.read("16-14"), [read(TRIPPED)])
         repeats_nothing(drive, RUNNING)
@@ -103,9 +103,12 @@ def shows(word, status=RUNNING):
 
 
 class TestAnotherMaster:
-    """A motor that somebody else has stopped shows as running until it stands; the drive may show by which word."""
+    """A motor stopped by another master.
 
-    def test_its_stop_is_not_undone(self):
+    It shows as running until it stands; the drive may show the control word that stopped it.
+    """
+
+    def test_stop_by_another_master_is_not_undone(self):
         for verb in (
             lambda drive: drive.status(),
             lambda drive: drive.set_reference_percent(50),
@@ -118,20 +121,20 @@ class TestAnotherMaster:
             repeats_nothing(drive)
 
     @pytest.mark.parametrize("word", [0x047C, 0, 0x0078, None])
-    def test_what_it_shows_of_our_own_words_says_nothing_against_them(self, word):
-        """Some drives may show the last word of all, that is the one of the look, others none."""
+    def test_start_is_repeated_if_the_drive_shows_one_of_our_words_or_none(self, word):
+        """Some drives may show the last word received, which is that of the status request; others show none."""
         drive = started(control_word_parameter="16-85")
         play(drive.status(), [LOOK, shows(word), sent(0x047C, status=RUNNING)])
 
 
 class TestBeforeAnyCommand:
-    def test_reading_carries_no_control_word(self):
+    def test_read_before_any_command_carries_no_control_word(self):
         play(operations().read("16-14"), [read()])
 
-    def test_status_carries_no_control_word(self):
+    def test_status_before_any_command_carries_no_control_word(self):
         repeats_nothing(operations())
 
-    def test_a_reference_goes_to_a_drive_that_stands_with_the_ramp_stop_word(self):
+    def test_reference_for_a_stopped_drive_carries_the_ramp_stop_word(self):
         drive = operations()
         play(drive.set_reference_percent(50), [sent(0), sent(0x043C, 8192)])
         repeats(drive, 0x043C, 8192, status=READY)
@@ -139,7 +142,7 @@ class TestBeforeAnyCommand:
 
 
 def shown(pnu, value, status=READY):
-    """A read of a parameter in which the drive shows a word that it got."""
+    """Return a read of a parameter in which the drive shows a word that it has received, and its reply."""
     request = ParameterRequest(**AT_3, pnu=pnu, ind=0, ak=1, pwe=0, control_word=0, reference=0)
     refused = value is None
     reply = ParameterReply(
@@ -149,22 +152,22 @@ def shown(pnu, value, status=READY):
 
 
 def fresh(**options):
-    """A program that comes anew, such as each call of the command line."""
+    """Return a master that remembers nothing, as in each call of the command line."""
     return operations(memory=CommandMemory(), **options)
 
 
 class TestTakingOver:
-    def test_the_reference_that_is_set_is_started_with(self):
+    def test_start_takes_over_the_reference_that_the_drive_shows(self):
         play(fresh().start(), [sent(0), shown(1686, 0xE000), sent(0x047C, -8192)])
 
-    def test_a_drive_that_does_not_show_it_is_not_started_at_zero(self):
+    def test_start_without_a_known_reference_is_refused(self):
         with pytest.raises(StateError, match="no reference was set from here"):
             play(fresh().start(), [sent(0), shown(1686, None)])
         with pytest.raises(StateError, match="no reference was set from here"):
             play(fresh(reference_parameter="").start(), [sent(0)])
 
-    def test_a_motor_that_somebody_else_has_started_is_sent_no_word(self):
-        """Not even the one that it shows: by the time it arrives that other one may have stopped the motor."""
+    def test_motor_started_by_another_program_is_sent_no_control_word(self):
+        """The word that the drive shows may be outdated, since the other program may stop the motor meanwhile."""
         drive = fresh()
         with pytest.raises(StateError, match="came from another program"):
             play(drive.set_reference_percent(50), [LOOK])
@@ -173,33 +176,33 @@ class TestTakingOver:
 
 
 class TestStart:
-    def test_the_word_and_that_it_is_sent_once(self):
+    def test_start_word_is_sent_once(self):
         exchange = operations().start()
         next(exchange)
         command = exchange.send(sent(0)[1])
         assert command.message.control_word == 0x047C
         assert (command.attempts, command.acts, command.command) == (1, True, "new")
 
-    def test_it_is_repeated_by_the_status_while_the_motor_runs(self):
+    def test_start_is_repeated_by_status_while_the_motor_runs(self):
         drive = started()
         play(drive.set_reference_percent(100), [LOOK, sent(0x047C, 16384, RUNNING)])
         play(drive.read("16-14"), [read()])
         repeats(drive, 0x047C, 16384)
 
-    def test_what_repeats_it_says_so(self):
+    def test_repeated_start_is_marked_as_repeated(self):
         exchange = started().status()
         assert next(exchange).command == ""
         again = exchange.send(LOOK[1])
         assert (again.command, again.acts, again.urgent) == ("repeated", False, False)
 
-    def test_it_is_not_repeated_before_the_motor_was_seen_to_run(self):
+    def test_start_is_not_repeated_before_the_motor_was_seen_running(self):
         drive = operations()
         play(drive.start(), [sent(0), sent(0x047C)])
         repeats_nothing(drive, READY)
         repeats(drive, 0x047C)
 
-    def test_it_is_forgotten_as_soon_as_the_motor_does_not_run(self):
-        """Stopped by its watchdog, by another master, by a dip of the mains."""
+    def test_start_is_forgotten_when_the_motor_is_seen_stopped(self):
+        """The motor may have been stopped by its watchdog, by another master or by a mains dip."""
         for find_out in (lambda drive: drive.status(), lambda drive: drive.probe()):
             drive = started()
             play(find_out(drive), [sent(0, status=READY)])
@@ -208,26 +211,26 @@ class TestStart:
         play(drive.read("16-14"), [read(READY)])
         repeats_nothing(drive)
 
-    def test_a_command_that_is_too_old_is_not_repeated(self):
+    def test_status_succeeds_if_the_command_is_too_old_to_repeat(self):
         assert play(started().status(), [LOOK, (sent(0x047C)[0], CommandTooOldError("old"))]).running
 
-    def test_reverse(self):
+    def test_reverse_start_sets_the_reverse_bit(self):
         play(operations().start(reverse=True), [sent(0), sent(0x847C)])
 
     @pytest.mark.parametrize(("status", "words"), [(TRIPPED, "tripped"), (LOCAL, "local"), (0x0640, "tripped")])
-    def test_a_drive_that_cannot_start_is_not_told_to(self, status, words):
+    def test_start_is_refused_unsent_if_the_drive_cannot_start(self, status, words):
         drive = operations()
         with pytest.raises(StateError, match=words):
             play(drive.start(), [sent(0, status=status)])
         repeats_nothing(drive)
 
-    def test_a_start_without_an_answer_is_not_repeated(self):
+    def test_start_without_a_reply_is_not_repeated(self):
         drive = operations()
         with pytest.raises(NoReplyError):
             play(drive.start(), [sent(0), unanswered(0x047C)])
         repeats_nothing(drive)
 
-    def test_after_a_trip_a_stop_is_repeated_in_its_place(self):
+    def test_stop_is_repeated_in_place_of_the_start_after_a_trip(self):
         drive = started()
         play(drive.read("16-14"), [read(TRIPPED)])
         repeats(drive, 0x043C, status=READY)
@@ -238,29 +241,29 @@ class TestStop:
         ("how", "word"),
         [(Stop.RAMP, 0x043C), (Stop.COAST, 0x0474), (Stop.QUICK, 0x046C), (Stop.DC_BRAKE, 0x0478)],
     )
-    def test_words(self, how, word):
+    def test_stop_sends_and_repeats_its_control_word(self, how, word):
         drive = started()
         play(drive.stop(how), [sent(word, status=RUNNING)])
         play(drive.read("16-14"), [read()])
         repeats(drive, word)
 
-    def test_a_stop_without_an_answer_is_repeated_by_the_status(self):
+    def test_stop_without_a_reply_is_repeated_by_status(self):
         drive = started()
         with pytest.raises(NoReplyError):
             play(drive.stop(), [unanswered(0x043C)])
         repeats(drive, 0x043C)
 
-    def test_a_stop_does_not_stop_what_somebody_else_has_started_since(self):
+    def test_stop_is_not_repeated_after_another_master_starts_the_motor(self):
         drive = started()
         play(drive.stop(), [sent(0x043C)])
         repeats(drive, 0x043C, status=READY)
         repeats_nothing(drive, RUNNING)
 
-    def test_a_stop_that_has_no_effect_is_an_error(self):
+    def test_stop_in_local_operation_raises_state_error(self):
         with pytest.raises(StateError, match="local operation"):
             play(operations().stop(), [sent(0x043C, status=LOCAL)])
 
-    def test_a_reference_for_a_stopped_drive_goes_out_with_its_stop_word(self):
+    def test_reference_after_a_stop_is_sent_with_the_stop_word(self):
         drive = started()
         play(drive.stop(), [sent(0x043C)])
         play(drive.set_reference_percent(25), [sent(0), sent(0x043C, 4096)])
@@ -268,11 +271,11 @@ class TestStop:
 
 
 class TestReset:
-    def test_an_edge_between_two_words_without_it(self):
+    def test_reset_sends_the_edge_between_two_words_without_the_bit(self):
         script = [sent(0, status=TRIPPED), sent(0x043C, status=TRIPPED), sent(0x04BC, status=TRIPPED), sent(0x043C)]
         play(operations().reset(), script)
 
-    def test_the_edge_is_sent_once(self):
+    def test_reset_edge_is_sent_once(self):
         exchange = operations().reset()
         next(exchange)
         exchange.send(sent(0, status=TRIPPED)[1])
@@ -280,7 +283,7 @@ class TestReset:
         assert command.message.control_word == 0x04BC
         assert (command.attempts, command.acts) == (1, True)
 
-    def test_the_motor_stays_stopped(self):
+    def test_motor_stays_stopped_after_a_reset(self):
         drive = started()
         script = [
             sent(0, status=TRIPPED),
@@ -292,13 +295,13 @@ class TestReset:
         play(drive.reset(), script)
         repeats(drive, 0x043C, status=READY)
 
-    def test_a_drive_without_a_trip_is_left_alone(self):
+    def test_reset_without_a_trip_sends_no_control_word(self):
         drive = started()
         play(drive.reset(), [LOOK])
         repeats(drive, 0x047C)
 
     @pytest.mark.parametrize(("status", "words"), [(TRIPPED, "cause"), (TRIPPED | 0x40, "mains")])
-    def test_a_trip_that_stays(self, status, words):
+    def test_reset_of_a_lasting_trip_raises_state_error(self, status, words):
         script = [sent(0, status=status), sent(0x043C, status=status), sent(0x04BC, status=status)]
         script += [sent(0x043C, status=status)] * 2
         with pytest.raises(StateError, match=words):
@@ -320,20 +323,20 @@ class TestReference:
             (Decimal("0.0030517578125"), 0),
         ],
     )
-    def test_percent_to_the_nearest_step(self, percent, steps):
+    def test_reference_percent_is_sent_as_the_nearest_step(self, percent, steps):
         play(started().set_reference_percent(percent), [LOOK, sent(0x047C, steps, RUNNING)])
 
     @pytest.mark.parametrize("percent", [200, "-200.01", 10**9, "-1e30", "x", float("nan")])
-    def test_beyond_the_word(self, percent):
+    def test_reference_percent_outside_the_word_is_refused(self, percent):
         with pytest.raises(ValueRefusedError):
             operations().set_reference_percent(percent)
 
-    def test_hertz_need_the_reference_range(self):
+    def test_reference_in_hz_needs_the_reference_range(self):
         assert not operations().capabilities.reference_hz
         with pytest.raises(NotSupported, match="reference_maximum_hz"):
             operations().set_reference_hz(25)
 
-    def test_hertz(self):
+    def test_reference_in_hz_is_scaled_to_the_reference_range(self):
         drive = started(reference_maximum_hz=50)
         assert drive.capabilities.reference_hz
         play(drive.set_reference_hz("25"), [LOOK, sent(0x047C, 8192, RUNNING)])
@@ -341,22 +344,22 @@ class TestReference:
         with pytest.raises(ValueRefusedError, match="outside"):
             drive.set_reference_hz(50.1)
 
-    def test_hertz_above_a_minimum(self):
+    def test_reference_in_hz_counts_from_the_reference_minimum(self):
         drive = started(reference_minimum_hz=10, reference_maximum_hz=50)
         play(drive.set_reference_hz(30), [LOOK, sent(0x047C, 8192, RUNNING)])
         for beyond in (9, -30):
             with pytest.raises(ValueRefusedError):
                 drive.set_reference_hz(beyond)
 
-    def test_a_reference_that_gets_lost_is_repeated(self):
+    def test_reference_without_a_reply_is_repeated_by_status(self):
         drive = started()
         with pytest.raises(NoReplyError):
             play(drive.set_reference_percent(25), [LOOK, unanswered(0x047C, 4096)])
         repeats(drive, 0x047C, 4096)
 
     @pytest.mark.parametrize("running", [True, False])
-    def test_a_motor_that_does_not_run_is_not_started_by_it(self, running):
-        """Whether it was seen to run since its start or not."""
+    def test_reference_does_not_restart_a_stopped_motor(self, running):
+        """running: whether the motor was seen running since its start."""
         drive = operations()
         play(drive.start(), [sent(0), sent(0x047C)])
         if running:
@@ -367,7 +370,7 @@ class TestReference:
                 play(drive.set_reference_percent(25), [sent(0)])
             play(drive.set_reference_percent(25), [LOOK, sent(0x047C, 4096, RUNNING)])
 
-    def test_a_reference_that_is_not_sent_is_not_remembered(self):
+    def test_reference_that_is_too_old_to_send_is_not_remembered(self):
         drive = started()
         with pytest.raises(CommandTooOldError):
             play(drive.set_reference_percent(25), [LOOK, (sent(0x047C, 4096)[0], CommandTooOldError("old"))])
@@ -375,42 +378,42 @@ class TestReference:
 
 
 class TestFunctions:
-    def test_jog_until_start_or_stop(self):
+    def test_jog_is_repeated_until_a_start(self):
         drive = operations()
         play(drive.extra["jog"](), [sent(0), sent(0x057C)])
         repeats(drive, 0x057C)
         play(drive.start(), [LOOK, sent(0x047C)])
 
-    def test_presets(self):
+    def test_preset_is_part_of_the_next_start_word_and_changes_while_running(self):
         drive = operations()
         play(drive.extra["select_preset"](2), [])
         play(drive.start(), [sent(0), sent(0x047D)])
         play(drive.extra["select_preset"](4), [LOOK, sent(0x047F, status=RUNNING)])
         play(drive.extra["select_preset"](1), [LOOK, sent(0x047C, status=RUNNING)])
 
-    def test_ramp_2(self):
+    def test_ramp_selection_is_part_of_each_control_word(self):
         drive = started()
         play(drive.extra["ramp"](2), [LOOK, sent(0x067C, status=RUNNING)])
         play(drive.stop(), [sent(0x063C)])
         play(drive.extra["ramp"](1), [])
         play(drive.start(), [sent(0), sent(0x047C)])
 
-    def test_a_function_for_a_motor_that_has_stopped_waits_for_its_next_start(self):
+    def test_ramp_selection_for_a_stopped_motor_waits_for_the_next_start(self):
         drive = started()
         play(drive.extra["ramp"](2), [sent(0)])
         play(drive.start(), [sent(0), sent(0x067C)])
 
     @pytest.mark.parametrize(("number", "word"), [(1, 0x047C), (2, 0x247C), (3, 0x447C), (4, 0x647C)])
-    def test_set_ups(self, number, word):
+    def test_select_setup_sets_the_set_up_bits(self, number, word):
         play(started().extra["select_setup"](number), [LOOK, sent(word, status=RUNNING)])
 
-    def test_a_set_up_starts_no_motor_that_somebody_has_stopped(self):
+    def test_select_setup_does_not_restart_a_motor_stopped_by_others(self):
         drive = started()
         with pytest.raises(StateError, match="select_setup needs a command that holds"):
             play(drive.extra["select_setup"](2), [sent(0)])
         play(drive.stop(), [sent(0x043C)])
 
-    def test_relays_while_stopped(self):
+    def test_relay_bits_are_kept_in_each_control_word(self):
         drive = operations()
         play(drive.stop(), [sent(0x043C)])
         play(drive.extra["set_relay"](2, True), [sent(0), sent(0x143C)])
@@ -423,30 +426,30 @@ class TestFunctions:
     @pytest.mark.parametrize(
         "call", [lambda drive: drive.extra["select_setup"](2), lambda drive: drive.extra["set_relay"](1, True)]
     )
-    def test_what_acts_at_once_needs_a_valid_word(self, call):
+    def test_set_up_and_relay_need_an_earlier_start_or_stop(self, call):
         with pytest.raises(UsageError, match=r"start\(\) or stop\(\)"):
             play(call(operations()), [])
 
-    def test_what_is_not_answered_leaves_nothing_behind(self):
+    def test_relay_without_a_reply_is_not_remembered(self):
         drive = operations()
         play(drive.stop(), [sent(0x043C)])
         with pytest.raises(NoReplyError):
             play(drive.extra["set_relay"](1, True), [sent(0), unanswered(0x0C3C)])
         play(drive.start(), [sent(0), sent(0x047C)])
 
-    def test_hold(self):
+    def test_hold_is_sent_and_repeated_until_a_start(self):
         drive = started()
         play(drive.extra["hold"](), [LOOK, sent(0x045C, status=RUNNING)])
         repeats(drive, 0x045C)
         play(drive.start(), [LOOK, sent(0x047C)])
 
-    def test_hold_is_for_a_running_motor(self):
+    def test_hold_of_a_stopped_motor_is_refused(self):
         with pytest.raises(UsageError, match="hold"):
             play(operations().extra["hold"](), [])
         with pytest.raises(StateError, match="hold would send the start again"):
             play(started().extra["hold"](), [sent(0)])
 
-    def test_a_control_word_is_repeated_without_its_edges(self):
+    def test_raw_control_word_is_repeated_without_its_edge_bits(self):
         drive = operations()
         play(drive.extra["control_word"](0x2CFC), [sent(0x2CFC)])
         repeats(drive, 0x2C7C)
@@ -454,16 +457,16 @@ class TestFunctions:
         play(drive.extra["control_word"](0), [sent(0)])
         repeats_nothing(drive)
 
-    def test_a_word_that_commands_nothing_carries_no_reference(self):
+    def test_control_word_zero_carries_no_reference(self):
         play(started(reference=4096).extra["control_word"](0), [sent(0)])
 
-    def test_a_control_word_that_runs_is_not_repeated_unless_it_was_answered(self):
+    def test_unanswered_running_control_word_is_not_repeated(self):
         drive = operations()
         with pytest.raises(NoReplyError):
             play(drive.extra["control_word"](0x047C), [unanswered(0x047C)])
         repeats_nothing(drive)
 
-    def test_release(self):
+    def test_release_ends_the_repetition_of_commands(self):
         drive = started()
         play(drive.extra["release"](), [])
         repeats_nothing(drive)
@@ -480,20 +483,20 @@ class TestFunctions:
             lambda drive: drive.extra["control_word"]("047C"),
         ],
     )
-    def test_what_does_not_exist(self, call):
+    def test_invalid_number_of_a_function_is_refused(self, call):
         with pytest.raises(ValueRefusedError, match="does not exist"):
             call(operations())
 
-    def test_relays_are_numbered(self):
+    def test_relay_3_is_refused(self):
         with pytest.raises(UsageError, match="relay"):
             operations().extra["set_relay"](3, True)
 
     @pytest.mark.parametrize("verb", ["catch_up", "slow_down"])
-    def test_catching_up_is_profidrive(self, verb):
+    def test_catch_up_and_slow_down_need_the_profidrive_profile(self, verb):
         with pytest.raises(NotSupported, match="PROFIdrive"):
             operations().extra[verb]()
 
-    def test_every_function_can_be_reached(self):
+    def test_extra_lists_every_function(self):
         assert set(operations().extra) == {
             "jog",
             "ramp",
@@ -510,47 +513,47 @@ class TestFunctions:
 
 
 class TestProfidrive:
-    def test_two_steps(self):
+    def test_profidrive_start_takes_two_steps(self):
         play(operations(profile="profidrive").start(reverse=True), [sent(0), sent(0x047E), sent(0x847F)])
 
-    def test_a_running_drive_is_not_switched_off_to_be_started(self):
+    def test_profidrive_start_of_a_running_drive_skips_the_first_step(self):
         drive = started("profidrive")
         play(drive.start(reverse=True), [LOOK, sent(0x847F)])
 
-    def test_a_second_step_that_gets_lost_leaves_the_drive_off(self):
+    def test_profidrive_start_with_a_lost_second_step_repeats_the_first(self):
         drive = operations(profile="profidrive")
         with pytest.raises(NoReplyError):
             play(drive.start(), [sent(0), sent(0x047E), unanswered(0x047F)])
         repeats(drive, 0x047E, status=READY)
 
     @pytest.mark.parametrize(("how", "word"), [(Stop.RAMP, 0x043F), (Stop.COAST, 0x0477), (Stop.QUICK, 0x046F)])
-    def test_stops(self, how, word):
+    def test_profidrive_stop_sends_its_control_word(self, how, word):
         play(started("profidrive").stop(how), [sent(word)])
 
-    def test_there_is_no_dc_brake(self):
+    def test_profidrive_has_no_dc_brake(self):
         drive = operations(profile="profidrive")
         assert Stop.DC_BRAKE not in drive.capabilities.stops
         with pytest.raises(NotSupported, match="dc_brake"):
             next(drive.stop(Stop.DC_BRAKE))
 
-    def test_reset(self):
+    def test_profidrive_reset_sends_the_edge_between_two_words(self):
         script = [sent(0, status=TRIPPED), sent(0x043E, status=TRIPPED), sent(0x04BE, status=TRIPPED), sent(0x043E)]
         play(operations(profile="profidrive").reset(), script)
 
-    def test_after_a_trip_a_stop_is_repeated_in_its_place(self):
+    def test_profidrive_stop_is_repeated_after_a_trip(self):
         drive = started("profidrive")
         play(drive.read("16-14"), [read(TRIPPED)])
         repeats(drive, 0x043E, status=READY)
 
-    def test_start_not_possible_is_no_trip(self):
+    def test_profidrive_start_not_possible_is_not_a_fault(self):
         assert play(started("profidrive").status(), [sent(0, status=0x0647)]).fault is False
 
-    def test_jogs(self):
+    def test_profidrive_jog_takes_two_steps(self):
         drive = operations(profile="profidrive")
         play(drive.extra["jog"](2), [sent(0), sent(0x047E), sent(0x067F)])
         play(drive.extra["jog"](1), [LOOK, sent(0x057F)])
 
-    def test_relative_commands_are_sent_once_and_forgotten(self):
+    def test_catch_up_and_slow_down_are_sent_once_and_not_repeated(self):
         drive = started("profidrive")
         for verb, word in ((drive.extra["catch_up"], 0x147F), (drive.extra["slow_down"], 0x0C7F)):
             play(verb(), [LOOK, sent(word, status=RUNNING), sent(0x047F, status=RUNNING)])
@@ -560,7 +563,7 @@ class TestProfidrive:
         with pytest.raises(UsageError, match="catch_up"):
             play(operations(profile="profidrive").extra["catch_up"](), [])
 
-    def test_select_setup_hold_and_control_word(self):
+    def test_profidrive_functions_set_their_bits(self):
         drive = started("profidrive")
         play(drive.extra["select_setup"](3), [LOOK, sent(0x447F, status=RUNNING)])
         play(drive.extra["hold"](), [LOOK, sent(0x445F, status=RUNNING)])
@@ -575,7 +578,7 @@ class TestProfidrive:
             lambda drive: drive.extra["set_relay"](1, True),
         ],
     )
-    def test_what_its_word_has_no_bits_for(self, call):
+    def test_function_without_a_profidrive_bit_is_refused(self, call):
         with pytest.raises(NotSupported, match="PROFIdrive"):
             call(operations(profile="profidrive"))
 
@@ -593,28 +596,28 @@ class TestStatus:
             (0x0648, DriveState.FAULT),
         ],
     )
-    def test_states(self, word, state):
+    def test_status_word_gives_the_drive_state(self, word, state):
         assert play(operations().status(), [sent(0, status=word)]).state is state
 
-    def test_what_the_word_says(self):
+    def test_status_reports_the_bits_of_the_status_word(self):
         status = play(operations().status(), [sent(0, status=0x0F87, actual=-8192)])
         assert (status.word, status.running, status.warning, status.at_reference) == (0x0F87, True, True, True)
         assert (status.remote, status.fault, status.reverse) == (True, False, True)
         assert (status.actual_percent, status.actual_hz) == (-50, None)
         assert "speed equals reference" in status.flags
 
-    def test_hertz_of_the_reference_range(self):
+    def test_actual_hz_follows_the_reference_range(self):
         drive = operations(reference_minimum_hz=10, reference_maximum_hz=50)
         status = play(drive.status(), [sent(0, status=RUNNING, actual=8192)])
         assert (status.actual_percent, status.actual_hz) == (50, 30)
         assert play(drive.status(), [sent(0, status=RUNNING, actual=-8192)]).actual_hz is None
 
-    def test_hertz_of_the_frequency_limits(self):
+    def test_actual_hz_follows_the_frequency_limits(self):
         drive = operations(actual_scaling="limits", output_maximum_hz=50)
         status = play(drive.status(), [sent(0, status=RUNNING, actual=0x2000)])
         assert (status.actual_percent, status.actual_hz) == (None, 25)
 
-    def test_the_code_of_a_fault(self):
+    def test_status_of_a_trip_has_fault_code_and_text(self):
         parameter = {"pnu": 1530, "ind": 0}
         request = ParameterRequest(**AT_3, **parameter, ak=1, pwe=0, control_word=0, reference=0)
         reply = ParameterReply(**AT_3, **parameter, ak=1, pwe=14, status_word=TRIPPED, main_actual=0)
@@ -622,18 +625,18 @@ class TestStatus:
         assert (status.fault_code, status.fault_text) == (14, "earth fault")
 
     @pytest.mark.parametrize("ak", [7, 0])
-    def test_a_drive_that_does_not_tell_the_code(self, ak):
+    def test_status_of_a_trip_without_a_readable_code_has_none(self, ak):
         parameter = {"pnu": 1530, "ind": 0}
         request = ParameterRequest(**AT_3, **parameter, ak=1, pwe=0, control_word=0, reference=0)
         reply = ParameterReply(**AT_3, **parameter, ak=ak, pwe=0, status_word=TRIPPED, main_actual=0)
         status = play(operations(FC300).status(), [sent(0, status=TRIPPED), (request, reply)])
         assert (status.fault, status.fault_code) == (True, None)
 
-    def test_without_a_model_the_code_is_not_asked_for(self):
+    def test_status_without_a_model_does_not_read_the_fault_code(self):
         assert play(operations().status(), [sent(0, status=TRIPPED)]).fault_code is None
 
 
-def test_what_the_drive_can_be_asked_to_do():
+def test_capabilities_list_stops_reverse_and_writes():
     capabilities = operations().capabilities
     assert capabilities.stops == frozenset(Stop)
     assert capabilities.reverse
@@ -641,16 +644,16 @@ def test_what_the_drive_can_be_asked_to_do():
     assert capabilities.volatile_writes
 
 
-def test_a_reset_does_not_bring_back_a_command_that_its_status_contradicts():
-    """Somebody else has started the motor meanwhile: the word of the reset does not hold, and is not repeated."""
+def test_reset_word_is_not_held_if_the_motor_runs_meanwhile():
+    """Another master has started the motor during the reset, so the word of the reset must not be repeated."""
     memory = CommandMemory()
     steps = [sent(0, status=TRIPPED), sent(0x043C, status=TRIPPED)]
     play(operations(memory=memory).reset(), [*steps, sent(0x04BC, status=RUNNING), sent(0x043C, status=RUNNING)])
     assert memory.word == 0
 
 
-def test_a_late_reply_to_a_start_confirms_no_stop():
-    """Replies to process blocks all look alike."""
+def test_late_reply_to_a_start_does_not_confirm_a_stop():
+    """All replies to process blocks look alike."""
     virtual = virtual_drive("danfoss-fc", 3)
     line = VirtualLine([virtual])
     reply = ProcessReply(address_format="1-126", address=3, status_word=0x0F07, main_actual=0)

@@ -1,4 +1,4 @@
-"""Parameter addresses of the FC protocol, and values that do and do not fit."""
+"""Parameter addresses of the FC protocol, and the check of values before a write."""
 
 from decimal import Decimal
 
@@ -38,41 +38,41 @@ class TestAddresses:
             ("error_log_code", VLT5000, OLD, 615, 1, "615[1]"),
         ],
     )
-    def test_forms(self, text, model, options, pnu, ind, address):  # noqa: PLR0917
+    def test_address_is_read_in_every_form(self, text, model, options, pnu, ind, address):  # noqa: PLR0917
         wanted = target(text, model, options)
         assert (wanted.pnu, wanted.ind, wanted.address) == (pnu, ind, address)
 
     @pytest.mark.parametrize(
         "text", ["", "16-1", "16_14", "16-14-1", "16-14[", "16-14[x]", "48x", "-14", "16-14 ", "٣"]
     )
-    def test_what_is_no_address(self, text):
-        with pytest.raises(ParameterAddressError, match="no FC parameter address"):
+    def test_malformed_address_is_refused(self, text):
+        with pytest.raises(ParameterAddressError, match="not an FC parameter address"):
             target(text, None, OPTIONS)
 
-    def test_an_unknown_name_says_which_model_lacks_it(self):
+    def test_unknown_name_is_refused_with_the_model(self):
         with pytest.raises(ParameterAddressError, match="name of model fc300"):
             target("speed_of_light", FC300, OPTIONS)
 
     @pytest.mark.parametrize(("text", "options"), [("40-96", OPTIONS), ("99-99", OPTIONS), ("20-48", OLD)])
-    def test_numbers_that_cannot_be_reached(self, text, options):
+    def test_parameter_number_beyond_its_bits_is_refused(self, text, options):
         with pytest.raises(ParameterAddressError, match="cannot be reached"):
             target(text, None, options)
 
-    def test_an_index_has_eight_bits(self):
+    def test_index_has_eight_bits(self):
         assert target("3-10", None, OPTIONS, index=255).ind == 255
         with pytest.raises(ParameterAddressError, match="low byte of IND"):
             target("3-10[256]", None, OPTIONS)
 
-    def test_an_index_is_named_once(self):
+    def test_contradicting_indices_are_refused(self):
         assert target("3-10[2]", None, OPTIONS, index=2).ind == 2
         with pytest.raises(UsageError, match="another"):
             target("3-10[2]", None, OPTIONS, index=3)
 
-    def test_types_are_those_of_the_protocol(self):
-        with pytest.raises(UsageError, match="no type of the FC protocol"):
+    def test_unknown_type_is_refused(self):
+        with pytest.raises(UsageError, match="not a type of the FC protocol"):
             target("3-10", None, OPTIONS, type="long")
 
-    def test_a_model_with_a_strange_address_is_named(self):
+    def test_invalid_address_in_the_model_is_reported(self):
         strange = ParameterInfo(address="abc", name="strange", title="strange")
         model = Model(
             protocol="danfoss-fc", name="m", title="m", source="", parameters={"abc": strange}, faults={}, options={}
@@ -96,7 +96,7 @@ class TestOptions:
             {"output_maximum_hz": 0},
         ],
     )
-    def test_what_cannot_be(self, given):
+    def test_impossible_option_is_refused(self, given):
         with pytest.raises(UsageError):
             protocol_options(installed["danfoss-fc"], given)
 
@@ -119,7 +119,7 @@ class TestValues:
             ("4-14", 100, 1000),
         ],
     )
-    def test_physical_values_by_the_model(self, parameter, value, on_the_wire):
+    def test_physical_value_is_scaled_by_the_model(self, parameter, value, on_the_wire):
         assert raw(parameter, value) == on_the_wire
 
     @pytest.mark.parametrize(
@@ -138,7 +138,7 @@ class TestValues:
             ("4-14", "6553.6"),
         ],
     )
-    def test_what_does_not_fit(self, parameter, value):
+    def test_value_outside_step_limits_or_type_is_refused(self, parameter, value):
         with pytest.raises(ValueRefusedError):
             raw(parameter, value)
 
@@ -152,48 +152,48 @@ class TestValues:
             ("uint32", 0, 2**32 - 1),
         ],
     )
-    def test_ranges_of_the_types(self, type, lowest, highest):
+    def test_value_outside_the_range_of_its_type_is_refused(self, type, lowest, highest):
         assert raw("9-99", lowest, None, type=type) == lowest
         assert raw("9-99", highest, None, type=type) == highest
         for beyond in (lowest - 1, highest + 1):
             with pytest.raises(ValueRefusedError, match=type):
                 raw("9-99", beyond, None, type=type)
 
-    def test_without_a_scale_only_whole_numbers(self):
+    def test_fraction_without_a_scale_is_refused(self):
         with pytest.raises(ValueRefusedError, match="not rounded"):
             raw("9-99", 1.5, None, type="uint16")
 
-    def test_without_a_type_nothing_is_written(self):
+    def test_write_without_a_known_type_is_refused(self):
         with pytest.raises(UsageError, match="type of parameter 3-41 is not known"):
             raw("3-41", 1, None)
 
-    def test_texts_fit_their_parameter(self):
+    def test_text_that_does_not_fit_its_parameter_is_refused(self):
         display = target("0-37", FC300, OPTIONS)
         assert text_for(display, "Lüfter 3", 245) == "Lüfter 3"
         with pytest.raises(ValueRefusedError, match="longer than 25"):
             text_for(display, "x" * 26, 245)
         with pytest.raises(ValueRefusedError, match="8859"):
             text_for(display, "5 €", 245)
-        with pytest.raises(ValueRefusedError, match="no text"):
+        with pytest.raises(ValueRefusedError, match="not a text"):
             text_for(display, 5, 245)
 
 
 class TestModels:
     @pytest.mark.parametrize("name", ["fc300", "fc102", "fc101", "vlt5000", "vlt6000"])
-    def test_names_are_unique_and_sources_are_given(self, name):
+    def test_model_has_unique_names_and_sources(self, name):
         model = load_model("drivecomm_danfoss_fc", "danfoss-fc", name)
         names = [info.name for info in model.parameters.values()]
         assert len(set(names)) == len(names)
         assert all(info.source for info in model.parameters.values())
         assert DanfossFcOptions(**model.options)
 
-    def test_the_ramps_of_two_series_are_not_mixed(self):
+    def test_ramp_parameters_of_vlt_5000_and_vlt_6000_differ(self):
         vlt6000 = load_model("drivecomm_danfoss_fc", "danfoss-fc", "vlt6000")
         assert VLT5000.find("ramp_1_up_time").address == "207"
         assert vlt6000.find("ramp_up_time").address == "206"
         assert vlt6000.find("208") is None
 
-    def test_conversion_indices(self):
+    def test_conversion_index_is_spelled_out(self):
         assert [conversion(index) for index in (6, 1, 0, -2, -7)] == [
             "factor 1000000",
             "factor 10",

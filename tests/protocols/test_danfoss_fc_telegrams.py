@@ -1,4 +1,4 @@
-"""Telegrams of the FC protocol where the vectors do not reach: correlation, framing, fields that make none."""
+"""Telegrams of the FC protocol beyond the vectors: correlation, framing and invalid fields."""
 
 import pytest
 
@@ -46,40 +46,40 @@ class TestCorrelation:
             (9, {0, 7}),
         ],
     )
-    def test_responses_that_a_command_can_get(self, command, responses):
+    def test_only_listed_responses_match_a_command(self, command, responses):
         listed = {0, 1, 2, 3, 7}
         legal = {ak for ak in listed if mismatch(ask(command), answer(ak)) == ""}
         assert legal == responses
         assert all(mismatch(ask(command), answer(ak)) == "ak" for ak in listed - responses)
 
-    def test_an_unlisted_response_is_let_through_to_be_reported(self):
+    def test_unlisted_response_matches_so_that_it_is_reported(self):
         assert mismatch(ask(1), answer(8)) == ""
 
-    def test_the_high_byte_of_ind_counts_where_it_says_something(self):
+    def test_high_byte_of_ind_must_match_for_texts_and_descriptions_only(self):
         assert mismatch(ask(1, ind=3), answer(1, ind=0x0703)) == ""
         assert mismatch(ask(4, ind=4), answer(3, ind=0x0704)) == "ind"
         assert mismatch(ask(15, ind=0x0400), answer(7, ind=0)) == "ind"
 
-    def test_the_whole_address_byte_counts(self):
+    def test_reply_in_the_other_address_format_does_not_match(self):
         old = {"address_format": "1-31", "address": 3}
         assert mismatch(ask(1), answer(1, **old)) == "address"
         assert mismatch(ask(1, **old), answer(1, **old)) == ""
 
-    def test_nothing_answers_a_broadcast(self):
+    def test_no_reply_matches_a_broadcast(self):
         everybody = {"address_format": "1-126", "broadcast": True}
         assert mismatch(ask(1, **everybody), answer(1)) == "address"
 
-    def test_requests_are_no_replies(self):
+    def test_request_does_not_match_as_a_reply(self):
         assert mismatch(ask(1), ask(1)) == "kind"
         assert mismatch(answer(1), answer(1)) == "kind"
 
-    def test_process_blocks_answer_process_blocks(self):
+    def test_process_request_matches_process_replies_only(self):
         process = ProcessRequest(**AT_3, **IDLE)
         assert mismatch(process, ProcessReply(**AT_3, **READY)) == ""
         assert mismatch(process, answer(1)) == "kind"
         assert mismatch(ask(1), ProcessReply(**AT_3, **READY)) == "kind"
 
-    def test_a_text_write_is_answered_by_text_or_word_whatever_ind(self):
+    def test_text_write_matches_a_text_or_word_reply_with_any_ind(self):
         write = TextRequest(**AT_3, ak=15, pnu=37, ind=0x0500, text="A", **IDLE)
         text = TextReply(**AT_3, ak=15, pnu=37, ind=0x0400, text="A", **READY)
         name = TextReply(**AT_3, ak=3, pnu=37, ind=6, text="A", **READY)
@@ -92,20 +92,20 @@ class TestCorrelation:
 class TestToggleBit:
     DATA = bytes.fromhex("02 0E 81 1A 08 00 00 00 00 02 0C 06 07 00 00 90")
 
-    def test_it_is_a_field_with_eleven_bits_only(self):
+    def test_toggle_bit_is_a_field_with_eleven_pnu_bits_only(self):
         assert fields_of(OLD.decode(self.DATA, "reply"))["spm"] is True
         assert "spm" not in fields_of(CODEC.decode(self.DATA, "reply"))
 
-    def test_a_drive_may_have_set_it(self):
+    def test_reply_with_a_toggle_bit_can_be_encoded(self):
         assert OLD.encode(OLD.decode(self.DATA, "reply")) == self.DATA
 
     @pytest.mark.parametrize(("codec", "spm"), [(OLD, True), (OLD, 1), (CODEC, True), (CODEC, False)])
-    def test_a_master_does_not_send_it(self, codec, spm):
+    def test_request_with_a_toggle_bit_is_refused(self, codec, spm):
         with pytest.raises(TelegramError, match="toggle bit") as caught:
             codec.encode(ParameterRequest(**AT_3, ak=1, spm=spm, pnu=520, ind=0, pwe=0, **IDLE))
         assert caught.value.field == "spm"
 
-    def test_pnu_has_eleven_bits_then(self):
+    def test_pnu_has_eleven_bits_beside_a_toggle_bit(self):
         assert OLD.encode(ask(1, pnu=2047))
         with pytest.raises(TelegramError, match="11 bits"):
             OLD.encode(ask(1, pnu=2048))
@@ -128,14 +128,14 @@ class TestFields:
             ({"control_word": None}, "control_word"),
         ],
     )
-    def test_what_makes_no_telegram_names_its_field(self, changed, field):
+    def test_invalid_field_value_is_refused_with_its_name(self, changed, field):
         fields = {"kind": "parameter", **AT_3, "ak": 1, "pnu": 1, "ind": 0, "pwe": 0, **IDLE, **changed}
         with pytest.raises(TelegramError) as caught:
             CODEC.encode(message_from(fields, "request"))
         assert (caught.value.category, caught.value.field) == ("field", field)
 
-    def test_a_text_is_text(self):
-        with pytest.raises(TelegramError, match="no text"):
+    def test_text_field_refuses_a_number(self):
+        with pytest.raises(TelegramError, match="not a text"):
             CODEC.encode(TextRequest(**AT_3, ak=15, pnu=37, ind=0x0500, text=5, **IDLE))
 
     @pytest.mark.parametrize(
@@ -152,13 +152,13 @@ class TestFields:
             ("02 06 80 06 07 00 00 85", "reply", "field"),
         ],
     )
-    def test_what_is_no_telegram(self, data, direction, category):
+    def test_malformed_telegram_has_the_error_category_of_its_fault(self, data, direction, category):
         with pytest.raises(TelegramError) as caught:
             CODEC.decode(bytes.fromhex(data), direction)
         assert caught.value.category == category
 
     @pytest.mark.parametrize("fields", [{}, {"kind": "ppo1"}, {"kind": "process", "unknown": 1}, {"kind": "process"}])
-    def test_what_names_no_telegram(self, fields):
+    def test_unknown_or_incomplete_fields_are_refused(self, fields):
         with pytest.raises(TelegramError):
             message_from(fields, "request")
 
@@ -170,22 +170,22 @@ class TestFields:
             {"address_format": "1-126", "broadcast": True, "address": 1},
         ],
     )
-    def test_addresses_that_are_none(self, address):
+    def test_invalid_address_is_refused(self, address):
         with pytest.raises(TelegramError, match="address"):
             CODEC.encode(ProcessRequest(**address, **IDLE))
         with pytest.raises(TelegramError, match="address"):
             CODEC.encode(ProcessReply(address_format="1-31", broadcast=True, **READY))
 
-    def test_a_text_has_room_for_245_characters(self):
+    def test_text_longer_than_245_characters_is_refused(self):
         long = TextRequest(**AT_3, ak=15, pnu=37, ind=0x0500, text="x" * 246, **IDLE)
         with pytest.raises(TelegramError, match="245"):
             CODEC.encode(long)
 
-    def test_blocks_are_told_apart_by_command_and_index(self):
-        with pytest.raises(TelegramError, match="no parameter block"):
+    def test_text_write_command_is_refused_as_a_parameter_block(self):
+        with pytest.raises(TelegramError, match="not a parameter block"):
             CODEC.encode(ask(15, ind=0x0500))
 
-    def test_nothing_is_no_telegram(self):
+    def test_empty_telegram_is_a_length_error(self):
         with pytest.raises(TelegramError) as caught:
             CODEC.decode(b"", "reply")
         assert caught.value.category == "length"
@@ -195,13 +195,13 @@ class TestFraming:
     REPLY = bytes.fromhex("02 0E 83 26 4E 00 00 00 00 02 0C 06 07 00 00 E8")
 
     @pytest.mark.parametrize("broken_off", range(3, 14))
-    def test_a_cut_telegram_and_its_repetition_are_not_taken_for_one(self, broken_off):
+    def test_cut_telegram_and_its_repetition_are_not_joined(self, broken_off):
         framer = Framer(CODEC, "reply")
         found = [*framer.feed(self.REPLY[:broken_off] + self.REPLY), *framer.flush()]
         assert [find.data for find in found if isinstance(find, Framed)] == [self.REPLY]
 
-    def test_two_heads_with_a_sound_bcc(self):
-        # Nine bytes of a telegram and seven of its repetition: the exclusive-or is right, and the value would be 526.
+    def test_joined_halves_with_a_valid_bcc_are_rejected(self):
+        # Nine bytes of a telegram and seven of its repetition have a valid BCC, and would give the value 526.
         both = self.REPLY[:9] + self.REPLY[:7]
         checked = 0
         for byte in both:
@@ -211,18 +211,18 @@ class TestFraming:
             CODEC.decode(both, "reply")
         assert caught.value.category == "framing"
 
-    def test_a_drive_does_not_wait_for_what_can_be_no_request(self):
+    def test_impossible_request_does_not_delay_the_next_one(self):
         framer = Framer(CODEC, "request")
         own = bytes.fromhex("02 06 83 04 3C 00 00 BF")
         foreign = bytes.fromhex("02 10 82 F6 04 04 00")
         assert [find.data for find in framer.feed(foreign + own) if isinstance(find, Framed)] == [own]
 
-    def test_a_master_takes_a_wrong_bcc_for_damage(self):
+    def test_reply_with_a_wrong_bcc_is_damaged(self):
         framer = Framer(CODEC, "reply")
         found = framer.feed(self.REPLY[:-1] + b"\x00")
         assert [type(find) for find in found][:1] == [Damaged]
 
-    def test_no_single_wrong_bit_goes_unnoticed(self):
+    def test_reply_has_no_blind_spots(self):
         assert protocol.blind_spots(self.REPLY, "reply") == frozenset()
 
 
@@ -237,7 +237,7 @@ def test_titled_forms_show_all_blocks():
     "too_long",
     ["02 06 81 06 07 00 00 00 84", "02 06 24 20 00 00 00 00 00", "02 0E 81 16 4E 00 00 00 00 00 00 00 D5 00"],
 )
-def test_too_long_is_told_before_checksum_and_address(too_long):
+def test_excess_length_is_reported_before_checksum_and_address(too_long):
     data = bytes.fromhex(too_long)
     with pytest.raises(TelegramError) as caught:
         DanfossFcCodec().decode(data if data[1] == 6 else data + bytes(3), "reply")

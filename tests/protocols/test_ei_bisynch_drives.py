@@ -1,4 +1,4 @@
-"""Eurotherm and Parker drives over EI Bisynch: both check characters, EE after a refusal, and that nothing moves."""
+"""Eurotherm and Parker drives over EI Bisynch: both check characters, EE after a refusal, and refused commands."""
 
 from contextlib import suppress
 
@@ -24,12 +24,12 @@ PLAIN, LIFTED = b"\x02ab5.\x03\x1b", b"\x02ab5.\x03\x3b"
 
 
 class Answers:
-    """Replaces the next answers of a drive."""
+    """Replacements for the next replies of a drive."""
 
     def __init__(self, *data):
         self.left = list(data)
 
-    def request(self, data, now):  # noqa: ARG002 - as a disturbance is called
+    def request(self, data, now):  # noqa: ARG002 - signature of a disturbance
         return [(0.0, data)]
 
     def reply(self, data, drive, now):  # noqa: ARG002
@@ -48,7 +48,7 @@ def bench():
 
 
 @pytest.mark.parametrize(("lift", "good"), [(None, (PLAIN, LIFTED)), (True, (LIFTED,)), (False, (PLAIN,))])
-def test_check_character_below_20h_is_taken_by_the_option_lift(lift, good):
+def test_option_lift_selects_the_form_of_a_check_character_below_20h(lift, good):
     plugin = installed["ei-bisynch"]
     codec = plugin.codec(plugin.options(lift=lift))
     for data in (PLAIN, LIFTED):
@@ -61,25 +61,25 @@ def test_check_character_below_20h_is_taken_by_the_option_lift(lift, good):
 
 
 @pytest.mark.parametrize("data", ["1500", ">", ">12345", ">1f", "1.23456", "123456.", ".5", "+1."])
-def test_value_of_no_type_is_refused(data):
+def test_value_that_fits_no_type_is_refused(data):
     with pytest.raises(TelegramError):
         drivecomm.encode("ei-bisynch", {"kind": "value", "mnemonic": "ab", "data": data}, direction="reply")
 
 
-def test_refusal_says_what_ee_holds(bench):
+def test_refusal_has_the_code_and_text_of_ee(bench):
     with pytest.raises(RefusedError, match="invalid mnemonic") as error:
         bench.drive.read("zz")
     assert error.value.code == 0x01C7
     assert bench.sent == [b"\x040011zz\x05", b"\x040011EE\x05"]
 
 
-def test_request_that_came_damaged_is_sent_again(bench):
+def test_request_that_arrived_damaged_is_resent(bench):
     bench.line.disturbances.append(Answers(b"\x04", b"\x02EE>02C2\x03\x4e"))
     assert bench.drive.read("09").value == 40
     assert bench.sent == [b"\x04001109\x05", b"\x040011EE\x05", b"\x04001109\x05"]
 
 
-def test_value_in_another_format_is_not_believed(bench):
+def test_value_in_another_format_is_an_unexpected_reply(bench):
     with pytest.raises(UnexpectedReplyError, match="read it as u16"):
         bench.drive.read("0F", type="s32")
 
@@ -94,18 +94,18 @@ def test_value_in_another_format_is_not_believed(bench):
         *[lambda drive, name=name: drive.write(name, 1) for name in ("ow", "!1", "!3", "EE", "remote_sequence")],
     ],
 )
-def test_nothing_that_moves_a_motor_is_sent(bench, command):
+def test_command_is_refused_unsent(bench, command):
     with pytest.raises(NotSupported, match="monitoring only"):
         command(bench.drive)
     assert not bench.sent
 
 
-def test_mnemonic_has_two_characters(bench):
+def test_mnemonic_without_two_characters_is_refused(bench):
     with pytest.raises(ParameterAddressError):
         bench.drive.read("130")
 
 
-def test_request_that_always_comes_damaged_is_sent_three_times(bench):
+def test_request_that_always_arrives_damaged_is_sent_three_times(bench):
     bench.line.disturbances.append(Answers(*[b"\x04", b"\x02EE>03C2\x03\x4f"] * 9))
     with pytest.raises(RefusedError, match="framing error or overrun") as error:
         bench.drive.read("09")
@@ -114,7 +114,7 @@ def test_request_that_always_comes_damaged_is_sent_three_times(bench):
 
 
 @pytest.mark.parametrize("tells", [b"", b"\x04", b"\x02EE12.\x03\x1c", b"\x02EE>02C2\x03\x4f"])
-def test_refusal_stands_where_ee_cannot_be_read(bench, tells):
+def test_refusal_without_a_readable_ee_is_raised_with_its_own_code(bench, tells):
     bench.line.disturbances.append(Answers(b"\x04", *[tells] * 9))
     with pytest.raises(RefusedError, match="EE was not read") as error:
         bench.drive.read("09")
@@ -122,7 +122,7 @@ def test_refusal_stands_where_ee_cannot_be_read(bench, tells):
 
 
 class Spoilt(Answers):
-    """Damages the check characters of the next writes."""
+    """Damage to the check characters of the next writes."""
 
     def request(self, data, now):  # noqa: ARG002
         return [(0.0, data[:-1] + self.left.pop(0) if self.left and b"\x02" in data else data)]
@@ -131,7 +131,7 @@ class Spoilt(Answers):
         return [(0.0, data)]
 
 
-def test_drive_keeps_in_ee_that_a_write_came_damaged_until_ee_is_written():
+def test_ee_holds_the_error_of_a_damaged_write_until_it_is_cleared():
     virtual = virtual_drive("ei-bisynch", 1)
     line = VirtualLine([virtual])
     line.disturbances.append(Spoilt(*[b"?"] * 3))
@@ -145,7 +145,7 @@ def test_drive_keeps_in_ee_that_a_write_came_damaged_until_ee_is_written():
         assert drive.read("EE").raw == 0x00C0
 
 
-def test_write_to_what_can_only_be_read_is_refused_with_what_ee_says():
+def test_write_to_a_read_only_parameter_is_refused_with_the_code_of_ee():
     line = VirtualLine([virtual_drive("ei-bisynch", 1)])
     with drivecomm.open_bus(line.port) as bus, pytest.raises(RefusedError, match="it can only be read") as error:
         bus.drive("ei-bisynch", 1).write("0F", 1, type="u16")
@@ -160,8 +160,8 @@ def test_drive_in_another_group_does_not_answer():
             bus.drive("ei-bisynch", 1).read("II")
 
 
-def test_value_of_nine_digits_is_read_and_written_as_it_is(bench):
-    """590+ manual p. A-12: five digits before the point, and four behind it."""
+def test_value_of_nine_digits_is_read_exactly(bench):
+    """590+ manual p. A-12: up to five digits before the point and four after it."""
     bench.line.disturbances.append(Answers(b"\x02ab-12345.6789\x03\x32"))
     assert str(bench.drive.read("ab").value) == "-12345.6789"
 
@@ -170,7 +170,7 @@ def delayed(reply, delay_s):
     return None if reply is None else VirtualReply(data=reply.data, delay_s=delay_s)
 
 
-def test_late_acknowledgement_confirms_no_write_to_another_drive():
+def test_late_acknowledgement_does_not_confirm_a_write_to_another_drive():
     late, other = (Overheard(virtual_drive("ei-bisynch", address)) for address in (1, 2))
     late.between = lambda _heard, usual: delayed(usual, 0.4)
     other.between = lambda _heard, usual: delayed(usual, 0.2)
@@ -187,7 +187,7 @@ def test_late_acknowledgement_confirms_no_write_to_another_drive():
     usual_s=st.sampled_from([0.01, 0.2]),
     nexts=st.lists(st.sampled_from([(1, "0F"), (2, "09"), (2, "0F")]), min_size=1),
 )
-def test_no_value_is_wrong_however_late_a_reply_is(late_s, usual_s, nexts):
+def test_late_replies_never_give_a_wrong_value(late_s, usual_s, nexts):
     first, second = (Overheard(virtual_drive("ei-bisynch", address)) for address in (1, 2))
     first.poke("09", 1234)
     held = {(1, "0F"): 512, (2, "09"): 400000, (2, "0F"): 3}
@@ -203,7 +203,7 @@ def test_no_value_is_wrong_however_late_a_reply_is(late_s, usual_s, nexts):
 
 
 @pytest.mark.parametrize("address", range(160))
-def test_address_is_written_as_group_and_unit_each_twice(address):
+def test_address_is_sent_as_group_and_unit_digits_each_twice(address):
     plugin = installed["ei-bisynch"]
     group, unit = divmod(address, 16)
     line = VirtualLine([virtual_drive("ei-bisynch", address)])
@@ -214,7 +214,7 @@ def test_address_is_written_as_group_and_unit_each_twice(address):
     assert address in plugin.addresses
 
 
-def test_facts_from_memory_are_never_more_than_unconfirmed():
+def test_facts_from_memory_are_unconfirmed():
     plugin = installed["ei-bisynch"]
     for name in model_names(plugin.package, plugin.name):
         for info in load_model(plugin.package, plugin.name, name).parameters.values():

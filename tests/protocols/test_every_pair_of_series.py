@@ -1,4 +1,4 @@
-"""Every Modbus model on a virtual drive of every other one: no verb but a stop starts or reverses its motor."""
+"""Each Modbus model on a virtual drive of every other series: only a stop may start or reverse the motor."""
 
 import pytest
 
@@ -31,14 +31,14 @@ COMMON = ("baudrate", "parity", "stopbits", "bytesize")
 
 @pytest.fixture
 def runs(monkeypatch):
-    """The frequencies at which motors are told to run."""
+    """Return a list that collects the frequencies at which motors are run."""
     told, run = [], Motor.run
     monkeypatch.setattr(Motor, "run", lambda motor, hz, now: (told.append(hz), run(motor, hz, now))[1])
     return told
 
 
 def commanded(verb, name, drive, **options):
-    """Carry out a verb of a model on a drive at whose line settings it is spoken to; return the error."""
+    """Carry out a verb of a model on a drive, at the line settings of the drive; return the error, if any."""
     facts = {each: getattr(drive.settings, each) for each in COMMON}
     with drivecomm.open_bus(VirtualLine([drive]).port) as bus:
         try:
@@ -56,7 +56,7 @@ def drive_of(name, *, running=False):
 
 
 @pytest.mark.parametrize("name", COMMANDED)
-def test_model_starts_and_reverses_no_drive_of_another_series(name, runs):
+def test_model_neither_starts_nor_reverses_a_drive_of_another_series(name, runs):
     started = []
     for other in MODELS.keys() - {name}:
         for title, verb in VERBS.items():
@@ -64,7 +64,7 @@ def test_model_starts_and_reverses_no_drive_of_another_series(name, runs):
             if runs:
                 started.append((other, title))
             runs.clear()
-            # What is refused before any write does nothing to a running motor, either.
+            # A verb that is refused before any write does nothing to a running motor either.
             if not isinstance(error, WrongDriveError):
                 running = drive_of(other, running=True)
                 runs.clear()
@@ -75,7 +75,7 @@ def test_model_starts_and_reverses_no_drive_of_another_series(name, runs):
 
 
 @pytest.mark.parametrize("name", COMMANDED)
-def test_start_is_refused_where_the_stop_of_the_model_would_start_the_drive(name, runs):
+def test_start_is_refused_if_the_stop_of_the_model_would_start_the_drive(name, runs):
     for other in MODELS.keys() - {name}:
         for stop in STOPS.values():
             commanded(stop, name, drive_of(other))
@@ -84,14 +84,14 @@ def test_start_is_refused_where_the_stop_of_the_model_would_start_the_drive(name
         runs.clear()
 
 
-def test_stop_of_another_series_is_sent_although_it_may_start(runs):
-    """A stop is never held back; that the model is not proven is said at the start."""
+def test_stop_of_another_series_is_sent_even_if_it_starts_the_motor(runs):
+    """A stop is never held back; an unproven model is reported at the start instead."""
     assert commanded(STOPS["ramp"], "delta", drive_of("invt")) is None
     assert runs
 
 
 @pytest.mark.parametrize("name", COMMANDED)
-def test_model_commands_its_own_drive_once_confirmed(name):
+def test_confirmed_model_starts_a_drive_of_its_own_series(name):
     drive = virtual_drive("modbus", 1, model=name)
     assert commanded(set_and_start, name, drive, confirmed=name) is None
     assert drive.motor.running

@@ -1,4 +1,4 @@
-"""Telegrams made from fields by name: what is missing or wrong is said by its name, in one sentence, everywhere."""
+"""Telegrams made from named fields: each missing or unknown field is named in a single sentence, in every protocol."""
 
 import pytest
 
@@ -10,7 +10,7 @@ from drivecomm.testing import packaged_vectors
 
 
 def examples():
-    """The fields of one telegram of every kind, by protocol, direction and kind."""
+    """Return the fields of one telegram of every kind, by protocol, direction and kind."""
     found = {}
     for plugin in installed.working():
         for vector in packaged_vectors(plugin).vectors:
@@ -29,11 +29,11 @@ def examples():
 
 EXAMPLES = examples()
 TELLS_THE_KIND = {("modbus", "exception"), ("uss", "broadcast")}
-"""Without it they are the fields of another telegram, in which others are missing."""
+"""Fields that decide the kind: without one, the others belong to another telegram, which lacks different fields."""
 
 
 @pytest.mark.parametrize(("protocol", "direction", "fields", "options"), EXAMPLES.values(), ids=map(str, EXAMPLES))
-def test_each_field_that_is_missing_is_named(protocol, direction, fields, options):
+def test_each_missing_field_is_named_in_the_error(protocol, direction, fields, options):
     assert encode(protocol, fields, direction=direction, **options)
     for name in fields:
         if (protocol, name) in TELLS_THE_KIND:
@@ -49,14 +49,14 @@ def test_each_field_that_is_missing_is_named(protocol, direction, fields, option
 
 
 @pytest.mark.parametrize(("protocol", "direction", "fields", "options"), EXAMPLES.values(), ids=map(str, EXAMPLES))
-def test_a_field_that_does_not_exist_is_named_with_those_that_do(protocol, direction, fields, options):
+def test_unknown_field_is_refused_with_the_known_fields(protocol, direction, fields, options):
     with pytest.raises(TelegramError) as refused:
         encode(protocol, {**fields, "colour": "red"}, direction=direction, **options)
     assert "has no field 'colour'; it has " in str(refused.value)
     assert refused.value.field == "colour"
 
 
-def test_a_danfoss_request_has_defaults_that_command_nothing(capsys):
+def test_danfoss_request_has_defaults_that_command_nothing(capsys):
     assert main(["encode", "danfoss-fc", "kind=parameter", "address=3", "ak=1", "pnu=1630"]) == 0
     data = bytes.fromhex(capsys.readouterr().out)
     fields = decode("danfoss-fc", data, direction="request").fields
@@ -71,7 +71,7 @@ def test_a_danfoss_request_has_defaults_that_command_nothing(capsys):
     assert (text["ak"], text["ind"], text["text"]) == (15, 0x0500, "FAN")
 
 
-def test_a_reply_is_not_made_up(capsys):
+def test_incomplete_reply_is_refused(capsys):
     assert main(["encode", "danfoss-fc", "-d", "reply", "kind=parameter", "address=3", "ak=1", "pnu=1"]) == 4
     said = capsys.readouterr().err
     assert "a parameter block also needs ind, pwe, status_word, main_actual; it may also have" in said

@@ -35,11 +35,11 @@ def test_rated_voltage_of_a_frenic_counts_volts(protocol, name, address):
 
 
 @pytest.mark.parametrize("name", ["family", "g11s", "e11s", "vg"])
-def test_highest_frequency_has_no_common_name_where_no_page_gives_its_format(name):
+def test_maximum_frequency_is_unmapped_if_no_page_gives_its_format(name):
     assert "maximum_frequency" not in model_of("fuji", name).quantities
 
 
-def test_vg_makes_a_forced_stop_with_0():
+def test_h32_of_vg_makes_a_forced_stop_with_0():
     # FRENIC-VG option manual p. 5-11
     assert model_of("fuji", "vg").parameters["H32"].values[0] == "forced stop"
 
@@ -48,7 +48,7 @@ def test_vg_makes_a_forced_stop_with_0():
 @pytest.mark.parametrize(
     ("code", "sign"), [(42, "Erd"), (47, "ErE"), (53, "ErP"), (57, "ECF"), (59, "dbA"), (17, "OH1")]
 )
-def test_alarm_has_its_text(protocol, name, code, sign):
+def test_alarm_code_has_its_text(protocol, name, code, sign):
     # Omron M1 user manual I669 p. 8-37
     assert model_of(protocol, name).faults[code].startswith(sign)
 

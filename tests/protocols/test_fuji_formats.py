@@ -1,4 +1,4 @@
-"""Function codes, data formats and words: addresses, values that fit, values that do not."""
+"""Function codes, data formats and words: addresses, values that fit and values that are refused."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from drivecomm_fuji.words import FORMATS, command_flags, current_format, flags_o
 
 FRENIC = load_model("drivecomm_fuji", "fuji", "frenic")
 
-# The examples printed in the manuals (section 4.3 of the specification).
+# Examples printed in the manuals (section 4.3 of the specification).
 PRINTED = [
     ("0", "60", 0x003C),
     ("1", "-20", 0xFFEC),
@@ -42,7 +42,7 @@ PRINTED = [
 
 
 @pytest.mark.parametrize(("name", "value", "word"), PRINTED)
-def test_printed_examples_both_ways(name, value, word):
+def test_printed_examples_convert_both_ways(name, value, word):
     known = FORMATS[name]
     assert known.value(word) == Decimal(value)
     assert known.raw(Decimal(value), "F00") == word
@@ -55,7 +55,7 @@ def test_sign_character_makes_a_magnitude_negative_in_every_format():
     assert FORMATS["[12]"].value(0x04C8, negative=True) == Decimal("-20.0")
 
 
-def test_currents_depend_on_the_rating():
+def test_current_format_depends_on_the_rating():
     assert current_format(40).value(0x042E) == Decimal("107.0")
     assert current_format(30).value(0x0168) == Decimal("3.60")
     assert not current_format(None).known
@@ -75,14 +75,14 @@ def test_currents_depend_on_the_rating():
         ("-20.0", 0x84C8),
     ],
 )
-def test_ramp_times_take_the_smallest_exponent(value, word):
+def test_ramp_time_is_encoded_with_the_smallest_exponent(value, word):
     known = FORMATS["[12]"]
     assert known.raw(Decimal(value), "F07") == word
     assert known.value(word) == Decimal(value)
 
 
 @pytest.mark.parametrize("value", ["0", "10.05", "0.001", "9991", "10000", "1e999999", "-0.005"])
-def test_ramp_times_are_not_rounded(value):
+def test_ramp_time_that_would_be_rounded_is_refused(value):
     with pytest.raises(ValueRefusedError, match="not rounded"):
         FORMATS["[12]"].raw(Decimal(value), "F07")
 
@@ -102,14 +102,14 @@ def test_ramp_times_are_not_rounded(value):
         ("[24]", "99990", 0xE70F),
     ],
 )
-def test_floating_values(name, value, word):
+def test_floating_formats_convert_both_ways(name, value, word):
     known = FORMATS[name]
     assert known.raw(Decimal(value), "M00") == word
     assert known.value(word) == Decimal(value)
 
 
 @pytest.mark.soak
-def test_every_word_of_the_floating_formats_keeps_its_value():
+def test_each_word_of_the_floating_formats_keeps_its_value():
     for floating in (FORMATS["[24]"], FORMATS["[45]"]):
         for word in range(0x10000):
             value = Decimal(floating.value(word))
@@ -144,28 +144,28 @@ def test_every_word_of_the_floating_formats_keeps_its_value():
         ("[1]", "1e999999"),
     ],
 )
-def test_values_that_do_not_fit_are_refused(name, value):
+def test_value_that_does_not_fit_its_format_is_refused(name, value):
     with pytest.raises(ValueRefusedError):
         FORMATS[name].raw(Decimal(value), "F00")
 
 
-def test_numbers_of_formats_follow_the_generation():
+def test_format_number_depends_on_the_generation():
     assert format_named(5, e11s=False).name == "[5]"
     assert format_named("4", e11s=True).name == "4"
     assert format_named("[5]", e11s=True).name == "[5]"
     for wrong in ("[13]", "zz"):
-        with pytest.raises(UsageError, match="no data format"):
+        with pytest.raises(UsageError, match="not a data format"):
             format_named(wrong, e11s=False)
 
 
 @pytest.mark.parametrize("wrong", ["", "S5", "s05", "S005", "Q01", "S0x", "frequenzy", "S05 ", "٣"])
-def test_addresses_that_are_none(wrong):
+def test_malformed_address_is_refused(wrong):
     for model in (None, FRENIC):
         with pytest.raises(ParameterAddressError):
             target(wrong, model, FujiOptions())
 
 
-def test_functions_beyond_the_generation():
+def test_function_outside_the_generation_is_refused():
     e11s = FujiOptions(profile="e11s")
     with pytest.raises(ParameterAddressError, match="types are S M F E C P H A"):
         target("o05", None, e11s)
@@ -175,7 +175,7 @@ def test_functions_beyond_the_generation():
     assert target("y99", None, FujiOptions()).function == "y99"
 
 
-def test_names_of_the_model_are_addresses():
+def test_parameter_name_of_the_model_is_an_address():
     assert target("acceleration_time_1", FRENIC, FujiOptions()).function == "F07"
 
 
@@ -185,7 +185,7 @@ def test_reading_without_a_format_is_the_plain_number():
     assert "format not known" in found.note
 
 
-def test_reading_of_an_unknown_format_says_so():
+def test_reading_in_an_unknown_format_has_a_note():
     found = reading_of(target("M24", FRENIC, FujiOptions()), 18, FujiOptions(), FRENIC)
     assert (found.value, found.type) == (18, "[11]")
     assert "format [11] not known" in found.note
@@ -196,19 +196,19 @@ def test_reading_of_an_unknown_format_says_so():
     assert reading_of(target("F11", FRENIC, known), 800, known, FRENIC).value == Decimal("8.00")
 
 
-def test_reading_that_is_no_value_of_its_format():
+def test_word_outside_its_format_is_an_unexpected_reply():
     with pytest.raises(UnexpectedReplyError, match="F07"):
         reading_of(target("F07", FRENIC, FujiOptions()), 0x7000, FujiOptions(), FRENIC)
 
 
-def test_reading_names_what_is_not_sure():
+def test_reading_of_a_derived_fact_has_a_note():
     found = reading_of(target("M20", FRENIC, FujiOptions()), 7, FujiOptions(), FRENIC)
     assert (found.value, found.unit, found.name) == (7, "h", "operating_time")
     assert "derived" in found.note
     assert reading_of(target("H30", FRENIC, FujiOptions()), 3, FujiOptions(), FRENIC).text == "link gives both"
 
 
-def test_the_unit_of_m12_is_an_option():
+def test_scale_of_m12_is_an_option():
     for options, value in ((FujiOptions(), "400.0"), (FujiOptions(m12_factor="1"), "4000")):
         assert reading_of(target("M12", FRENIC, options), 4000, options, FRENIC).value == Decimal(value)
 
@@ -236,7 +236,7 @@ def test_the_unit_of_m12_is_an_option():
         ("C05", FRENIC, "400.01"),
     ],
 )
-def test_words_that_are_refused(parameter, model, value):
+def test_value_outside_its_function_is_refused(parameter, model, value):
     with pytest.raises(ValueRefusedError):
         word_for(target(parameter, model, FujiOptions()), value, FujiOptions())
 
@@ -255,18 +255,18 @@ def test_words_that_are_refused(parameter, model, value):
         ("S06", None, 0x6001, 0x6001),
     ],
 )
-def test_words_that_fit(parameter, model, value, word):
+def test_value_is_encoded_as_its_word(parameter, model, value, word):
     assert word_for(target(parameter, model, FujiOptions()), value, FujiOptions()) == word
 
 
-def test_bits_of_s06_are_an_option():
+def test_allowed_bits_of_s06_are_an_option():
     options = FujiOptions(s06_mask=0x8803)
     assert word_for(target("S06", None, options), 0x0801, options) == 0x0801
     with pytest.raises(ValueRefusedError, match="8803"):
         word_for(target("S06", None, options), 0x0004, options)
 
 
-def test_operation_command_bits_by_generation():
+def test_operation_command_bits_depend_on_the_generation():
     assert command_flags(0x0045, PROFILES["g11s"]) == ("FWD", "X1", "X5")
     assert command_flags(0xE800, PROFILES["frenic"]) == ("EN", "XF", "XR", "RST")
     assert command_flags(0x7800, PROFILES["vg"]) == ("X11", "X12", "X13", "X14")
@@ -274,7 +274,7 @@ def test_operation_command_bits_by_generation():
     assert [hex(PROFILES[name].command_mask) for name in PROFILES] == ["0x807f", "0x87ff", "0xffff", "0xe7ff"]
 
 
-def test_operation_status_bits():
+def test_operation_status_bits_depend_on_the_generation():
     assert flags_of(0x1221, PROFILES["frenic"]) == ("FWD", "NUV", "ACC", "RL")
     assert flags_of(0x3021, PROFILES["g11s"]) == ("FWD", "NUV", "RL", "WR RS-485")
     assert flags_of(0x6000, PROFILES["g11s"]) == ("WR 3",)
@@ -305,11 +305,11 @@ def test_operation_status_bits():
         ("[1]", 6, ""),
     ],
 )
-def test_what_words_stand_for(name, word, text):
+def test_word_has_the_text_of_its_format(name, word, text):
     assert word_text(name, word, PROFILES["frenic"], FRENIC.faults) == text
 
 
-def test_slow_writes():
+def test_slow_writes_extend_the_reply_timeout():
     options = FujiOptions(response_interval_s=0.5)
     assert [slow_write("S05", 1), FujiOptions().reply_timeout()] == [None, None]
     assert options.reply_timeout() == pytest.approx(0.6)
@@ -338,13 +338,13 @@ def test_slow_writes():
         {"s06_mask": -1},
     ],
 )
-def test_options_that_cannot_be(wrong):
+def test_impossible_option_is_refused(wrong):
     with pytest.raises(UsageError):
         protocol_options(installed["fuji"], wrong)
 
 
 @pytest.mark.parametrize("name", model_names("drivecomm_fuji", "fuji"))
-def test_models_are_consistent(name):
+def test_model_agrees_with_its_formats(name):
     model = load_model("drivecomm_fuji", "fuji", name)
     _, options = resolve_options(installed["fuji"], model, {})
     names = [info.name for info in model.parameters.values()]
@@ -360,14 +360,14 @@ def test_models_are_consistent(name):
             store.check(info.address, store.word(info.address), running=False)
 
 
-def test_baud_rates_of_the_models_are_those_of_the_generation():
+def test_baud_rates_of_a_model_belong_to_its_generation():
     for name, parameter in (("vg", "H34"), ("e11s", "H34"), ("g11s", "H34"), ("frenic", "y04")):
         model = load_model("drivecomm_fuji", "fuji", name)
         named = {int(text.split()[0]) for text in model.parameters[parameter].values.values()}
         assert named <= set(PROFILES[name].baud_rates)
 
 
-def test_codes_of_the_generations():
+def test_error_codes_depend_on_the_generation():
     assert PROFILES["e11s"].error_codes == {71, 72, 73, 74, 75, 78, 79, 80}
     assert PROFILES["vg"].error_codes.isdisjoint({77, 81})
     assert PROFILES["frenic"].error_codes == set(range(71, 82))

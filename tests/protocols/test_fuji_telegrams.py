@@ -1,4 +1,4 @@
-"""What the codec does beyond the vectors: profiles, streams, correlation."""
+"""The Fuji codec beyond the vectors: profiles, streams and correlation."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from drivecomm_fuji.telegrams import (
 
 
 def frame(text: bytes) -> bytes:
-    """Close a frame that is given from SOH to ETX with its sum."""
+    """Append the checksum to a frame that is given from SOH to ETX."""
     total = sum(text[1:]) % 256
     return text + f"{total:02X}".encode()
 
@@ -37,7 +37,7 @@ def codec(**options):
     return protocol.codec(FujiOptions(**options))
 
 
-def test_nak_of_no_command_is_taken_in_a_stream_only():
+def test_nak_of_an_unknown_command_is_accepted_in_a_stream_only():
     with pytest.raises(TelegramError) as caught:
         codec().decode(UNKNOWN, "reply")
     assert (caught.value.category, caught.value.field) == ("field", "command")
@@ -54,7 +54,7 @@ def test_nak_of_no_command_is_taken_in_a_stream_only():
         COMMAND_REFUSED.build(found[0].message)
 
 
-def test_soh_begins_anew():
+def test_soh_starts_a_new_frame():
     good = frame(b"\x0101\x06f\x03")
     found = Framer(codec(), "reply").feed(b"\x0101\x06RM09 1" + good)
     assert [type(find) for find in found] == [Noise, Framed]
@@ -63,14 +63,14 @@ def test_soh_begins_anew():
     assert codec().measure(b"0", "reply") == 0
 
 
-def test_damage_is_told_from_noise():
+def test_frame_with_a_wrong_checksum_is_damaged():
     found = Framer(codec(), "reply").feed(b"\x0101\x06f\x0300")
     assert isinstance(found[0], Damaged)
     assert found[0].error.category == "checksum"
 
 
 @pytest.mark.parametrize("name", PROFILES)
-def test_encoders_of_a_generation_keep_to_it(name):
+def test_encoder_refuses_requests_outside_its_generation(name):
     profile = PROFILES[name]
     own, union = FujiCodec(profile), FujiCodec()
     requests = [
@@ -97,14 +97,14 @@ def test_encoders_of_a_generation_keep_to_it(name):
             assert caught.value.category == "field"
 
 
-def test_higher_numbers_can_be_allowed():
+def test_option_allows_higher_function_numbers():
     request = Standard(kind="request", address=1, command="R", function="F99")
     with pytest.raises(TelegramError, match="number 46"):
         codec(profile="e11s").encode(request)
     assert codec(profile="e11s", number_check=False).encode(request)
 
 
-def test_refusals_of_the_first_generation_are_filled_with_zeros():
+def test_refusal_code_of_the_first_generation_is_padded_with_zeros():
     refusal = Standard(kind="nak", address=1, command="R", function="M99", error_code=78)
     assert codec(profile="e11s").encode(refusal)[9:13] == b"004E"
     assert codec().encode(refusal)[9:13] == b"  4E"
@@ -112,7 +112,7 @@ def test_refusals_of_the_first_generation_are_filled_with_zeros():
     assert codec(profile="e11s").encode(reset)[9:13] == b"004C"
 
 
-def test_broadcast_functions_are_those_of_the_generation():
+def test_broadcast_functions_depend_on_the_generation():
     request = Standard(kind="request", address=99, command="W", function="S08", data=1)
     assert codec().encode(request)
     assert codec(profile="vg").encode(request)
@@ -133,7 +133,7 @@ def test_broadcast_functions_are_those_of_the_generation():
         {"kind": "request", "command": "k", "address": 1, "frame": "select"},
     ],
 )
-def test_fields_that_make_no_message(fields):
+def test_incomplete_fields_are_refused(fields):
     with pytest.raises(TelegramError) as caught:
         message_from(fields, "request")
     assert caught.value.category == "field"
@@ -148,18 +148,18 @@ def test_fields_that_make_no_message(fields):
         {"kind": "request", "command": "W", "address": 1, "function": "S05", "data": 1, "negative": 2},
     ],
 )
-def test_fields_of_the_wrong_type(fields):
+def test_field_of_the_wrong_type_is_refused(fields):
     with pytest.raises(TelegramError):
         drivecomm.encode("fuji", fields, direction="request")
 
 
-def test_frame_and_zeros_of_m_are_implied():
+def test_frame_and_data_of_command_m_are_implied():
     fields = {"kind": "request", "command": "m", "address": 1}
     assert drivecomm.encode("fuji", fields, direction="request") == frame(b"\x0101\x05m0000\x03")
 
 
-def test_messages_that_are_none_of_ours():
-    with pytest.raises(TelegramError, match="no telegram"):
+def test_encode_refuses_foreign_and_unknown_messages():
+    with pytest.raises(TelegramError, match="not a telegram"):
         codec().encode(object())
     with pytest.raises(TelegramError, match="is none of"):
         codec().encode(Select(kind="request", address=1, command="R"))
@@ -203,18 +203,18 @@ SHORT = Select(kind="request", address=1, command="f", data=1)
         ),
     ],
 )
-def test_which_reply_belongs_to_which_request(request_, reply, differs):
+def test_reply_matches_only_its_own_request(request_, reply, differs):
     assert mismatch(request_, reply) == differs
 
 
-def test_a_refusal_repeats_its_function():
+def test_refusal_must_repeat_its_function():
     with pytest.raises(TelegramError) as caught:
         codec().decode(frame(b"\x0101\x15RQ05   50\x03"), "reply")
     assert caught.value.category == "field"
     assert codec().decode(frame(b"\x0101\x15RQ05   4E\x03"), "reply").function is None
 
 
-def test_a_refusal_may_leave_out_its_function_with_some_codes():
+def test_refusal_with_some_codes_may_omit_its_function():
     for code in (74, 75, 78):
         refusal = Standard(kind="nak", address=1, command="W", error_code=code)
         assert codec().decode(codec().encode(refusal), "reply") == refusal
@@ -235,13 +235,13 @@ def test_a_refusal_may_leave_out_its_function_with_some_codes():
         Standard(kind="request", address=1, command="R", function="M09", data=0),
     ],
 )
-def test_requests_that_are_never_sent(request_):
+def test_request_that_must_not_be_sent_is_refused(request_):
     with pytest.raises(TelegramError) as caught:
         codec().encode(request_)
     assert caught.value.category == "field"
 
 
-def test_resets_of_all_stations_are_sent():
+def test_reset_of_all_stations_is_encoded():
     assert codec().encode(Standard(kind="request", address=99, command="E"))
     assert codec(profile="frenic").encode(Select(kind="request", address=99, command="m", data=0))
     with pytest.raises(TelegramError) as caught:
@@ -249,7 +249,7 @@ def test_resets_of_all_stations_are_sent():
     assert caught.value.category == "framing"
 
 
-def test_titled_forms_add_up():
+def test_titled_forms_have_the_length_of_a_frame():
     for title, form in titled_forms().items():
         assert sum(int(size) for _, size, _ in form.describe()) in (8, 12, 16), title
     assert protocol.blind_spots(UNKNOWN, "reply") == frozenset()

@@ -33,7 +33,7 @@ def line_of(*drives, **more):
 
 
 def meet(model="frenic", **options):
-    """Return a virtual inverter, its line, and the drive that the bus makes of it."""
+    """Return a virtual inverter, its line, and the drive object of its master."""
     inverter = virtual_drive("fuji", 1, model=model, **options)
     line, bus = line_of(inverter)
     return inverter, line, bus.drive("fuji", 1, model=model, **options)
@@ -45,7 +45,7 @@ def frame(text: bytes) -> bytes:
 
 
 def heard(inverter, data: bytes, now=0.0) -> list[bytes]:
-    """Return what an inverter answers to bytes."""
+    """Return the replies of an inverter to these bytes."""
     framer = Framer(inverter.codec, "request")
     finds = [find for find in [*framer.feed(data), *framer.flush()] if not isinstance(find, Noise)]
     return [reply.data for reply in (inverter.hear(find, now) for find in finds) if reply is not None]
@@ -57,7 +57,7 @@ def heard(inverter, data: bytes, now=0.0) -> list[bytes]:
 @pytest.mark.soak
 @pytest.mark.parametrize("short", [False, True])
 @pytest.mark.parametrize("model", MODELS)
-def test_every_readable_function_reads_as_it_is_held(model, short):
+def test_readable_functions_are_read_as_the_inverter_holds_them(model, short):
     inverter = virtual_drive("fuji", 1, model=model)
     line, bus = line_of(inverter)
     drive = bus.drive("fuji", 1, model=model, short_frames=short)
@@ -71,7 +71,7 @@ def test_every_readable_function_reads_as_it_is_held(model, short):
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_every_function_takes_its_own_value_again(model):
+def test_each_function_accepts_its_own_value_as_a_write(model):
     inverter, line, drive = meet(model)
     for address, info in drive.model.parameters.items():
         if "w" in info.access and info.type != "[19]":
@@ -83,7 +83,7 @@ def test_every_function_takes_its_own_value_again(model):
             assert reading is None or inverter.peek(address, line.time) == reading.raw
 
 
-def test_writes_beyond_the_limits_are_refused_by_the_drive():
+def test_write_outside_the_limits_is_refused_with_code_80():
     _, _, drive = meet()
     plain = drive._bus.drive("fuji", 1)
     for parameter, value in (("H30", 4), ("S08", 36001), ("C05", 40001), ("S07", 32)):
@@ -94,14 +94,14 @@ def test_writes_beyond_the_limits_are_refused_by_the_drive():
     assert drive.read("M26").text == "data out of range"
 
 
-def test_a_word_that_is_no_value_of_its_format():
+def test_write_of_a_word_outside_its_format_is_refused_with_code_80():
     _, _, drive = meet()
     with pytest.raises(RefusedError) as caught:
         drive._bus.drive("fuji", 1).write("F07", 0x7000, store=True)
     assert caught.value.code == 80
 
 
-def test_unknown_functions():
+def test_unknown_function_is_refused_with_code_78():
     _, _, drive = meet()
     for verb in (lambda: drive.read("F99"), lambda: drive.write("F99", 1, store=True)):
         with pytest.raises(RefusedError) as caught:
@@ -109,7 +109,7 @@ def test_unknown_functions():
         assert caught.value.code == 78
 
 
-def test_function_numbers_beyond_the_generation():
+def test_function_outside_the_generation_is_refused_with_code_78():
     inverter, _, drive = meet("e11s", number_check=False)
     with pytest.raises(RefusedError) as caught:
         drive.read("F47")
@@ -117,7 +117,7 @@ def test_function_numbers_beyond_the_generation():
     assert heard(inverter, frame(b"\x0101\x05Ro05 0000\x03")) == [frame(b"\x0101\x15Ro05 004E\x03")]
 
 
-def test_read_only_functions():
+def test_write_to_a_read_only_function_is_refused_with_code_79():
     inverter, _, _ = meet()
     assert heard(inverter, frame(b"\x0101\x05WM09 0001\x03")) == [frame(b"\x0101\x15WM09   4F\x03")]
 
@@ -137,7 +137,7 @@ def test_some_functions_are_not_written_while_running():
     assert drive.read("P01").value == 2
 
 
-def test_station_is_heard_only_by_its_inverter():
+def test_only_the_addressed_inverter_answers():
     first, second = virtual_drive("fuji", 1), virtual_drive("fuji", 31)
     line, bus = line_of(first, second)
     second.poke("C05", 4711)
@@ -149,7 +149,7 @@ def test_station_is_heard_only_by_its_inverter():
     assert line.time > 0
 
 
-def test_peek_and_poke():
+def test_poked_values_are_read_and_unknown_functions_are_refused():
     inverter, line, drive = meet()
     inverter.poke("F18", -20)
     assert inverter.peek("F18", line.time) == 0xFFEC
@@ -170,7 +170,7 @@ def test_peek_and_poke():
 
 @pytest.mark.parametrize("short", [False, True])
 @pytest.mark.parametrize("model", ["frenic", "g11s", "e11s"])
-def test_start_ramp_reverse_stop(model, short):
+def test_motor_ramps_up_reverses_and_stops(model, short):
     inverter, line, drive = meet(model)
     drive = drive._bus.drive("fuji", 1, model=model, short_frames=short)
     assert drive.status().state is DriveState.READY
@@ -204,7 +204,7 @@ def test_start_ramp_reverse_stop(model, short):
     assert not inverter.motor.running
 
 
-def test_vector_inverter_has_no_sign_character():
+def test_vector_inverter_reports_the_frequency_without_a_sign():
     _, line, drive = meet("vg", maximum_frequency_hz=50)
     drive.set_reference(hz=25)
     drive.start(reverse=True)
@@ -214,7 +214,7 @@ def test_vector_inverter_has_no_sign_character():
     assert drive.status().reverse
 
 
-def test_frequency_is_limited_to_the_maximum():
+def test_output_frequency_is_limited_to_the_maximum_frequency():
     _, line, drive = meet()
     with pytest.raises(ValueRefusedError, match=r"above 50\.0 Hz, the maximum frequency of fuji:1"):
         drive.set_reference(hz=400)
@@ -225,7 +225,7 @@ def test_frequency_is_limited_to_the_maximum():
     assert drive.read("S05").value == Decimal("400.00")
 
 
-def test_s01_beats_s05():
+def test_s01_overrides_s05():
     _, line, drive = meet()
     drive.write("S05", 10)
     drive.write("S01", 16000)
@@ -240,7 +240,7 @@ def test_s01_beats_s05():
     assert drive.read("M09").value == Decimal("-25.00")
 
 
-def test_a_reference_of_another_master_does_not_stay_unseen():
+def test_set_reference_replaces_the_reference_of_another_master():
     inverter, line, drive = meet()
     drive.set_reference(hz=10)
     drive.start()
@@ -252,7 +252,7 @@ def test_a_reference_of_another_master_does_not_stay_unseen():
         assert drive.read("M09").value == Decimal("10.00")
 
 
-def test_terminals_after_the_stop_of_another_master_start_nothing():
+def test_terminal_write_does_not_undo_the_stop_of_another_master():
     inverter, line, drive = meet()
     drive.set_reference(hz=30)
     drive.start()
@@ -266,7 +266,7 @@ def test_terminals_after_the_stop_of_another_master_start_nothing():
     assert not inverter.motor.running
 
 
-def test_ramp_times_of_the_link():
+def test_ramp_time_of_s08_is_used():
     _, line, drive = meet()
     drive.write("S08", 50)
     drive.set_reference(hz=50)
@@ -275,7 +275,7 @@ def test_ramp_times_of_the_link():
     assert 20 < drive.read("M09").value < 30
 
 
-def test_coasting():
+def test_motor_coasts_by_its_terminal_and_starts_again():
     inverter, line, drive = meet(coast_terminal="X3")
     drive.set_reference(hz=30)
     drive.start()
@@ -289,7 +289,7 @@ def test_coasting():
     assert drive.read("M09").value == Decimal("30.00")
 
 
-def test_both_directions_from_a_foreign_host_stop_the_motor():
+def test_run_command_with_both_directions_stops_the_motor():
     inverter, line, drive = meet()
     drive.set_reference(hz=30)
     drive.start()
@@ -299,7 +299,7 @@ def test_both_directions_from_a_foreign_host_stop_the_motor():
     assert drive.status().state is DriveState.READY
 
 
-def test_bits_that_do_not_exist():
+def test_unknown_bit_of_s06_is_refused_with_code_80():
     inverter, _, _ = meet("e11s")
     assert heard(inverter, frame(b"\x0101\x05WS06 0080\x03")) == [frame(b"\x0101\x15WS06 0050\x03")]
 
@@ -307,7 +307,7 @@ def test_bits_that_do_not_exist():
 @pytest.mark.parametrize(
     ("link", "frequency", "run"), [(0, False, False), (1, True, False), (2, False, True), (3, True, True)]
 )
-def test_link_function_gives_the_right(link, frequency, run):
+def test_link_function_h30_decides_which_writes_are_allowed(link, frequency, run):
     inverter, _, drive = meet()
     inverter.poke("H30", link)
     for parameter, allowed in (("S05", frequency), ("S01", frequency), ("S06", run)):
@@ -320,7 +320,7 @@ def test_link_function_gives_the_right(link, frequency, run):
     assert drive.status().remote == (link != 0)
 
 
-def test_first_generation_ignores_what_it_has_no_right_to():
+def test_e11s_ignores_references_and_commands_that_h30_forbids():
     inverter, line, drive = meet("e11s")
     inverter.poke("H30", 1)
     drive.set_reference(hz=30)
@@ -339,7 +339,7 @@ def test_first_generation_ignores_what_it_has_no_right_to():
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_a_motor_that_trips_by_itself_leaves_what_was_measured_before(model):
+def test_trip_stores_the_values_measured_before_it(model):
     inverter, line, drive = meet(model, maximum_frequency_hz=50)
     drive.set_reference(hz=30)
     drive.start()
@@ -351,14 +351,14 @@ def test_a_motor_that_trips_by_itself_leaves_what_was_measured_before(model):
     assert (drive.read("M06").value, drive.read("M11").value, drive.read("M16").raw) == (0, 0, 3)
 
 
-def test_what_is_measured_cannot_be_set():
+def test_poked_measured_value_is_overwritten():
     inverter, line, drive = meet()
     inverter.poke("M09", 1234)
     assert drive.read("M09").value == inverter.peek("M09", line.time) == 0
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_alarm_and_reset(model):
+def test_alarm_is_logged_and_cleared_by_each_kind_of_reset(model):
     inverter, line, drive = meet(model, maximum_frequency_hz=50)
     drive.set_reference(hz=30)
     drive.start(reverse=True)
@@ -384,7 +384,7 @@ def test_alarm_and_reset(model):
     assert drive.status().state is DriveState.READY
 
 
-def test_reset_with_a_run_command_starts_the_motor():
+def test_reset_under_a_run_command_starts_the_motor():
     inverter, line, drive = meet()
     drive.set_reference(hz=30)
     drive.start()
@@ -395,7 +395,7 @@ def test_reset_with_a_run_command_starts_the_motor():
     assert drive.read("M09").value == Decimal("30.00")
 
 
-def test_reset_needs_an_edge():
+def test_reset_needs_a_rising_edge():
     inverter, line, _ = meet()
     reset = frame(b"\x0101\x05WS06 8000\x03")
     heard(inverter, reset)
@@ -428,14 +428,14 @@ def test_reset_needs_an_edge():
         (b"\x0101\x05i\x03", b"\x0101\x15i0000\x03", 75),
     ],
 )
-def test_which_refusal_for_which_damage(request_, answer, code):
+def test_malformed_request_is_refused_with_the_code_of_its_fault(request_, answer, code):
     inverter, _, _ = meet()
     assert heard(inverter, frame(request_)) == [frame(answer)]
     assert inverter.peek("M26", 0.0) == code
 
 
 @pytest.mark.parametrize("request_", [b"\x0101\x05n0001\x03", b"\x0101\x05n\x03"])
-def test_short_frames_with_no_command(request_):
+def test_unknown_short_command_gets_a_standard_refusal(request_):
     inverter, _, _ = meet()
     (answer,) = heard(inverter, frame(request_))
     assert (len(answer), answer[3:5], answer[11:13]) == (16, b"\x15R", b"4B")
@@ -443,12 +443,12 @@ def test_short_frames_with_no_command(request_):
     assert inverter.codec.measure(b"\x0101\x15n", "reply") == 16
 
 
-def test_command_a_of_the_first_generation():
+def test_e11s_refuses_command_a():
     inverter, _, _ = meet("e11s")
     assert heard(inverter, frame(b"\x0101\x05AS05 0000\x03")) == [frame(b"\x0101\x15AS05 004B\x03")]
 
 
-def test_wrong_sums_meet_silence():
+def test_request_with_a_wrong_checksum_is_not_answered():
     inverter, line, drive = meet()
     assert heard(inverter, b"\x0101\x05RM09 0000\x0350") == []
     assert inverter.peek("M26", 0.0) == 71
@@ -461,7 +461,7 @@ def test_wrong_sums_meet_silence():
     assert line.time > 0
 
 
-def test_first_generation_repeats_what_was_written():
+def test_e11s_repeats_the_written_value_in_its_reply():
     inverter, _, _ = meet("e11s")
     assert heard(inverter, frame(b"\x0101\x05WS05 0BB8\x03")) == [frame(b"\x0101\x06WS05 0BB8\x03")]
 
@@ -469,7 +469,7 @@ def test_first_generation_repeats_what_was_written():
 # High-speed writes
 
 
-def test_high_speed_writes_keep_the_drive_busy():
+def test_high_speed_write_makes_the_inverter_busy_for_a_while():
     inverter, line, drive = meet(high_speed_writes=True)
     drive.write("F15", 60, store=True)
     drive.write("C05", "7.00", store=True)
@@ -481,7 +481,7 @@ def test_high_speed_writes_keep_the_drive_busy():
     assert "BUSY" not in drive.status().flags
 
 
-def test_vector_inverters_take_a_for_w():
+def test_vector_inverter_treats_command_a_as_w():
     inverter, line, drive = meet("vg", high_speed_writes=True)
     before = line.time
     drive.write("F15", 60, store=True)
@@ -493,7 +493,7 @@ def test_vector_inverters_take_a_for_w():
 # Slow writes
 
 
-def test_initialising():
+def test_initialising_by_h03_restores_the_start_values():
     inverter, line, drive = meet()
     drive.write("F15", 60, store=True)
     drive.write("P01", 2, store=True)
@@ -506,7 +506,7 @@ def test_initialising():
     drive.write("H03", 0, store=True)
 
 
-def test_tuning_is_acknowledged_when_it_is_over():
+def test_tuning_is_acknowledged_when_it_is_finished():
     inverter, line, drive = meet()
     before = line.time
     drive.write("P04", 0x0101, store=True)
@@ -514,7 +514,7 @@ def test_tuning_is_acknowledged_when_it_is_over():
     assert inverter.peek("P04", line.time) == 0
 
 
-def test_response_interval():
+def test_response_interval_delays_the_reply():
     _, line, drive = meet(response_interval_s=0.4)
     drive.read("M09")
     assert 0.4 < line.time < 0.6
@@ -523,7 +523,7 @@ def test_response_interval():
 # All stations
 
 
-def test_broadcasts():
+def test_broadcast_reference_run_and_stop_reach_all_stations():
     drives = [virtual_drive("fuji", address) for address in (1, 7, 31)]
     line, bus = line_of(*drives)
     everybody = bus.broadcast("fuji", model="frenic")
@@ -548,14 +548,14 @@ def test_broadcasts():
         b"\x0199\x05WS05 9C41\x03",
     ],
 )
-def test_what_is_not_heeded_at_99(request_):
+def test_broadcast_outside_the_allowed_functions_is_ignored(request_):
     inverter, _, _ = meet()
     held = {name: inverter.peek(name, 0.0) for name in ("S05", "S08", "F15")}
     assert heard(inverter, frame(request_)) == []
     assert {name: inverter.peek(name, 0.0) for name in held} == held
 
 
-def test_every_s_code_is_heeded_at_99_by_vector_inverters():
+def test_vector_inverter_obeys_every_s_code_as_broadcast():
     inverter, _, _ = meet("vg")
     assert heard(inverter, frame(b"\x0199\x05WS08 0001\x03")) == []
     assert inverter.peek("S08", 0.0) == 1
@@ -566,10 +566,10 @@ def test_every_s_code_is_heeded_at_99_by_vector_inverters():
     assert inverter.motor.fault == 0
 
 
-# Models of others
+# Models written by users
 
 
-def test_a_model_with_hardly_anything(tmp_path):
+def test_minimal_model_makes_a_drive_without_identity_and_start(tmp_path):
     path = tmp_path / "small.toml"
     path.write_text(
         'format = 1\nprotocol = "fuji"\nname = "small"\n[[parameter]]\naddress = "M14"\nname = "status"\n'
@@ -593,8 +593,8 @@ def test_a_model_with_hardly_anything(tmp_path):
 @pytest.mark.soak
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.soak)])
 @pytest.mark.parametrize("options", [{}, {"short_frames": True}, {"high_speed_writes": True}])
-def test_two_thousand_disturbed_exchanges(seed, options):
-    """No reading shows what the drive never held, and every failure is an error of the tree."""
+def test_disturbed_exchanges_give_right_values_or_errors(seed, options):
+    """Check that no reading shows a value that the drive never held, and that each failure is a DriveCommError."""
     inverter = virtual_drive("fuji", 1)
     line = VirtualLine([inverter], faults=FaultPlan(rate=0.1, seed=seed))
     bus = drivecomm.open_bus(line.port, stored_writes_per_hour=2000)
@@ -620,7 +620,7 @@ def test_two_thousand_disturbed_exchanges(seed, options):
     assert failures < 100
 
 
-def test_foreign_telegrams_are_passed_over():
+def test_foreign_telegrams_are_ignored():
     inverter = virtual_drive("fuji", 1)
     line, bus = line_of(inverter)
     drive = bus.drive("fuji", 1)
@@ -629,7 +629,7 @@ def test_foreign_telegrams_are_passed_over():
         assert drive.read("M25").value == 1200
 
 
-def test_replies_are_no_requests_to_the_drive_itself():
+def test_codec_of_the_inverter_reads_a_reply_as_the_protocol_codec():
     inverter, _, _ = meet()
     find = Framer(inverter.codec, "reply").feed(frame(b"\x0101\x06f\x03"))[0]
     assert isinstance(find, Framed)

@@ -1,7 +1,7 @@
-"""The models of Fuji and VLT 3500 hold what the tables of their specifications print, and the common names of it.
+"""Fuji and VLT 3500 models: the parameters printed in the tables of their specifications, and their common names.
 
-Which addresses stand in the tables is written down here by hand: section 5.1, 6.1, 10 and 11 of the one specification,
-section 14 of the other, without those that no page stands behind and nothing rests on.
+The addresses of the tables are listed here by hand: section 5.1, 6.1, 10 and 11 of the one specification, section 14 of
+the other, without those that have no page and that nothing relies on.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ FUJI = {
     " y01-y04 y06-y09 y12 y13 y16-y19 y98 y99",
 }
 
-# A public program's list for VLT 2000.
+# From the list of a public program for VLT 2000.
 VLT_2000_PARAMETERS = (
     "000-010 013 101-105 107-112 114 119-122 125 200-211 213 215 216 218 224 230 300 306-310 315 402-405 408 409"
     " 411-413 500-511 514 516 517 606-610"
 )
 READ_OUTS = [*range(6), *range(8, 20)]
 CONFIRMED = ("215", "216", "218", "309", "500", "501", "503", "516", "601", "602")
-# On no page of VLT 3500 and 3000 that was seen: what a virtual drive shows and obeys by the numbers of VLT 2000.
+# Found on no VLT 3500 or 3000 page: the virtual drive shows and obeys these as VLT 2000 does.
 UNCONFIRMED = "001 003 101 104 105 110 112 120 200 205-207 209-211 502 514 606"
 
 
 def expanded(ranges):
-    """Return `S05-S07 M09` as S05, S06, S07, M09."""
+    """Yield the addresses of a list with ranges: `S05-S07 M09` gives S05, S06, S07, M09."""
     for each in ranges.split():
         first, dash, last = each.partition("-")
         if not dash:
@@ -51,13 +51,13 @@ def expanded(ranges):
 
 
 @pytest.mark.parametrize("name", FUJI)
-def test_every_function_of_the_tables(name):
+def test_fuji_model_has_exactly_the_functions_of_the_tables(name):
     model = load_model("drivecomm_fuji", "fuji", name)
     assert set(expanded(FUJI[name])) == set(model.parameters)
 
 
 @pytest.mark.parametrize("name", ["vlt3500", "vlt3000", "vlt2000"])
-def test_every_parameter_of_the_tables(name):
+def test_vlt_model_has_exactly_the_parameters_of_the_tables(name):
     model = load_model("drivecomm_vlt3500", "vlt3500", name)
     read_outs = {f"502[{index}]" for index in READ_OUTS}
     wanted = {
@@ -68,13 +68,13 @@ def test_every_parameter_of_the_tables(name):
     assert wanted[name] == set(model.parameters)
 
 
-def test_vlt_2000_has_each_fact_from_its_program_or_a_page():
+def test_vlt_2000_facts_come_from_the_program_except_one_from_a_page():
     model = load_model("drivecomm_vlt3500", "vlt3500", "vlt2000")
     assert {address for address, info in model.parameters.items() if info.sure != "field"} == {"500"}
 
 
-def test_motor_data_of_vlt_2000_are_options_and_no_volts_or_hertz():
-    """The program shows what each number of 103, 104 and 105 stands for: 104 = 2 is a motor of 220 V, not of 2 V."""
+def test_vlt_2000_motor_data_are_option_numbers_without_a_unit():
+    """The program shows the meaning of each number of 103, 104 and 105: 104 = 2 is a motor of 220 V, not of 2 V."""
     model = load_model("drivecomm_vlt3500", "vlt3500", "vlt2000")
     volts, hertz = model.parameters["104"], model.parameters["105"]
     assert dict(volts.values) == {0: "200 V", 1: "208 V", 2: "220 V", 3: "230 V", 4: "240 V"}
@@ -85,8 +85,8 @@ def test_motor_data_of_vlt_2000_are_options_and_no_volts_or_hertz():
 
 
 @pytest.mark.parametrize(("option", "volts"), [(0, 400), (3, 200)])
-def test_virtual_vlt_2000_has_the_rated_frequency_of_its_option(option, volts):
-    """At 50 Hz a motor for 50 Hz has its rated voltage, one for 100 Hz half of it."""
+def test_virtual_vlt_2000_uses_the_rated_frequency_of_its_option(option, volts):
+    """At 50 Hz a motor rated for 50 Hz has its rated voltage, and one rated for 100 Hz half of it."""
     drive = virtual_drive("vlt3500", 1, model="vlt2000")
     line = VirtualLine([drive])
     with drivecomm.open_bus(line.port) as bus:
@@ -99,7 +99,7 @@ def test_virtual_vlt_2000_has_the_rated_frequency_of_its_option(option, volts):
 
 
 @pytest.mark.parametrize("name", ["vlt3500", "vlt3000"])
-def test_what_is_confirmed_is_marked_so(name):
+def test_confirmed_vlt_parameters_are_printed_or_derived(name):
     model = load_model("drivecomm_vlt3500", "vlt3500", name)
     sure = {address: model.parameters[address].sure for address in CONFIRMED}
     assert {address for address, mark in sure.items() if mark != "printed"} == {"503"}
@@ -136,7 +136,7 @@ VLT_2000 = EVERYWHERE | {
     "switching_frequency",
     "bus_address",
 }
-# What its pages name; the rest is known of a VLT 2000 only, and has no common name on another series.
+# Names that its pages give; the rest is known of VLT 2000 only, and has no common name on another series.
 VLT_3500 = {"acceleration_time", "deceleration_time", "quick_stop_time", "reference_percent", "bus_address"}
 FUJI_NAMES = EVERYWHERE | {"torque_percent", "reference_frequency", "fault_code"}
 HAS = {
@@ -157,14 +157,14 @@ def loaded(name):
 
 
 @pytest.mark.parametrize("name", HAS)
-def test_the_common_names_of_each_model(name):
+def test_model_has_exactly_its_expected_common_names(name):
     _, model = loaded(name)
     assert set(model.quantities) == HAS[name]
 
 
 @pytest.mark.parametrize("name", HAS)
-def test_each_common_name_is_read_with_its_unit(name):
-    """At rest every drive holds what its model starts with, and what turns stands still."""
+def test_common_names_are_read_at_rest_with_unit_and_start_value(name):
+    """At rest each drive holds the start values of its model, and its motor stands."""
     protocol, model = loaded(name)
     drive = virtual_drive(protocol, 1, model=model)
     line = VirtualLine([drive])
@@ -182,7 +182,7 @@ def test_each_common_name_is_read_with_its_unit(name):
 
 
 @pytest.mark.parametrize("name", MEASURING)
-def test_a_motor_shows_by_its_common_names(name):
+def test_common_names_show_a_running_and_a_tripped_motor(name):
     protocol, model = loaded(name)
     options = {"maximum_hz": 50} if protocol == "vlt3500" else {}
     line = VirtualLine([virtual_drive(protocol, 1, model=model)])
@@ -205,7 +205,7 @@ def test_a_motor_shows_by_its_common_names(name):
 
 
 @pytest.mark.parametrize("name", HAS)
-def test_a_ramp_that_is_written_by_its_common_name_is_that_of_the_motor(name):
+def test_ramp_written_by_its_common_name_acts_on_the_motor(name):
     protocol, model = loaded(name)
     line = VirtualLine([virtual_drive(protocol, 1, model=model)])
     stored = protocol == "fuji" and model.quantities["acceleration_time"] == "F07"
@@ -221,7 +221,7 @@ def test_a_ramp_that_is_written_by_its_common_name_is_that_of_the_motor(name):
 
 
 @pytest.mark.parametrize("name", ["fuji/vg", "fuji/frenic"])
-def test_the_watchdog_goes_on_or_trips(name):
+def test_watchdog_holds_or_trips(name):
     _, model = loaded(name)
     watchdog = model.watchdog
     assert watchdog.actions == {"trip": 0, "hold": 3}
@@ -232,12 +232,12 @@ def test_the_watchdog_goes_on_or_trips(name):
 
 
 @pytest.mark.parametrize("name", ["fuji/e11s", "fuji/g11s", "vlt3500/vlt3500", "vlt3500/vlt3000", "vlt3500/vlt2000"])
-def test_no_page_says_what_the_others_do(name):
+def test_series_without_a_documented_watchdog_have_none(name):
     assert loaded(name)[1].watchdog is None
 
 
 @pytest.mark.parametrize("name", [name for name in HAS if name.startswith("fuji")])
-def test_what_a_fuji_inverter_keeps(name):
+def test_storage_of_fuji_functions_follows_their_type(name):
     _, model = loaded(name)
     by_type = {}
     for info in model.parameters.values():
@@ -252,7 +252,7 @@ def test_what_a_fuji_inverter_keeps(name):
     assert {letter for letter, storages in by_type.items() if "volatile" in storages} == {"S", "M"}
 
 
-def test_no_page_says_what_a_vlt_keeps():
+def test_storage_of_vlt_3500_parameters_is_mostly_unknown():
     _, model = loaded("vlt3500/vlt3500")
     kept = {info.address for info in model.parameters.values() if info.storage}
     assert kept == {"516", *(f"502[{index}]" for index in READ_OUTS if index != 19)}

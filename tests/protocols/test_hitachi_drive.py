@@ -1,4 +1,4 @@
-"""A virtual Hitachi drive and its master, in virtual time: what moves the motor, and what a lost or late reply does."""
+"""A virtual Hitachi drive and its master in virtual time: effects of commands, and lost or late replies."""
 
 from contextlib import suppress
 
@@ -24,7 +24,7 @@ RUN, STOP, ALL_STOP = b"\x020100130\r", b"\x020100031\r", b"\x02FF00030\r"
 
 
 class Talk:
-    """A drive, its line, and its master."""
+    """A virtual drive, its line and its master."""
 
     def __init__(self, model="sj700"):
         self.virtual = Overheard(virtual_drive("hitachi", 1, model=model))
@@ -38,11 +38,11 @@ class Talk:
         return self.virtual.motor
 
     def sent(self, start):
-        """Return what was heard that begins so."""
+        """Return the requests received so far that start with these bytes."""
         return [each.data for each in self.virtual.heard if each.data.startswith(start)]
 
     def lose(self, start):
-        """Lose the replies to what begins so."""
+        """Drop the replies to requests that start with these bytes."""
         self.virtual.between = lambda heard, reply: None if heard.data.startswith(start) else reply
 
 
@@ -55,7 +55,7 @@ def talk():
 
 @pytest.mark.parametrize("model", ["sj300", "sj700", "l300p"])
 @pytest.mark.parametrize("reverse", [False, True])
-def test_a_start_runs_the_motor_and_a_stop_ends_it(model, reverse):
+def test_start_runs_the_motor_and_stop_stops_it(model, reverse):
     talk = Talk(model)
     with talk.bus:
         talk.drive.set_reference(hz=20)
@@ -73,7 +73,7 @@ def test_a_start_runs_the_motor_and_a_stop_ends_it(model, reverse):
         assert not talk.drive.status().running
 
 
-def test_a_coast_leaves_frs_set_and_the_next_start_takes_it_back(talk):
+def test_coast_sets_frs_and_the_next_start_clears_it(talk):
     talk.drive.set_reference(hz=20)
     talk.drive.start()
     talk.drive.stop(Stop.COAST)
@@ -84,14 +84,14 @@ def test_a_coast_leaves_frs_set_and_the_next_start_takes_it_back(talk):
     assert talk.sent(b"\x020102")[-1][5:21] == b"0" * 16
 
 
-def test_a_start_whose_reply_is_lost_goes_out_once(talk):
+def test_start_without_a_reply_is_sent_once(talk):
     talk.lose(RUN)
     with pytest.raises(NoReplyError, match="told to run"):
         talk.drive.start()
     assert talk.sent(RUN) == [RUN]
 
 
-def test_a_stop_whose_reply_is_lost_goes_out_again(talk):
+def test_stop_without_a_reply_is_sent_again(talk):
     talk.drive.start()
     talk.lose(STOP)
     with pytest.raises(NoReplyError):
@@ -100,14 +100,14 @@ def test_a_stop_whose_reply_is_lost_goes_out_again(talk):
     assert not talk.motor.running or talk.motor.command is Command.RAMP_STOP
 
 
-def test_a_start_without_a002_is_refused_before_it_is_sent(talk):
+def test_start_is_refused_unsent_if_a002_selects_another_source(talk):
     talk.virtual.poke("A002", 1)
     with pytest.raises(StateError, match="run_command_source"):
         talk.drive.start()
     assert talk.sent(b"\x020100") == []
 
 
-def test_a_reference_without_a001_is_refused_before_it_is_sent(talk):
+def test_reference_is_refused_unsent_if_a001_selects_another_source(talk):
     talk.virtual.poke("A001", 2)
     with pytest.raises(StateError, match="frequency_source"):
         talk.drive.set_reference(hz=10)
@@ -115,25 +115,25 @@ def test_a_reference_without_a001_is_refused_before_it_is_sent(talk):
 
 
 @pytest.mark.parametrize("hz", [0, "0.01", 400])
-def test_a_reference_is_sent_in_hundredths(talk, hz):
+def test_reference_is_sent_in_hundredths_of_a_hertz(talk, hz):
     talk.drive.set_reference(hz=hz)
     assert talk.sent(b"\x020101")[0][5:11] == b"%06d" % round(float(hz) * 100)
 
 
 @pytest.mark.parametrize("hz", [-1, "400.01", 1005, "0.005"])
-def test_a_reference_that_does_not_fit_is_not_sent(talk, hz):
-    """100000 and more would be the feedback of a PID controller (3G3RX-V1 manual I578-E1, p. 8-79)."""
+def test_reference_that_does_not_fit_is_refused_unsent(talk, hz):
+    """Values from 100000 would be the feedback of a PID controller (3G3RX-V1 manual I578-E1, p. 8-79)."""
     with pytest.raises(ValueRefusedError):
         talk.drive.set_reference(hz=hz)
     assert talk.sent(b"\x020101") == []
 
 
-def test_a_reference_in_percent_is_not_supported(talk):
+def test_reference_in_percent_is_not_supported(talk):
     with pytest.raises(NotSupported):
         talk.drive.set_reference(percent=50)
 
 
-def test_a_reset_takes_the_run_command_away_and_sets_rs_for_a_moment(talk):
+def test_reset_clears_the_run_command_and_pulses_rs(talk):
     talk.drive.start()
     talk.virtual.trip(7, talk.line.time)
     status = talk.drive.status()
@@ -150,7 +150,7 @@ def test_a_reset_takes_the_run_command_away_and_sets_rs_for_a_moment(talk):
     assert not talk.drive.status().fault
 
 
-def test_a_reset_without_a_fault_sends_nothing_that_acts(talk):
+def test_reset_without_a_fault_sends_no_command(talk):
     talk.drive.start()
     heard = len(talk.virtual.heard)
     talk.drive.reset()
@@ -158,7 +158,7 @@ def test_a_reset_without_a_fault_sends_nothing_that_acts(talk):
     assert talk.motor.running
 
 
-def test_state_a_08_is_a_trip_of_sj300_and_a_retry_of_l300p():
+def test_status_08_is_a_trip_of_sj300_and_a_retry_of_l300p():
     """SJ300 manual, p. B-10; L300P manual, p. 4-67; V3000 manual, p. 154."""
     for model, fault in (("sj300", True), ("l300p", False)):
         talk = Talk(model)
@@ -173,7 +173,7 @@ def test_state_a_08_is_a_trip_of_sj300_and_a_retry_of_l300p():
             assert talk.drive.status().fault is fault
 
 
-def test_store_asks_whether_that_is_possible_and_stores_all(talk):
+def test_stored_write_checks_and_then_sends_the_store_command(talk):
     talk.drive.write("F002", 12, store=True)
     kinds = [each.message.kind for each in talk.virtual.heard]
     assert kinds[-3:] == ["write", "check", "store"]
@@ -181,39 +181,39 @@ def test_store_asks_whether_that_is_possible_and_stores_all(talk):
     assert talk.drive.read("F002").value == 12
 
 
-def test_a_plain_write_is_lost_without_mains(talk):
+def test_volatile_write_is_lost_in_a_power_cycle(talk):
     talk.drive.write("F002", 12)
     assert [each.message.kind for each in talk.virtual.heard][-1] == "write"
     talk.virtual.power_cycle(talk.line.time)
     assert talk.drive.read("F002").value == 10
 
 
-def test_nothing_is_stored_while_the_drive_cannot(talk):
+def test_stored_write_is_refused_while_the_drive_cannot_store(talk):
     talk.virtual.poke("09", 0)
     with pytest.raises(RefusedError, match="RAM only"):
         talk.drive.write("F002", 12, store=True)
     assert talk.sent(b"\x02010A") == []
 
 
-def test_one_telegram_reads_all_monitored_values(talk):
+def test_monitored_values_are_read_by_one_telegram(talk):
     readings = talk.drive.read_many(["03-1", "03-2", "03-13", "04-A", "04-B"])
     assert [each.message.kind for each in talk.virtual.heard] == ["monitor", "status"]
     assert all(readings)
 
 
-def test_a_parameter_beyond_16_bits_is_written_and_read_as_it_is(talk):
+def test_parameter_beyond_16_bits_is_written_and_read(talk):
     talk.drive.write("F002", 3600)
     assert talk.sent(b"\x020107")[-1][9:17] == b"00360000"
     assert talk.drive.read("F002").raw == 360000
 
 
 @pytest.mark.parametrize("address", ["d001", "A1", "03-14", "05-7-1", "05-1-10", "13", "", "A0001"])
-def test_an_address_that_is_none_is_refused(talk, address):
+def test_malformed_address_is_refused(talk, address):
     with pytest.raises(ParameterAddressError):
         talk.drive.read(address)
 
 
-def test_terminals_can_be_set_whole_and_are_not_read(talk):
+def test_terminal_image_is_written_once_and_cannot_be_read(talk):
     talk.drive.write("02", 1 << 38)
     assert talk.sent(b"\x020102")[-1][5:21] == b"0000004000000000"
     with pytest.raises(NotSupported):
@@ -224,7 +224,7 @@ def test_terminals_can_be_set_whole_and_are_not_read(talk):
     assert len(talk.sent(b"\x0201020000000000000001")) == 1
 
 
-def test_a_late_reply_to_another_parameter_is_not_believed():
+def test_late_reply_to_another_parameter_is_ignored():
     talk = Talk()
     with talk.bus:
         drive = talk.bus.drive("hitachi", 1, model="sj700", attempts=1)
@@ -239,7 +239,7 @@ def test_a_late_reply_to_another_parameter_is_not_believed():
 
 @settings(max_examples=25, deadline=None)
 @given(delay_s=st.floats(0.25, 1.3), nexts=st.lists(st.sampled_from(["A001", "C078", "04-A"]), min_size=1))
-def test_no_value_is_wrong_however_late_a_reply_is(delay_s, nexts):
+def test_late_replies_never_give_a_wrong_value(delay_s, nexts):
     talk = Talk()
     held = {"A001": 3, "C078": 0, "04-A": 2}
     with talk.bus:
@@ -254,7 +254,7 @@ def test_no_value_is_wrong_however_late_a_reply_is(delay_s, nexts):
                 assert drive.read(parameter).raw == held[parameter]
 
 
-def test_a_stop_of_all_drives_stops_both_and_waits_for_nobody():
+def test_broadcast_stop_is_one_telegram_and_stops_both_drives():
     drives = [virtual_drive("hitachi", address, model="sj300") for address in (1, 2)]
     line, sent = VirtualLine(drives), []
     with drivecomm.open_bus(line.port, trace=sent.append) as bus:
@@ -269,14 +269,14 @@ def test_a_stop_of_all_drives_stops_both_and_waits_for_nobody():
         assert not each.motor.running
 
 
-def test_a_drive_without_a_model_is_stopped(talk):
+def test_drive_without_a_model_can_be_stopped(talk):
     talk.drive.start()
     with drivecomm.open_bus(talk.line.port) as bus:
         bus.drive("hitachi", 1).stop()
     assert talk.motor.command is not Command.RUN
 
 
-def test_a_scan_finds_neighbours():
+def test_scan_finds_drives_at_neighbouring_addresses():
     line = VirtualLine([virtual_drive("hitachi", address) for address in (1, 2, 3)])
     with drivecomm.open_bus(line.port) as bus:
         found = list(bus.scan(["hitachi"], addresses=range(1, 5)))
@@ -284,7 +284,7 @@ def test_a_scan_finds_neighbours():
 
 
 @pytest.mark.parametrize(("policy", "fault"), [("trip", 41), ("ramp", 0), ("coast", 0)])
-def test_a_silent_master_is_noticed(talk, policy, fault):
+def test_watchdog_carries_out_its_policy_in_silence(talk, policy, fault):
     """SJ700-2 manual, p. 4-129."""
     set_watchdog(talk.drive, policy, 2.0)
     talk.drive.set_reference(hz=10)
@@ -297,14 +297,14 @@ def test_a_silent_master_is_noticed(talk, policy, fault):
     assert talk.motor.fault == fault
 
 
-def test_a_drive_without_a_known_watchdog_says_so():
+def test_drive_without_a_documented_watchdog_offers_hold_at_most():
     talk = Talk("sj300")
     with talk.bus:
         assert set(policies(talk.drive.model)) <= {"hold"}
         assert "not documented" in talk.drive.capabilities.link_loss
 
 
-def test_a_damaged_request_is_sent_again_and_a_start_is_not(talk):
+def test_request_that_arrived_damaged_is_resent_unless_a_start(talk):
     misheard, asked = b"\x0201\x1502" + b"16\r", b"\x020106A001" + b"77\r"
     told = []
 

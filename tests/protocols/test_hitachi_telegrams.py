@@ -1,4 +1,4 @@
-"""Telegrams of Hitachi's ASCII protocol: the printed examples, the traps of its manuals, and how it ends."""
+"""Telegrams of Hitachi's ASCII protocol: printed examples, misprints of the manuals, and the end of a telegram."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ def reply(**fields):
         ("02 30 31 30 31 30 30 30 35 30 30 30 35 0D", {"kind": "frequency", "node": 1, "value": 500}),
     ],
 )
-def test_a_printed_example_is_read_and_written(printed, fields):
+def test_printed_example_is_read_and_written(printed, fields):
     """SJ300 manual NB613X, p. B-6."""
     data = bytes.fromhex(printed)
     message = CODEC.decode(data, "request")
@@ -37,8 +37,8 @@ def test_a_printed_example_is_read_and_written(printed, fields):
     assert CODEC.encode(request(**fields)) == data
 
 
-def test_the_printed_example_of_terminals_is_refused():
-    """SJ300 manual, p. B-8: command, last digit and sum are wrong; what it means is 02 with 0D."""
+def test_misprinted_example_of_terminals_is_refused():
+    """SJ300 manual, p. B-8: command, last digit and sum are wrong; the telegram is meant to be 02 with 0D."""
     printed = bytes.fromhex("02 30 31 30 31 30 30 30 30 30 30 30 30 30 30 30 30 30 30 30 68 30 35 0D")
     with pytest.raises(TelegramError):
         CODEC.decode(printed, "request")
@@ -46,12 +46,12 @@ def test_the_printed_example_of_terminals_is_refused():
 
 
 @pytest.mark.parametrize("kind", ["monitor", "status", "history", "check", "store"])
-def test_a_question_to_all_drives_is_refused(kind):
+def test_broadcast_of_a_request_that_needs_a_reply_is_refused(kind):
     with pytest.raises(TelegramError):
         CODEC.encode(request(kind=kind, node=255))
 
 
-def test_the_factory_reset_is_read_and_never_written():
+def test_factory_reset_is_decoded_and_never_encoded():
     message = CODEC.decode(b"\x02010809\r", "request")
     assert message.kind == "initialise"
     assert not HITACHI.intent(message).moves_nothing
@@ -60,25 +60,25 @@ def test_the_factory_reset_is_read_and_never_written():
 
 
 @given(node=NODES, parameter=PARAMETERS, value=st.integers(0, 10**8 - 1))
-def test_a_write_is_read_as_it_was_written(node, parameter, value):
+def test_write_telegram_is_decoded_as_encoded(node, parameter, value):
     message = request(kind="write", node=node, parameter=parameter, value=value)
     assert CODEC.decode(CODEC.encode(message), "request") == message
 
 
 @given(node=NODES, image=st.integers(0, 2**64 - 1), kind=st.sampled_from(["terminals", "further_terminals"]))
-def test_an_image_of_terminals_is_read_as_it_was_written(node, image, kind):
+def test_terminal_image_is_decoded_as_encoded(node, image, kind):
     message = request(kind=kind, node=node, value=image)
     assert CODEC.decode(CODEC.encode(message), "request") == message
 
 
 @given(node=NODES, digits=st.sampled_from([8, 104, 440]), seed=st.randoms(use_true_random=False))
-def test_data_are_read_as_they_were_written(node, digits, seed):
+def test_data_reply_is_decoded_as_encoded(node, digits, seed):
     message = reply(kind="data", node=node, data="".join(seed.choice("0123456789") for _ in range(digits)))
     assert CODEC.decode(CODEC.encode(message), "reply") == message
 
 
 @pytest.mark.parametrize("kind", ["ack", "ack_data", "data", "nak", "bogus"])
-def test_a_reply_without_its_data_is_refused(kind):
+def test_reply_without_its_data_is_refused(kind):
     if kind == "ack":
         assert CODEC.encode(reply(kind=kind, node=1)) == b"\x0201\x0607\r"
         return
@@ -86,8 +86,8 @@ def test_a_reply_without_its_data_is_refused(kind):
         CODEC.encode(reply(kind=kind, node=1))
 
 
-def test_a_reply_is_told_by_its_length_only():
-    """No reply names its request, so that one to 06 passes for any other to 06, and for nothing else."""
+def test_reply_matches_its_request_by_length_and_node_only():
+    """No reply names its request: a reply to 06 matches any other request 06, and no other command."""
     value = reply(kind="ack_data", node=1, data="00000003")
     kinds = {
         kind: HITACHI.mismatch(request(kind=kind, node=1), value)
@@ -99,14 +99,14 @@ def test_a_reply_is_told_by_its_length_only():
     assert HITACHI.mismatch(request(kind="read", node=2, parameter="A001"), value) == "node"
 
 
-def test_address_and_node_are_the_same():
+def test_address_of_a_message_is_its_node():
     message = request(kind="run", node=3, value=0)
     assert message.address == 3
     assert replace(message, address=4).node == 4
 
 
-def test_a_carriage_return_ends_whatever_a_drive_overhears():
-    """The state of another drive begins like command 02, which is longer: what comes next is heard all the same."""
+def test_carriage_return_ends_an_overheard_telegram():
+    """A status reply of another drive starts like command 02, which is longer; the next request must still be found."""
     framer = Framer(CODEC, "request")
     overheard, own = b"\x020102000000" + b"03\r", b"\x02020406\r"
     found = framer.feed(overheard + own)

@@ -1,4 +1,4 @@
-"""Older Huanyang drives: stops, starts and readings on a line with an echo, without one, and without a drive."""
+"""Older Huanyang drives: stops, starts and readings on a line with an echo, without an echo, and without a drive."""
 
 import pytest
 
@@ -42,8 +42,8 @@ def sent_by(bus_events):
 
 
 @ECHOES
-def test_a_stop_that_is_the_first_thing_on_a_port_goes_out_first_and_is_confirmed(hy, mode, echo):
-    """The drive answers a stop by the stop itself, while the motor still turns."""
+def test_stop_as_the_first_request_on_a_port_is_sent_first_and_confirmed(hy, mode, echo):
+    """The drive answers a stop with the same bytes while the motor still turns."""
     line, heard = VirtualLine([hy], echo=echo), []
     turning(hy, line)
     with drivecomm.open_bus(line.port, echo=mode, trace=heard.append) as bus:
@@ -52,13 +52,13 @@ def test_a_stop_that_is_the_first_thing_on_a_port_goes_out_first_and_is_confirme
         assert hy.motor.command is Command.RAMP_STOP
         assert sent_by(heard)[0] == STOP
         line.advance(20)
-        # What that has shown of the echo is right: this reply is the request, too.
+        # The stop must not have misled echo detection: this reply equals its request as well.
         assert drive.read("PD011").raw == 0
         assert drive.status().state is DriveState.READY
 
 
 @ECHOES
-def test_a_first_reading_of_0_is_the_drives(hy, mode, echo):
+def test_first_reading_of_0_is_not_taken_for_an_echo(hy, mode, echo):
     line = VirtualLine([hy], echo=echo)
     with drivecomm.open_bus(line.port, echo=mode) as bus:
         drive = bus.drive("huanyang", 1, model="hy")
@@ -79,7 +79,7 @@ def test_a_first_reading_of_0_is_the_drives(hy, mode, echo):
         lambda drive: drive.stop(),
     ],
 )
-def test_the_echo_of_an_adapter_with_nobody_behind_it_is_no_drive(mode, call):
+def test_echo_without_a_drive_is_not_taken_for_a_reply(mode, call):
     line = VirtualLine([virtual_drive("huanyang", 2)], echo=True)
     with drivecomm.open_bus(line.port, echo=mode) as bus, pytest.raises(ReplyError):
         call(bus.drive("huanyang", 1, model="hy"))
@@ -87,8 +87,8 @@ def test_the_echo_of_an_adapter_with_nobody_behind_it_is_no_drive(mode, call):
 
 @pytest.mark.parametrize("mode", ["auto", "off", "expect"])
 @pytest.mark.parametrize("call", [lambda drive: drive.start(), lambda drive: drive.stop()])
-def test_no_echo_confirms_what_a_drive_that_is_known_no_longer_hears(hy, mode, call):
-    """The echo of a start is a CNST that says run, and that of a stop is one of a motor that runs out."""
+def test_echo_does_not_confirm_a_command_that_the_drive_missed(hy, mode, call):
+    """The echo of a start looks like a status of running, and that of a stop like a motor that runs down."""
     line = VirtualLine([hy], echo=True)
     with drivecomm.open_bus(line.port, echo=mode) as bus:
         drive = bus.drive("huanyang", 1, model="hy")
@@ -101,14 +101,14 @@ def test_no_echo_confirms_what_a_drive_that_is_known_no_longer_hears(hy, mode, c
 
 
 @pytest.mark.parametrize("echo", [False, True])
-def test_a_word_is_never_the_0_that_was_asked_with(hy, echo):
-    """An echo that nobody announced would be a reading of 0."""
+def test_unannounced_echo_is_not_taken_for_a_reading_of_0(hy, echo):
+    """The request carries a 0 in the place of the value."""
     line = VirtualLine([hy], echo=echo)
     with drivecomm.open_bus(line.port, echo="off") as bus:
         assert bus.drive("huanyang", 1, model="hy").read("PD005").value == 50
 
 
-def test_a_stop_is_repeated_until_it_is_answered(hy):
+def test_stop_without_a_reply_is_sent_three_times(hy):
     line, heard = VirtualLine([hy]), []
     with drivecomm.open_bus(line.port, trace=heard.append) as bus:
         drive = bus.drive("huanyang", 1, model="hy")
@@ -120,7 +120,7 @@ def test_a_stop_is_repeated_until_it_is_answered(hy):
         hy.hear = hears
 
 
-def test_a_first_stop_that_was_lost_goes_out_again_without_waiting_for_what_is_late(hy):
+def test_lost_first_stop_is_resent_without_waiting_for_a_late_reply(hy):
     line, heard_at = VirtualLine([hy]), []
     turning(hy, line)
     hears = hy.hear
@@ -134,12 +134,12 @@ def test_a_first_stop_that_was_lost_goes_out_again_without_waiting_for_what_is_l
     with drivecomm.open_bus(line.port) as bus:
         bus.drive("huanyang", 1, model="hy").stop()
     assert hy.motor.command is Command.RAMP_STOP
-    # The time that a reply is waited for, and the quiet between telegrams.
+    # The limit covers the reply timeout and the silence between telegrams.
     assert heard_at[1] - heard_at[0] < 0.7
 
 
-def test_a_stop_waits_for_no_late_reply_to_a_start(hy):
-    """That reply names nothing of its request, so that anything else would be waited with."""
+def test_stop_does_not_wait_for_a_late_reply_to_a_start(hy):
+    """The reply to a start names nothing of its request, so any other request would wait for it."""
     line = VirtualLine([hy])
     with drivecomm.open_bus(line.port) as bus:
         drive = bus.drive("huanyang", 1, model="hy")
@@ -157,12 +157,12 @@ def test_a_stop_waits_for_no_late_reply_to_a_start(hy):
 
 
 @pytest.mark.parametrize(("reverse", "telegram"), [(False, RUN), (True, REVERSED)])
-def test_a_start_that_is_not_obeyed_was_sent_once_and_is_taken_back(hy, reverse, telegram):
+def test_start_that_is_not_obeyed_is_sent_once_and_taken_back(hy, reverse, telegram):
     line, heard = VirtualLine([hy]), []
     with drivecomm.open_bus(line.port, trace=heard.append) as bus:
         drive = bus.drive("huanyang", 1, model="hy")
         drive.set_reference(hz=20)
-        # It tells no fault; that the motor does not turn is all that shows.
+        # The drive reports no fault; only the standing motor shows it.
         hy.trip(1, line.time)
         assert not drive.status().fault
         with pytest.raises(StateError, match="taken back"):
@@ -172,7 +172,7 @@ def test_a_start_that_is_not_obeyed_was_sent_once_and_is_taken_back(hy, reverse,
     assert STOP in sent[sent.index(telegram) :]
 
 
-def test_it_turns_backwards_only_where_that_is_allowed(hy):
+def test_reverse_start_needs_parameter_pd023(hy):
     line = VirtualLine([hy])
     with drivecomm.open_bus(line.port) as bus:
         drive = bus.drive("huanyang", 1, model="hy")
@@ -185,11 +185,11 @@ def test_it_turns_backwards_only_where_that_is_allowed(hy):
         line.advance(20)
         status = drive.status()
         assert (hy.motor.output_hz, status.actual_hz, status.running, status.reverse) == (-25, 25, True, None)
-        # Such a drive has no status word: what its state is taken from stands for it.
+        # The drive has no status word; the value that gives its state takes that place.
         assert status.word == 2500
 
 
-def test_a_drive_that_takes_its_commands_from_elsewhere_is_not_started_and_refuses_to_be(hy):
+def test_start_and_reference_are_refused_if_another_source_commands(hy):
     line = VirtualLine([hy])
     with drivecomm.open_bus(line.port) as bus:
         drive = bus.drive("huanyang", 1, model="hy")
@@ -203,7 +203,7 @@ def test_a_drive_that_takes_its_commands_from_elsewhere_is_not_started_and_refus
             drive.set_reference(hz=10)
 
 
-def test_no_reference_is_above_what_the_drive_is_set_to(hy):
+def test_reference_above_the_maximum_of_pd005_is_refused(hy):
     hy.poke("PD005", 40000)
     with drivecomm.open_bus(VirtualLine([hy]).port) as bus:
         drive = bus.drive("huanyang", 1, model="hy")
@@ -215,7 +215,7 @@ def test_no_reference_is_above_what_the_drive_is_set_to(hy):
         assert drive.read("CFG0").value == 400
 
 
-def test_nothing_is_promised_for_a_master_that_falls_silent(hy):
+def test_drive_has_no_link_loss_policy_but_hold(hy):
     with drivecomm.open_bus(VirtualLine([hy]).port) as bus:
         drive = bus.drive("huanyang", 1, model="hy")
         assert not drive.capabilities.faults
@@ -229,8 +229,8 @@ def test_nothing_is_promised_for_a_master_that_falls_silent(hy):
 
 
 @pytest.mark.parametrize("address", ["CNTR", "turns", "PD256"])
-def test_control_data_are_no_parameter(hy, address):
-    """A write to them would start the motor without what a start asks for."""
+def test_control_data_cannot_be_read_or_written_as_a_parameter(hy, address):
+    """Such a write would start the motor without the checks of a start."""
     line, heard = VirtualLine([hy]), []
     with drivecomm.open_bus(line.port, trace=heard.append) as bus:
         drive = bus.drive("huanyang", 1, model="hy")
@@ -240,7 +240,7 @@ def test_control_data_are_no_parameter(hy, address):
     assert sent_by(heard) == []
 
 
-def test_a_drive_without_a_model_is_started_and_stopped_as_all_are(hy):
+def test_drive_without_a_model_is_started_and_stopped(hy):
     line = VirtualLine([hy])
     with drivecomm.open_bus(line.port) as bus:
         drive = bus.drive("huanyang", 1)
@@ -255,7 +255,7 @@ def test_a_drive_without_a_model_is_started_and_stopped_as_all_are(hy):
         assert hy.motor.command is Command.RAMP_STOP
 
 
-def test_all_of_them_are_stopped_at_once():
+def test_broadcast_stops_all_drives():
     drives = [virtual_drive("huanyang", address) for address in (1, 250)]
     line = VirtualLine(drives)
     with drivecomm.open_bus(line.port) as bus:

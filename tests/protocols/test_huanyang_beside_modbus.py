@@ -1,4 +1,4 @@
-"""Huanyang and Modbus drives on one line: which telegrams of the one are telegrams of the other, and what they do."""
+"""Huanyang and Modbus drives on one line: telegrams of one protocol that are valid in the other, and their effects."""
 
 from dataclasses import asdict
 from itertools import product
@@ -26,33 +26,33 @@ def closed(data):
 
 
 def taken(plugin, data):
-    """The requests that a drive of this protocol finds in these bytes, whoever they are for."""
+    """Return the requests that a codec of this protocol finds in these bytes, for any address."""
     framer = Framer(plugin.codec(plugin.options()), "request")
     return [find.message for find in (*framer.feed(data), *framer.flush()) if isinstance(find, Framed)]
 
 
 def tell(drive, data):
-    """Let a virtual drive hear this, and silence after it; return what it answers."""
+    """Pass bytes and a following silence to a virtual drive; return its replies."""
     framer = Framer(drive.codec, "request")
     finds = [find for find in (*framer.feed(data), *framer.flush()) if not isinstance(find, Noise)]
     answers = [drive.hear(find, 1.0) for find in finds]
     return [answer.data for answer in answers if answer is not None]
 
 
-# What a Huanyang drive hears of Modbus
+# Modbus telegrams as a Huanyang drive receives them
 
 
 @pytest.mark.soak
-def test_no_read_of_holding_registers_begins_with_control_data_for_any_drive():
-    """Its register would be LEN 1 and CNTR, and its count their CRC, which is no count that a read can have."""
+def test_no_register_read_starts_with_valid_control_data():
+    """Register and count of such a read would be LEN 1, CNTR and their CRC; that CRC is never a valid count."""
     for address, word in product(HUANYANG.addresses, range(256)):
         control = closed(bytes((address, 0x03, 0x01, word)))
         assert taken(HUANYANG, control)[0].kind == "control"
         assert int.from_bytes(control[4:]) not in range(1, MOST_REGISTERS + 1)
 
 
-def test_why_that_depends_on_the_addresses():
-    """At 252, which no Huanyang drive can have, there are such reads, of registers 0101H and others."""
+def test_register_read_at_address_252_would_be_control_data():
+    """No Huanyang drive can have address 252; there a read of register 0101H and others would be control data."""
     assert closed(bytes.fromhex("FC030101")) == bytes.fromhex("FC0301010024")
     assert closed(bytes.fromhex("FC0301010024")) == bytes.fromhex("FC03010100240000")
     assert max(HUANYANG.addresses) == 250
@@ -60,16 +60,16 @@ def test_why_that_depends_on_the_addresses():
 
 @pytest.mark.soak
 @pytest.mark.parametrize("address", [1, 3, 5, 250])
-def test_no_read_of_holding_registers_is_control_data(address):
-    """By LEN and CRC; from anywhere in it, for any drive."""
+def test_register_read_contains_no_control_data(address):
+    """Check by LEN and CRC, from any byte of the read on and for any drive."""
     for start in (*range(0x400), *range(0x400, 0x10000, 0x101)):
         for count in (1, 2, 49, MOST_REGISTERS):
             data = closed(bytes((address, 0x03)) + start.to_bytes(2) + count.to_bytes(2))
             assert not any(message.kind == "control" for message in taken(HUANYANG, data))
 
 
-def test_a_read_of_0301h_is_whole_by_its_len_and_is_no_control_data_here():
-    """LEN 3 and a right CRC: what a real drive makes of it no page says, so that no virtual one answers or runs."""
+def test_read_of_register_0301h_neither_starts_the_drive_nor_is_answered():
+    """The read has LEN 3 and a valid CRC. No page says how a real drive reacts, so a virtual one ignores it."""
     data = closed(bytes.fromhex("010303010001"))
     drive = virtual_drive("huanyang", 1)
     assert tell(drive, data) == []
@@ -77,34 +77,34 @@ def test_a_read_of_0301h_is_whole_by_its_len_and_is_no_control_data_here():
 
 
 @pytest.mark.parametrize(("number", "count"), [(5, 1), (1, 2), (183, MOST_BITS)])
-def test_a_read_of_discrete_inputs_from_0300h_writes_a_parameter(number, count):
+def test_read_of_discrete_inputs_from_0300h_is_a_parameter_write(number, count):
     data = closed(bytes((1, 0x02, 0x03, number)) + count.to_bytes(2))
     (message,) = taken(HUANYANG, data)
     assert (message.kind, message.parameter, message.value) == ("write", number, count)
     assert drivecomm.decode("modbus", data, direction="request").kind == "read_inputs"
 
 
-def test_such_a_write_reaches_the_drive():
-    """Commands come from the terminals from then on: where one is closed, the motor may start."""
+def test_read_of_discrete_inputs_changes_a_huanyang_parameter():
+    """The write makes the terminals the command source: if one of them is closed, the motor may start."""
     drive = virtual_drive("huanyang", 1)
     assert drive.peek("PD001", 1.0) == 2
     assert tell(drive, closed(bytes.fromhex("010203010001")))
     assert drive.peek("PD001", 1.0) == 1
 
 
-def test_a_coil_can_be_a_frequency_by_chance():
-    """A drive that goes by LEN hears the first seven of eight bytes: 197.11 Hz for a motor that runs; none starts."""
+def test_coil_write_may_be_a_frequency_by_chance():
+    """A drive that follows LEN reads the first seven of eight bytes as 197.11 Hz; this starts no motor."""
     data = closed(bytes.fromhex("0405024CFF00"))
     (message,) = taken(HUANYANG, data)
     assert (message.kind, message.value) == ("frequency", 0x4CFF)
     assert drivecomm.decode("modbus", data, direction="request").kind == "write_coil"
 
 
-# What a Modbus drive hears of Huanyang
+# Huanyang telegrams as a Modbus drive receives them
 
 
 def every_huanyang_request(address):
-    """All control data, and the other requests with values of every kind."""
+    """Yield all control data, and the other requests with a range of values."""
     start = bytes((address,))
     yield from (start + bytes((0x03, 1, word)) for word in range(256))
     yield from (start + bytes((0x05, 2)) + hz.to_bytes(2) for hz in range(0, 0x10000, 0x3D))
@@ -120,7 +120,7 @@ def every_huanyang_request(address):
 
 
 @pytest.mark.parametrize("address", [1, 5, 247])
-def test_whatever_a_huanyang_drive_is_told_a_modbus_drive_takes_for_a_read_at_most(address):
+def test_huanyang_request_is_at_most_a_read_for_a_modbus_drive(address):
     found = [message for data in every_huanyang_request(address) for message in taken(MODBUS, closed(data))]
     assert found
     assert {message.function for message in found} <= READS
@@ -129,7 +129,7 @@ def test_whatever_a_huanyang_drive_is_told_a_modbus_drive_takes_for_a_read_at_mo
 
 @pytest.mark.soak
 @pytest.mark.parametrize("model", some(4, MODELS))
-def test_a_modbus_drive_of_the_same_number_is_neither_started_nor_changed(model):
+def test_huanyang_requests_do_not_change_a_modbus_drive_at_the_same_address(model):
     drive = virtual_drive("modbus", 5, model=model)
     names = [info.address for info in load_model(MODBUS.package, "modbus", model).parameters.values()]
     before = {each: drive.peek(each, 1.0) for each in names}
@@ -139,11 +139,11 @@ def test_a_modbus_drive_of_the_same_number_is_neither_started_nor_changed(model)
     assert {each: drive.peek(each, 1.0) for each in names} == before
 
 
-# What a scan sends
+# Telegrams of a scan
 
 
 def modbus_drive(address, model):
-    """A drive with the settings that a scan asks with."""
+    """Return a drive with the line settings that a scan uses."""
     return virtual_drive("modbus", address, model=model, **asdict(MODBUS.facts.settings))
 
 
@@ -156,10 +156,10 @@ def scanned(protocols, *drives, addresses=None):
 
 
 @pytest.mark.soak
-def test_a_scan_for_modbus_sends_no_control_data_however_a_huanyang_drive_reads_them():
-    """Neither by LEN and CRC, nor to a drive that ignores LEN: CNTR would be the register's low byte, which is 0.
+def test_modbus_scan_sends_no_huanyang_control_data():
+    """Check drives that follow LEN and CRC, and drives that ignore LEN: for those CNTR is the low register byte, 0.
 
-    Further registers are asked for only where a Modbus drive has answered soundly.
+    Further registers are read only from a Modbus drive that has given a valid reply.
     """
     drives = [modbus_drive(2 + number, model) for number, model in enumerate(some(4, MODELS))]
     found, sent = scanned(["modbus"], virtual_drive("huanyang", 1), *drives)
@@ -173,20 +173,20 @@ def test_a_scan_for_modbus_sends_no_control_data_however_a_huanyang_drive_reads_
 
 
 @pytest.mark.parametrize("name", ["huanyang", "modbus"])
-def test_a_scan_for_everybody_takes_neither_for_the_other_and_starts_none(name):
+def test_full_scan_identifies_each_protocol_and_starts_no_motor(name):
     drive = virtual_drive("huanyang", 5) if name == "huanyang" else modbus_drive(5, "delta")
     found, sent = scanned(None, drive, addresses=range(4, 7))
     assert [each.name for each in found if each.sound] == [f"{name}:5"]
     assert not any(HUANYANG.intent(message).commands for data in sent for message in taken(HUANYANG, data))
 
 
-def test_a_scan_for_huanyang_drives_only_reads_for_whoever_hears_it():
+def test_huanyang_scan_sends_no_valid_modbus_request():
     _, sent = scanned(["huanyang"], virtual_drive("modbus", 5, model="delta"))
     assert len(sent) >= len(HUANYANG.scan_addresses)
     assert [message for data in sent for message in taken(MODBUS, data)] == []
 
 
-# What listeners say
+# Telegrams as the sniffer reads them
 
 
 def told(*telegrams, names=("danfoss-fc", "fuji", "huanyang", "modbus", "uss", "vabus", "vlt3500")):
@@ -198,8 +198,8 @@ def told(*telegrams, names=("danfoss-fc", "fuji", "huanyang", "modbus", "uss", "
 WRITE, STATUS, VALUE = "010203050001A98F", "010401018049", "010403010000A18E"
 
 
-def test_the_sniffer_claims_no_telegram_that_either_protocol_has():
-    """A write of PD005 and its reply are a read of inputs twice; a status value is of one protocol only."""
+def test_sniffer_reports_a_telegram_of_both_protocols_as_ambiguous():
+    """A write of PD005 and its reply are two reads of inputs as well; a status value fits one protocol only."""
     heard = told(WRITE, WRITE, STATUS, VALUE)
     assert [type(item) for item in heard] == [AmbiguousTelegram] * 2 + [HeardTelegram] * 2
     assert [item.protocol for item in heard[2:]] == ["huanyang"] * 2
@@ -212,17 +212,17 @@ def test_the_sniffer_claims_no_telegram_that_either_protocol_has():
         ("modbus", (WRITE, "01020100A188", WRITE, "01020100A188"), ["read_inputs"] * 4),
     ],
 )
-def test_the_sniffer_knows_them_once_it_is_told_who_is_there(name, telegrams, kinds):
+def test_sniffer_of_one_protocol_reads_the_telegrams_as_that_protocol(name, telegrams, kinds):
     heard = told(*telegrams, names=(name,))
     assert [(item.protocol, item.message.kind) for item in heard] == [(name, kind) for kind in kinds]
 
 
-def test_control_data_are_no_modbus_for_the_sniffer():
+def test_sniffer_reads_control_data_as_huanyang_only():
     heard = told("010301013188", "01030109304E", "01030108F18E", "01030108F18E")
     assert {item.protocol for item in heard if isinstance(item, HeardTelegram)} == {"huanyang"}
 
 
-def test_decode_names_every_protocol_that_a_telegram_fits():
+def test_telegram_of_both_protocols_is_decoded_by_each():
     data = bytes.fromhex("010203050001A98F")
     for name, kind in (("huanyang", "write"), ("modbus", "read_inputs")):
         assert drivecomm.decode(name, data, direction="request").kind == kind

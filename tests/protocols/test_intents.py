@@ -1,4 +1,4 @@
-"""What requests are for: whether they read or write a parameter, and whether they command."""
+"""Intents of requests: whether they read or write a parameter, and whether they command."""
 
 import pytest
 
@@ -9,7 +9,7 @@ from drivecomm.testing import packaged_vectors
 PLUGINS = list(installed.working())
 each_protocol = pytest.mark.parametrize("plugin", PLUGINS, ids=lambda plugin: plugin.name)
 
-# Enough to see that the protocol's own words are taken for what they are.
+# Enough examples to see that requests of each protocol are classified correctly.
 KNOWN = {
     "vabus": [({"kind": "enquiry"}, "read"), ({"kind": "select"}, "write"), ({"kind": "eot"}, "")],
     "danfoss-fc": [
@@ -82,7 +82,7 @@ KNOWN = {
 
 
 @each_protocol
-def test_every_request_of_the_vectors_has_its_intent(plugin):
+def test_requests_of_the_vectors_have_the_expected_intent(plugin):
     seen = set()
     for vector in packaged_vectors(plugin).vectors:
         if vector.direction != "request" or not vector.valid:
@@ -99,7 +99,7 @@ def test_every_request_of_the_vectors_has_its_intent(plugin):
 
 
 @each_protocol
-def test_the_verbs_do_what_their_requests_are_for(plugin):
+def test_read_verb_sends_a_request_with_the_intent_to_read(plugin):
     operations = plugin.operations(
         plugin.addresses[1], plugin.options(), load_model(plugin.package, plugin.name, plugin.default_model)
     )

@@ -1,4 +1,4 @@
-"""Lenze drives over LECOM on a virtual line: formats, groups, refusals, damage, and that nothing moves a motor."""
+"""Lenze drives over LECOM on a virtual line: formats, groups, refusals, damage, and refused commands."""
 
 from decimal import Decimal
 
@@ -36,18 +36,18 @@ class Bench:
             self.sent.append(event.data)
 
     def hears(self, **fields):
-        """Return what each drive answers to a request."""
+        """Return the reply of each drive to a request."""
         data = asked(**fields)
         framed = drivecomm.protocol.Framed(data, PLUGIN.codec(None).decode(data, "request"))
         return [drive.hear(framed, 0.0) for drive in self.drives]
 
 
 def replies(*data):
-    """Return what replaces the answers of a drive, one after the other."""
+    """Return a disturbance that replaces the next replies of a drive, in order."""
     left = list(data)
 
     class Replies:
-        def request(self, data, now):  # noqa: ARG002 - as a disturbance is called
+        def request(self, data, now):  # noqa: ARG002 - signature of a disturbance
             return [(0.0, data)]
 
         def reply(self, data, drive, now):  # noqa: ARG002
@@ -64,33 +64,33 @@ def asked(**fields):
     return drivecomm.encode("lecom", fields, direction="request")
 
 
-def test_group_telegram_is_obeyed_by_its_drives_without_an_answer():
+def test_group_telegram_is_obeyed_by_its_drives_without_a_reply():
     bench = Bench(31, 39, 41)
     assert bench.hears(kind="send", address=30, code=11, data="42.5") == [None] * 3
     assert [drive.peek("C0011", 0.0) for drive in bench.drives] == [425, 425, 500]
 
 
-def test_telegram_to_all_is_obeyed_without_an_answer():
+def test_broadcast_is_obeyed_without_a_reply():
     bench = Bench(1, 99)
     assert bench.hears(kind="send", address=0, code=11, data="42.5") == [None] * 2
     assert [drive.peek("C0011", 0.0) for drive in bench.drives] == [425, 425]
 
 
 @pytest.mark.parametrize("address", [0, 10, 90, 100])
-def test_group_address_is_that_of_no_drive(address):
+def test_group_address_is_refused_as_a_drive_address(address):
     bench = Bench()
     with pytest.raises(AddressError, match=r"1 to 99 without 10, 20, 30, 40, 50, 60, 70, 80, 90"):
         bench.bus.drive("lecom", address)
 
 
-def test_scan_asks_no_group():
+def test_scan_skips_group_addresses():
     bench = Bench(9, 11, 99)
     assert [each.address for each in bench.bus.scan(["lecom"])] == [9, 11, 99]
     assert len(bench.sent) >= 90
     assert not any(data[2:3] == b"0" for data in bench.sent)
 
 
-def test_value_in_another_format_is_not_believed():
+def test_value_in_another_format_is_an_unexpected_reply():
     bench = Bench()
     bench.line.disturbances.append(replies(told(kind="value", code=11, data="H0032")))
     with pytest.raises(UnexpectedReplyError, match=r"C0011 is H0032, in another format; read it with type=u16"):
@@ -98,14 +98,14 @@ def test_value_in_another_format_is_not_believed():
     assert bench.drive.read("C0011").value == Decimal("50.0")
 
 
-def test_status_in_another_format_is_not_believed():
+def test_status_in_another_format_is_an_unexpected_reply():
     bench = Bench()
     bench.line.disturbances.append(replies(told(kind="value", code=68, data="2304")))
     with pytest.raises(UnexpectedReplyError):
         bench.drive.status()
 
 
-def test_read_by_another_type_keeps_its_scale():
+def test_read_by_another_type_keeps_the_scale_of_the_code():
     bench = Bench()
     bench.line.disturbances.append(replies(told(kind="value", code=68, data="2304")))
     assert bench.drive.read("C0068", type="s32").value == 2304
@@ -123,31 +123,31 @@ def test_read_by_another_type_keeps_its_scale():
         ("-214748.3648", "s32", Decimal("-214748.3648")),
     ],
 )
-def test_code_that_no_model_lists_is_read_by_its_type(data, type, value):
+def test_unlisted_code_is_read_by_the_given_type(data, type, value):
     bench = Bench()
     bench.line.disturbances.append(replies(told(kind="value", code=300, data=data)))
     assert bench.drive.read("C300", type=type).value == value
 
 
-def test_word_of_32_bits_is_not_cut_to_16():
+def test_word_of_32_bits_is_not_truncated_to_16():
     bench = Bench()
     bench.line.disturbances.append(replies(told(kind="value", code=68, data="H00010900")))
     with pytest.raises(UnexpectedReplyError, match="type=u32"):
         bench.drive.read("C0068")
 
 
-def test_type_that_no_code_has_is_refused():
+def test_unknown_type_is_refused():
     with pytest.raises(UsageError, match="s32, u16, s16, u32, string"):
         Bench().drive.read("C0011", type="f32")
 
 
 @pytest.mark.parametrize("parameter", ["46", "C", "C123456", "C65536", "C1/256", "P1", "C-1", "c46", "C46/"])
-def test_what_is_no_code_is_refused_with_how_to_write_one(parameter):
+def test_malformed_code_is_refused_with_the_right_form(parameter):
     with pytest.raises(ParameterAddressError, match="write C0046"):
         Bench().drive.read(parameter)
 
 
-def test_subcode_and_high_code_go_out_extended():
+def test_subcodes_and_high_codes_use_extended_addressing():
     bench = Bench()
     for parameter in ("C0410/3", "C6230", "C6229"):
         with pytest.raises(RefusedError, match="no such code"):
@@ -155,7 +155,7 @@ def test_subcode_and_high_code_go_out_extended():
     assert bench.sent == [b"\x0401!019A03\x05", b"\x0401!185600\x05", b"\x0401u\x7f\x05"]
 
 
-def test_answer_about_another_subcode_is_not_believed():
+def test_reply_for_another_subcode_is_rejected():
     bench = Bench()
     bench.line.disturbances.append(
         replies(*[told(kind="value", code=410, subcode=4, extended=True, data="1")] * 3),
@@ -164,14 +164,14 @@ def test_answer_about_another_subcode_is_not_believed():
         bench.drive.read("C0410/3")
 
 
-def test_damaged_question_is_asked_again():
+def test_request_that_arrived_damaged_is_resent():
     bench = Bench()
     bench.line.disturbances.append(replies(told(kind="fault", code=11)))
     assert bench.drive.read("C0011").value == 50
     assert len(bench.sent) == 2
 
 
-def test_question_that_always_comes_damaged_is_given_up():
+def test_request_that_always_arrives_damaged_is_sent_three_times():
     bench = Bench()
     bench.line.disturbances.append(replies(*[told(kind="fault", code=11)] * 9))
     with pytest.raises(DamagedReplyError):
@@ -179,7 +179,7 @@ def test_question_that_always_comes_damaged_is_given_up():
     assert len(bench.sent) == 3
 
 
-def test_refusal_of_a_write_names_what_it_may_be():
+def test_refused_write_lists_the_possible_causes():
     bench = Bench()
     bench.line.disturbances.append(replies(b"\x15"))
     with pytest.raises(RefusedError, match="outside its range, or it came damaged"):
@@ -187,7 +187,7 @@ def test_refusal_of_a_write_names_what_it_may_be():
     assert len(bench.sent) == 1
 
 
-def test_drive_answers_nak_to_a_value_that_came_damaged_and_is_its_own():
+def test_damaged_write_gets_a_nak_from_the_addressed_drive_only():
     bench = Bench(1, 2)
     telegram = bytearray(asked(kind="send", address=1, code=11, data="42"))
     telegram[-1] ^= 1
@@ -198,7 +198,7 @@ def test_drive_answers_nak_to_a_value_that_came_damaged_and_is_its_own():
     assert bench.drives[0].peek("C0011", 0.0) == 500
 
 
-def test_write_has_no_more_decimals_than_the_model_says():
+def test_write_with_more_decimals_than_the_model_allows_is_refused():
     bench = Bench()
     with pytest.raises(ValueRefusedError):
         bench.drive.write("C0011", "42.25")
@@ -223,14 +223,14 @@ def test_write_has_no_more_decimals_than_the_model_says():
         ],
     ],
 )
-def test_nothing_that_moves_a_motor_is_sent(name, command):
+def test_command_is_refused_unsent(name, command):
     bench = Bench(model=name)
     with pytest.raises(NotSupported, match="monitoring only"):
         command(bench.drive)
     assert not bench.sent
 
 
-def test_setpoint_is_not_written():
+def test_setpoint_write_is_refused_unsent():
     bench = Bench()
     with pytest.raises(NotSupported, match="monitoring only"):
         bench.drive.write("C0046", 10)
@@ -247,7 +247,7 @@ def test_setpoint_is_not_written():
         ("H8900", DriveState.FAULT, True, False),
     ],
 )
-def test_operating_state_is_read_as_the_manual_reads_it(word, state, fault, reverse):
+def test_operating_state_is_read_as_in_the_manual(word, state, fault, reverse):
     bench = Bench()
     bench.line.disturbances.append(replies(*[told(kind="value", code=68, data=word)] * 4))
     status = bench.drive.status()
@@ -256,12 +256,12 @@ def test_operating_state_is_read_as_the_manual_reads_it(word, state, fault, reve
 
 
 @pytest.mark.parametrize("name", ["lenze-9200", "lenze-smv"])
-def test_series_whose_status_no_page_tells_has_none(name):
-    with pytest.raises(NotSupported, match="knows no status"):
+def test_status_of_a_series_without_a_documented_status_is_refused(name):
+    with pytest.raises(NotSupported, match="has no status, so"):
         Bench(model=name).drive.status()
 
 
-def test_module_of_an_smv_is_looked_at_before_a_write():
+def test_write_to_an_smv_first_checks_its_module():
     bench = Bench(model="lenze-smv")
     bench.drives[0].poke("P494", 130)
     with pytest.raises(WrongDriveError):

@@ -1,4 +1,4 @@
-"""A virtual LS drive and its master, in virtual time: what moves the motor, and what lost, late, stale replies do."""
+"""A virtual LS drive and its master in virtual time: effects of commands, and lost, late or stale replies."""
 
 from contextlib import suppress
 
@@ -28,7 +28,7 @@ ALL_STOP, ALL_ENABLE = b"\x05FFW0006100019B\x04", b"\x05FFW00041000199\x04"
 
 
 class Talk:
-    """A drive, its line, and its master."""
+    """A virtual drive, its line and its master."""
 
     def __init__(self, model="ig5a", address=1):
         self.virtual = Overheard(virtual_drive("ls-bus", address, model=model))
@@ -42,11 +42,11 @@ class Talk:
         return self.virtual.motor
 
     def sent(self, start):
-        """Return what was heard that begins so."""
+        """Return the requests received so far that start with these bytes."""
         return [each.data for each in self.virtual.heard if each.data.startswith(start)]
 
     def answer(self, start, *replies):
-        """Answer what begins so with each of these in turn, and then as usual; None is silence."""
+        """Answer requests that start with these bytes with each reply in turn, then as usual; None is silence."""
         left = list(replies)
 
         def answered(heard, usual):
@@ -58,7 +58,7 @@ class Talk:
         self.virtual.between = answered
 
     def say(self, data):
-        """Return what the drive answers to these bytes."""
+        """Return the reply of the drive to these bytes; None for silence."""
         find, *_ = Framer(CODEC, "request").feed(data)
         reply = self.virtual.hear(find, self.line.time)
         return reply.data if reply else None
@@ -79,11 +79,11 @@ def delayed(reply, delay_s):
     return VirtualReply(data=reply.data, delay_s=delay_s)
 
 
-# What moves the motor
+# Effects of commands on the motor
 
 
 @pytest.mark.parametrize(("reverse", "command"), [(False, RUN), (True, REVERSE)])
-def test_a_start_runs_the_motor_and_a_stop_ends_it(talk, reverse, command):
+def test_start_runs_the_motor_and_stop_stops_it(talk, reverse, command):
     talk.drive.set_reference(hz=20)
     talk.drive.start(reverse=reverse)
     talk.line.advance(30)
@@ -98,15 +98,15 @@ def test_a_start_runs_the_motor_and_a_stop_ends_it(talk, reverse, command):
     assert not talk.drive.status().running
 
 
-def test_writing_is_enabled_before_a_start_and_a_reference(talk):
+def test_start_and_reference_are_preceded_by_a_write_enable(talk):
     assert talk.drive.read("0x0004").raw == 0
     talk.drive.set_reference(hz=20)
     talk.drive.start()
     assert talk.sent(b"\x0501W") == [ENABLE, summed(b"\x0501W0005107D0"), ENABLE, RUN]
 
 
-def test_a_stop_goes_out_before_writing_is_enabled_and_after_it(talk):
-    """A drive that was started at its terminals, and takes no write."""
+def test_stop_is_sent_before_and_after_the_write_enable(talk):
+    """The drive was started at its terminals and refuses writes."""
     talk.virtual.motor.run(20.0, talk.line.time)
     talk.line.advance(30)
     talk.drive.stop()
@@ -115,7 +115,7 @@ def test_a_stop_goes_out_before_writing_is_enabled_and_after_it(talk):
     assert not talk.motor.running
 
 
-def test_0_in_the_command_stops_nothing(talk):
+def test_operation_command_of_0_does_not_stop_the_motor(talk):
     talk.drive.set_reference(hz=20)
     talk.drive.start()
     talk.drive.write("operation_command", 0)
@@ -123,14 +123,14 @@ def test_0_in_the_command_stops_nothing(talk):
     assert talk.motor.output_hz == 20
 
 
-def test_a_start_whose_reply_is_lost_goes_out_once(talk):
+def test_start_without_a_reply_is_sent_once(talk):
     talk.answer(RUN, *[None] * 9)
     with pytest.raises(NoReplyError, match="told to run"):
         talk.drive.start()
     assert talk.sent(RUN) == [RUN]
 
 
-def test_a_stop_whose_reply_is_lost_goes_out_again(talk):
+def test_stop_without_a_reply_is_sent_again(talk):
     talk.drive.start()
     talk.answer(STOP, *[None] * 9)
     with pytest.raises(NoReplyError):
@@ -139,7 +139,7 @@ def test_a_stop_whose_reply_is_lost_goes_out_again(talk):
     assert talk.motor.command is not Command.RUN
 
 
-def test_a_reset_is_sent_once_and_only_to_a_drive_with_a_fault(talk):
+def test_reset_is_sent_once_and_only_in_a_fault(talk):
     talk.drive.reset()
     assert talk.sent(COMMANDS) == []
     talk.virtual.trip(2, talk.line.time)
@@ -152,7 +152,7 @@ def test_a_reset_is_sent_once_and_only_to_a_drive_with_a_fault(talk):
     assert not talk.drive.status().fault
 
 
-def test_a_trip_word_with_two_bits_has_a_code_and_no_text_of_one_of_them(talk):
+def test_trip_word_with_two_bits_has_no_text_of_either(talk):
     talk.virtual.trip(3, talk.line.time)
     status = talk.drive.status()
     assert status.fault
@@ -164,47 +164,47 @@ def test_a_trip_word_with_two_bits_has_a_code_and_no_text_of_one_of_them(talk):
 
 
 @pytest.mark.parametrize(("hz", "digits"), [(0, b"0000"), ("0.01", b"0001"), (400, b"9C40")])
-def test_a_reference_at_its_ends_is_sent_in_hundredths(talk, hz, digits):
+def test_reference_at_its_limits_is_sent_in_hundredths_of_a_hertz(talk, hz, digits):
     talk.drive.set_reference(hz=hz)
     assert talk.sent(REFERENCES) == [summed(REFERENCES + b"1" + digits)]
 
 
 @pytest.mark.parametrize("hz", [-1, "400.01", "0.005", 700])
-def test_a_reference_that_does_not_fit_is_not_sent(talk, hz):
+def test_reference_that_does_not_fit_is_refused_unsent(talk, hz):
     with pytest.raises(ValueRefusedError):
         talk.drive.set_reference(hz=hz)
     assert talk.sent(b"\x0501W") == []
 
 
-def test_a_reference_in_per_cent_is_not_supported_without_a_known_maximum(talk):
+def test_reference_in_percent_is_refused_without_a_known_maximum(talk):
     with pytest.raises(NotSupported, match="hertz only"):
         talk.drive.set_reference(percent=20)
 
 
-# Replies that say little
+# Replies that carry little information
 
 
-def test_what_a_drive_repeats_of_a_write_may_be_of_the_one_before(talk):
-    """SV-iG5A manual p. 11-5: previous data at the first write."""
+def test_write_reply_may_repeat_the_previous_value(talk):
+    """SV-iG5A manual p. 11-5: the reply to the first write holds the previous data."""
     talk.answer(REFERENCES, summed(b"\x0601W0000"))
     talk.drive.set_reference(hz=20)
     assert talk.drive.read("0x0005").value == 20
 
 
-def test_the_values_that_a_write_repeats_are_no_answer_to_a_read(talk):
+def test_write_reply_is_rejected_as_the_reply_to_a_read(talk):
     talk.answer(b"\x0501R000A", *[summed(b"\x0601W07D0")] * 9)
     with pytest.raises(ReplyError):
         talk.drive.read("0x000A")
 
 
 @pytest.mark.parametrize("words", [0, 2, 8])
-def test_a_reply_with_another_number_of_words_is_not_believed(talk, words):
+def test_reply_with_another_number_of_words_is_rejected(talk, words):
     talk.answer(b"\x0501R000A", *[summed(b"\x0601R" + b"07D0" * words)] * 9)
     with pytest.raises(ReplyError):
         talk.drive.read("0x000A")
 
 
-def test_a_late_reply_is_waited_out_before_the_next_question():
+def test_next_request_waits_for_a_late_reply():
     virtual, events = Overheard(virtual_drive("ls-bus", 1)), []
     virtual.poke("0x0007", 123)
     virtual.between = lambda heard, usual: delayed(usual, 0.3 if heard.data[4:8] == b"0007" else 0.15)
@@ -223,7 +223,7 @@ def test_a_late_reply_is_waited_out_before_the_next_question():
     usual_s=st.sampled_from([0.01, 0.15]),
     nexts=st.lists(st.sampled_from(["0x0000", "0x0001", "0x0005"]), min_size=1),
 )
-def test_no_value_is_wrong_however_late_a_reply_is(late_s, usual_s, nexts):
+def test_late_replies_never_give_a_wrong_value(late_s, usual_s, nexts):
     talk, held = Talk(), {"0x0000": 10, "0x0001": 11, "0x0005": 2500}
     with talk.bus:
         for parameter, raw in {**held, "0x0007": 123}.items():
@@ -237,7 +237,7 @@ def test_no_value_is_wrong_however_late_a_reply_is(late_s, usual_s, nexts):
                 assert drive.read(parameter).raw == held[parameter]
 
 
-def test_a_station_is_written_in_hexadecimal():
+def test_station_number_is_sent_in_hexadecimal():
     talk = Talk(address=16)
     with talk.bus:
         assert talk.drive.read("0x0000").raw == 10
@@ -245,7 +245,7 @@ def test_a_station_is_written_in_hexadecimal():
         assert not talk.sent(b"\x0516R")
 
 
-def test_neighbours_are_read_together_eight_at_most(talk):
+def test_up_to_eight_neighbouring_registers_are_read_by_one_telegram(talk):
     talk.drive.read_many([f"0x{each:04X}" for each in range(4, 13)])
     assert [each[4:9] for each in talk.sent(b"\x0501R")] == [b"00048", b"000C1"]
 
@@ -257,7 +257,7 @@ def test_neighbours_are_read_together_eight_at_most(talk):
     ("error", "code", "text"),
     [("IF", 1, "no such command"), ("IA", 2, "no such address"), ("ID", 3, "out of its range"), ("WM", 20, "0x0004")],
 )
-def test_a_refusal_says_what_the_manual_means(talk, error, code, text):
+def test_refusal_has_the_code_and_meaning_of_the_manual(talk, error, code, text):
     talk.answer(b"\x0501R000A", summed(b"\x1501R" + error.encode()))
     with pytest.raises(RefusedError, match=text) as refused:
         talk.drive.read("0x000A")
@@ -266,38 +266,38 @@ def test_a_refusal_says_what_the_manual_means(talk, error, code, text):
     assert len(talk.sent(b"\x0501R000A")) == 1
 
 
-def test_fe_is_a_damaged_request_and_is_asked_again(talk):
+def test_fe_refusal_of_a_read_is_retried(talk):
     talk.answer(b"\x0501R000A", *[summed(b"\x1501RFE")] * 2)
     assert talk.drive.read("0x000A").raw == 0
     assert len(talk.sent(b"\x0501R000A")) == 3
 
 
-def test_fe_to_a_start_is_no_reason_to_send_it_again(talk):
+def test_fe_refusal_of_a_start_is_not_retried(talk):
     talk.answer(RUN, *[summed(b"\x1501WFE")] * 9)
     with pytest.raises(ReplyError):
         talk.drive.start()
     assert talk.sent(RUN) == [RUN]
 
 
-def test_a_drive_answers_a_wrong_sum_with_fe(talk):
+def test_request_with_a_wrong_sum_is_refused_with_fe(talk):
     assert talk.say(b"\x0501R30001A8\x04") == summed(b"\x1501RFE")
 
 
 @pytest.mark.parametrize("body", [b"\x0501R300", b"\x0501R30001F", b"\x0501W000521388"])
-def test_a_drive_answers_a_wrong_size_with_fe(talk, body):
+def test_request_of_a_wrong_size_is_refused_with_fe(talk, body):
     assert talk.say(summed(body)) == summed(b"\x1501" + body[3:4] + b"FE")
 
 
-def test_a_drive_answers_a_lower_case_command_with_if(talk):
+def test_lower_case_command_is_refused_with_if(talk):
     assert talk.say(summed(b"\x0501r30001")) == summed(b"\x1501rIF")
 
 
 @pytest.mark.parametrize("data", [b"\x0502R30001A7\x04", b"\x05FFW0006100019C\x04"])
-def test_a_drive_is_silent_where_the_damage_is_anothers(talk, data):
+def test_damaged_request_to_another_station_is_not_answered(talk, data):
     assert talk.say(data) is None
 
 
-def test_a_drive_refuses_writes_while_they_are_disabled_and_what_is_out_of_range(talk):
+def test_disabled_write_and_invalid_address_or_value_are_refused(talk):
     assert talk.say(summed(b"\x0501W000510BB8")) == summed(b"\x1501WWM")
     talk.virtual.poke("0x0004", 1)
     assert talk.say(summed(b"\x0501W000510BB8")) == summed(b"\x0601W0BB8")
@@ -307,19 +307,19 @@ def test_a_drive_refuses_writes_while_they_are_disabled_and_what_is_out_of_range
 
 
 @pytest.mark.parametrize("address", ["5", "0x5", "5h", "0x00005", "0x000G", "frequency", "", "0X0005", "1x0005"])
-def test_what_is_no_address_is_refused_with_how_to_write_one(talk, address):
+def test_malformed_address_is_refused_with_the_right_form(talk, address):
     with pytest.raises(ParameterAddressError, match=r"0x000A|output_frequency|no parameter"):
         talk.drive.read(address)
 
 
-def test_an_address_as_s100_manuals_print_it_is_the_same(talk):
+def test_address_in_the_form_of_s100_manuals_is_accepted(talk):
     assert talk.drive.read("0h000a").parameter == talk.drive.read("0x000A").parameter == "0x000A"
 
 
-# X and Y
+# Commands X and Y
 
 
-def test_y_tells_what_x_has_registered_until_the_mains_are_off(talk):
+def test_y_reads_the_registers_of_x_until_a_power_cycle(talk):
     monitor = summed(b"\x0501Y")
     assert talk.say(monitor) == summed(b"\x1501YIA")
     talk.virtual.poke("0x0005", 35)
@@ -329,7 +329,7 @@ def test_y_tells_what_x_has_registered_until_the_mains_are_off(talk):
     assert talk.say(monitor) == summed(b"\x1501YIA")
 
 
-def test_no_verb_sends_x_or_y(talk):
+def test_no_verb_sends_command_x_or_y(talk):
     for parameter in talk.drive.model.parameters:
         talk.drive.read(parameter)
     talk.drive.status()
@@ -338,10 +338,10 @@ def test_no_verb_sends_x_or_y(talk):
     assert not talk.sent(b"\x0501Y")
 
 
-# The line
+# The whole line
 
 
-def test_a_stop_of_all_drives_stops_both_and_nobody_answers():
+def test_broadcast_stop_stops_both_drives():
     drives = [Overheard(virtual_drive("ls-bus", address)) for address in (1, 250)]
     line = VirtualLine(drives)
     with drivecomm.open_bus(line.port) as bus:
@@ -357,13 +357,13 @@ def test_a_stop_of_all_drives_stops_both_and_nobody_answers():
             assert [heard.data for heard in each.heard][-3:] == [ALL_STOP, ALL_ENABLE, ALL_STOP]
 
 
-def test_a_scan_finds_the_stations_that_all_series_have():
+def test_scan_finds_stations_1_to_31():
     line = VirtualLine([virtual_drive("ls-bus", address) for address in (1, 2, 31)])
     with drivecomm.open_bus(line.port) as bus:
         assert [each.address for each in bus.scan(["ls-bus"])] == [1, 2, 31]
 
 
-def test_a_drive_without_a_known_watchdog_says_so(talk):
+def test_watchdog_of_a_drive_without_one_cannot_be_set(talk):
     assert policies(talk.drive.model) == ()
     with pytest.raises(NotSupported, match="keypad"):
         set_watchdog(talk.drive, "ramp", 2)
@@ -371,7 +371,7 @@ def test_a_drive_without_a_known_watchdog_says_so(talk):
 
 
 @pytest.mark.parametrize("call", ["start", "stop", "reset"])
-def test_s100_is_monitored_only(call):
+def test_s100_is_read_and_refuses_commands_and_writes(call):
     talk = Talk("s100")
     with talk.bus:
         with pytest.raises(NotSupported, match="monitoring only"):
@@ -384,7 +384,7 @@ def test_s100_is_monitored_only(call):
         assert talk.drive.read("0x0382").raw == 0
 
 
-def test_a_drive_without_a_model_is_not_commanded():
+def test_start_without_a_model_is_refused():
     line = VirtualLine([virtual_drive("ls-bus", 1)])
     with drivecomm.open_bus(line.port) as bus, pytest.raises(NotSupported, match="model"):
         bus.drive("ls-bus", 1).start()

@@ -1,4 +1,4 @@
-"""LS bus telegrams: the shared vectors, and what a decoder could be misled to."""
+"""LS bus telegrams: the shared vectors, and cases that could mislead a decoder."""
 
 import tomllib
 from importlib import resources
@@ -14,7 +14,7 @@ BY_ID = {each["id"]: each for each in VECTORS["vector"]}
 
 
 @pytest.mark.parametrize("name", [name for name, each in BY_ID.items() if each["valid"]])
-def test_telegram_is_read_and_written_as_its_vector_says(name):
+def test_vector_is_decoded_and_encoded(name):
     vector, data = BY_ID[name], bytes.fromhex(BY_ID[name]["hex"])
     direction = vector["direction"]
     assert fields_of(CODEC.decode(data, direction)) == vector["fields"]
@@ -23,7 +23,7 @@ def test_telegram_is_read_and_written_as_its_vector_says(name):
 
 
 @pytest.mark.parametrize("name", [name for name, each in BY_ID.items() if not each["valid"]])
-def test_wrong_telegram_is_refused(name):
+def test_invalid_vector_is_refused_with_its_error_category(name):
     vector = BY_ID[name]
     with pytest.raises(TelegramError) as refusal:
         CODEC.decode(bytes.fromhex(vector["hex"]), vector["direction"])
@@ -31,20 +31,20 @@ def test_wrong_telegram_is_refused(name):
 
 
 @pytest.mark.parametrize("refused", VECTORS["refuse"], ids=lambda each: each["id"])
-def test_request_is_not_written_when_no_drive_takes_it(refused):
+def test_request_that_no_drive_accepts_is_not_encoded(refused):
     with pytest.raises(TelegramError):
         CODEC.encode(CODEC.message(refused["fields"], refused["direction"]))
 
 
 @pytest.mark.parametrize("count", COUNTS)
-def test_end_alone_tells_how_many_words_a_reply_has(count):
+def test_number_of_words_in_a_reply_follows_from_its_end(count):
     message = Data(address=1, values=tuple(range(count)))
     data = CODEC.encode(message)
     assert len(data) == 7 + 4 * count
     assert CODEC.decode(data, "reply") == message
 
 
-def test_replies_are_found_in_a_stream():
+def test_replies_are_framed_in_a_stream():
     stream = VECTORS["stream"][0]
     found = Framer(CODEC, "reply").feed(bytes.fromhex(stream["hex"]))
     assert [each.data.hex(" ") for each in found if isinstance(each, Framed)] == [
@@ -53,8 +53,8 @@ def test_replies_are_found_in_a_stream():
 
 
 @pytest.mark.parametrize("data", ["05 04 30 30", "05 30 31 04 30 04", "05 30 31 52 33 04 05 30 31 59 42 41 04"])
-def test_pieces_are_found_as_the_whole_is(data):
-    """The first is the end of a VABus enquiry, and the beginning of the next one."""
+def test_framer_finds_the_same_byte_by_byte_as_in_one_piece(data):
+    """The first piece of data is the end of a VABus enquiry and the beginning of the next one."""
     stream = bytes.fromhex(data)
     whole, pieces = Framer(CODEC, "request"), Framer(CODEC, "request")
     found = [each for byte in stream for each in pieces.feed(bytes([byte]))]

@@ -1,4 +1,4 @@
-"""Mitsubishi and Shihlin drives over the computer link: what moves a motor, and the traps of the protocol."""
+"""Mitsubishi and Shihlin drives over the computer link: effects of commands, and pitfalls of the protocol."""
 
 import pytest
 
@@ -29,7 +29,7 @@ def rest(text, *, begin=b"\x05", end=b""):
 
 
 class Line:
-    """A virtual drive, or several, and what was sent to them."""
+    """A line with virtual drives that records the telegrams sent."""
 
     def __init__(self, *drives, **settings):
         self.line = VirtualLine([*drives], **settings)
@@ -57,7 +57,7 @@ def fr700():
 
 @MODELS
 @pytest.mark.parametrize("reverse", [False, True])
-def test_start_turns_the_motor_and_stop_lets_it_stand(model, reverse):
+def test_start_runs_the_motor_and_stop_stops_it(model, reverse):
     virtual = virtual_drive("mitsubishi", 1, model=model)
     with Line(virtual) as line:
         drive = line.bus.drive("mitsubishi", 1, model=model)
@@ -74,7 +74,7 @@ def test_start_turns_the_motor_and_stop_lets_it_stand(model, reverse):
         assert not drive.status().running
 
 
-def test_start_whose_reply_is_lost_is_not_sent_again():
+def test_start_without_a_reply_is_sent_once():
     virtual = virtual_drive("mitsubishi", 1, model="fr700")
     with Line(virtual) as line:
         drive = line.bus.drive("mitsubishi", 1, model="fr700")
@@ -86,7 +86,7 @@ def test_start_whose_reply_is_lost_is_not_sent_again():
         assert [each for each in line.sent if b"FA0" in each] == [rest(b"01FA002")]
 
 
-def test_stop_whose_reply_is_lost_is_sent_again():
+def test_stop_without_a_reply_is_sent_again():
     virtual = virtual_drive("mitsubishi", 1, model="fr700")
     with Line(virtual) as line:
         drive = line.bus.drive("mitsubishi", 1, model="fr700")
@@ -100,7 +100,7 @@ def test_stop_whose_reply_is_lost_is_sent_again():
 
 
 @pytest.mark.parametrize(("model", "mode", "named"), [("fr700", 1, "external"), ("shihlin", 8, "PU")])
-def test_start_is_refused_before_it_is_sent_in_another_operation_mode(model, mode, named):
+def test_start_in_another_operation_mode_is_refused_unsent(model, mode, named):
     virtual = virtual_drive("mitsubishi", 1, model=model)
     virtual.poke("H7B", mode)
     with Line(virtual) as line:
@@ -109,7 +109,7 @@ def test_start_is_refused_before_it_is_sent_in_another_operation_mode(model, mod
         assert not [each for each in line.sent if b"FA" in each or b"FB" in each]
 
 
-def test_drive_in_another_mode_refuses_a_run_command_with_mode_error(fr700):
+def test_run_command_in_another_operation_mode_gets_a_mode_error(fr700):
     line, virtual, _ = fr700
     virtual.poke("H7B", 1)
     with pytest.raises(RefusedError, match="mode error") as raised:
@@ -118,7 +118,7 @@ def test_drive_in_another_mode_refuses_a_run_command_with_mode_error(fr700):
 
 
 @pytest.mark.parametrize(("hz", "written"), [(0, b"0000"), (120, b"2EE0"), ("0.01", b"0001")])
-def test_reference_at_its_ends_goes_to_ram(fr700, hz, written):
+def test_reference_at_its_limits_is_written_to_ram(fr700, hz, written):
     line, _, drive = fr700
     drive.set_reference(hz=hz)
     assert line.sent[-1] == rest(b"01ED0" + written)
@@ -132,7 +132,7 @@ def test_reference_that_does_not_fit_is_refused_unsent(fr700, hz):
     assert not [each for each in line.sent if b"ED" in each]
 
 
-def test_reference_in_per_cent_is_a_share_of_pr_1(fr700):
+def test_reference_in_percent_refers_to_pr_1(fr700):
     line, virtual, drive = fr700
     virtual.poke("1", 6000)
     drive.set_reference(percent=50)
@@ -140,7 +140,7 @@ def test_reference_in_per_cent_is_a_share_of_pr_1(fr700):
 
 
 @MODELS
-def test_only_the_bits_that_no_setting_changes_tell_that_it_runs(model):
+def test_running_is_read_from_the_unassignable_status_bits_only(model):
     virtual = virtual_drive("mitsubishi", 1, model=model)
     virtual._machine.live = lambda _: None
     register = "H79" if model == "fr700" else "H7A"
@@ -153,7 +153,7 @@ def test_only_the_bits_that_no_setting_changes_tell_that_it_runs(model):
 
 
 @pytest.mark.parametrize(("model", "word"), [("fr500", 0x80), ("fr700", 0x8000), ("shihlin", 0x80)])
-def test_fault_comes_with_the_latest_of_the_fault_memory_and_is_reset_once(model, word):
+def test_fault_has_the_latest_code_and_is_reset_by_one_telegram(model, word):
     virtual = virtual_drive("mitsubishi", 1, model=model)
     with Line(virtual) as line:
         drive = line.bus.drive("mitsubishi", 1, model=model)
@@ -170,13 +170,13 @@ def test_fault_comes_with_the_latest_of_the_fault_memory_and_is_reset_once(model
         assert drive.read("H74.low").value == 0x10
 
 
-def test_page_is_chosen_before_each_parameter_since_others_may_change_it(fr700):
+def test_page_is_selected_before_each_parameter(fr700):
     line, virtual, drive = fr700
     virtual.poke("240", 5)
     for _ in range(2):
         assert drive.read("240").value == 5
         assert line.sent[-2:] == [rest(b"01FF002"), rest(b"01300")]
-        # Another master chooses its own.
+        # Another master may select its own page in between.
         virtual.hear(
             Framed(b"", PLUGIN.message({"kind": "write", "station": 1, "code": "FF", "data": "00"}, "request")), 0
         )
@@ -185,14 +185,14 @@ def test_page_is_chosen_before_each_parameter_since_others_may_change_it(fr700):
 
 
 @pytest.mark.parametrize("number", [100, 160, 240, 999])
-def test_parameter_whose_page_no_model_gives_is_not_guessed(number):
+def test_parameter_of_an_unknown_page_is_refused_unsent(number):
     with Line(virtual_drive("mitsubishi", 1)) as line:
         with pytest.raises(ParameterAddressError, match="not known"):
             line.bus.drive("mitsubishi", 1).read(str(number))
         assert line.sent == []
 
 
-def test_code_that_means_another_thing_when_written_is_only_read():
+def test_write_to_a_code_with_another_meaning_is_refused_unsent():
     with Line(virtual_drive("mitsubishi", 1)) as line:
         drive = line.bus.drive("mitsubishi", 1)
         for code in ("H7A", "H79", "H70", "H74"):
@@ -201,7 +201,7 @@ def test_code_that_means_another_thing_when_written_is_only_read():
         assert line.sent == []
 
 
-def test_value_of_six_digits_is_no_frequency(fr700):
+def test_six_digit_reply_is_not_taken_for_a_frequency(fr700):
     _, virtual, drive = fr700
     six = PLUGIN.codec(PLUGIN.options()).encode(
         PLUGIN.message({"kind": "data", "station": 1, "data": "00EA60"}, "reply")
@@ -212,14 +212,14 @@ def test_value_of_six_digits_is_no_frequency(fr700):
 
 
 def scripted(*replies):
-    """Return a drive that answers with these one after the other, then not at all."""
+    """Return a drive that sends these replies in order and is silent afterwards."""
     virtual, left = virtual_drive("mitsubishi", 1, model="fr700"), [*replies]
     virtual.hear = lambda _find, _now: drivecomm.protocol.VirtualReply(data=left.pop(0), delay_s=0.01) if left else None
     return virtual
 
 
 @pytest.mark.parametrize("code", range(6))
-def test_request_that_came_damaged_is_sent_twice_and_no_more(code):
+def test_request_that_arrived_damaged_is_sent_at_most_twice(code):
     nak = b"\x1501%X" % code
     with Line(scripted(nak, rest(b"011770", begin=b"\x02")[:-2] + b"\x0330")) as line:
         assert str(line.bus.drive("mitsubishi", 1, model="fr700").read("H6F").value) == "60.00"
@@ -230,26 +230,26 @@ def test_request_that_came_damaged_is_sent_twice_and_no_more(code):
 
 
 @pytest.mark.parametrize("code", [7, 10, 11, 12])
-def test_other_refusals_are_told_at_once(code):
+def test_other_refusals_are_raised_without_a_retry(code):
     with Line(scripted(*[b"\x1501%X" % code] * 9)) as line:
         with pytest.raises(RefusedError) as raised:
             line.bus.drive("mitsubishi", 1, model="fr700").read("H6F")
         assert (raised.value.code, len(line.sent)) == (code, 1)
 
 
-def test_silent_drive_is_asked_twice():
+def test_request_to_a_silent_drive_is_sent_twice():
     with Line(scripted()) as line:
         with pytest.raises(NoReplyError):
             line.bus.drive("mitsubishi", 1, model="fr700").read("H6F")
         assert len(line.sent) == 2
 
 
-def test_scan_sends_one_question_to_each_station():
+def test_scan_sends_one_probe_to_each_station():
     drives = [virtual_drive("mitsubishi", station) for station in (0, 31)]
     with Line(*drives) as line:
         found = [each.name for each in line.bus.scan(["mitsubishi"])]
         assert found == ["mitsubishi:0", "mitsubishi:31"]
-        # Of each silent one, and of those that answered no more than what tells their model.
+        # One probe for each silent station, and for those that answered with nothing but their model.
         assert len([each for each in line.sent if each[3:5] == b"7A"]) == 32
 
 
@@ -269,12 +269,12 @@ def test_drive_with_other_options_is_read(options):
 @pytest.mark.parametrize(
     "options", [{"wait": 16}, {"wait": -1}, {"wait": True}, {"terminator": "lf"}, {"dialect": "hitachi"}]
 )
-def test_option_that_cannot_be_is_refused(options):
+def test_invalid_option_is_refused(options):
     with pytest.raises(UsageError):
         PLUGIN.options(**options)
 
 
-def test_no_wait_digit_is_another_option_than_a_digit_of_0():
+def test_option_without_a_wait_digit_differs_from_wait_0():
     without, zero = PLUGIN.options(wait=False), PLUGIN.options(wait=0)
     assert without != zero
     assert PLUGIN.codec(without) is not PLUGIN.codec(zero)
@@ -289,7 +289,7 @@ def test_no_wait_digit_is_another_option_than_a_digit_of_0():
         (rest(b"026F0")[:-1] + b"0", b""),
     ],
 )
-def test_virtual_drive_refuses_what_came_damaged_if_the_station_is_its_own(request_, reply):
+def test_damaged_request_is_refused_by_the_addressed_drive_only(request_, reply):
     virtual = virtual_drive("mitsubishi", 1)
     framer = Framer(virtual.codec, "request")
     found = [*framer.feed(request_), *framer.flush()]
@@ -311,7 +311,7 @@ def multi(send, receive, run, hz):
     ("mode", "hz", "errors", "runs"),
     [(0, "1388", (15, 15), True), (1, "1388", (10, 15), False), (0, "FFFF", (15, 12), True)],
 )
-def test_virtual_drive_obeys_a_multi_command_and_tells_what_became_of_each_part(mode, hz, errors, runs):
+def test_multi_command_reply_has_an_error_code_for_each_part(mode, hz, errors, runs):
     virtual = virtual_drive("mitsubishi", 1, model="fr700")
     virtual.poke("H7B", mode)
     answer = virtual.hear(Framed(b"", multi(0, 0, "0002", hz)), 1.0)
@@ -321,13 +321,13 @@ def test_virtual_drive_obeys_a_multi_command_and_tells_what_became_of_each_part(
     assert virtual.motor.running is runs
 
 
-def test_master_that_thanks_for_a_value_gets_no_answer():
+def test_acknowledgement_of_the_master_is_not_answered():
     virtual = virtual_drive("mitsubishi", 1, model="fr700")
     for kind in ("ack", "nak"):
         assert virtual.hear(Framed(b"", PLUGIN.message({"kind": kind, "station": 1}, "request")), 1.0) is None
 
 
-def test_parameter_goes_to_eeprom_only_when_asked_to(fr700):
+def test_parameter_write_to_eeprom_needs_store(fr700):
     _, virtual, drive = fr700
     with pytest.raises(NotSupported, match="store=True"):
         drive.write("72", 3)
@@ -336,7 +336,7 @@ def test_parameter_goes_to_eeprom_only_when_asked_to(fr700):
     assert virtual.peek("72", 2.0) == 3
 
 
-def test_reset_of_the_page_without_mains():
+def test_power_cycle_resets_the_page():
     virtual = virtual_drive("mitsubishi", 1, model="fr700")
     virtual.hear(
         Framed(b"", PLUGIN.message({"kind": "write", "station": 1, "code": "FF", "data": "02"}, "request")), 1.0
@@ -347,13 +347,13 @@ def test_reset_of_the_page_without_mains():
 
 
 @pytest.mark.parametrize("model", ["fr500", "fr700"])
-def test_link_loss_says_that_any_telegram_to_any_station_feeds_the_watchdog(model):
+def test_link_loss_text_says_that_any_telegram_feeds_the_watchdog(model):
     said = link_loss_of(load_model(PLUGIN.package, "mitsubishi", model))
     assert "any station" in said
     assert "Pr. 122" in said
 
 
-def test_late_replies_are_never_taken_for_the_next():
+def test_late_replies_never_give_a_wrong_value():
     virtual = virtual_drive("mitsubishi", 1, model="fr700")
     virtual.poke("HED", 1234)
     right = {"H6F": "0.00", "1": "120.00", "240": "1", "H7B": "0"}
@@ -369,13 +369,13 @@ def test_late_replies_are_never_taken_for_the_next():
                 assert found == right[name]
 
 
-def test_stops_are_down_the_ramp_only():
+def test_ramp_is_the_only_stop():
     model = load_model(PLUGIN.package, "mitsubishi", "fr700")
     with Line(virtual_drive("mitsubishi", 1, model="fr700")) as line:
         assert line.bus.drive("mitsubishi", 1, model=model).capabilities.stops == {Stop.RAMP}
 
 
-def test_scan_of_several_settings_says_first_that_it_may_trip_drives(tmp_path, capsys):
+def test_scan_of_several_settings_warns_that_drives_may_trip(tmp_path, capsys):
     asked = ["scan", "--port", str(tmp_path / "none"), "--protocol", "mitsubishi", "--baudrate", "9600,19200"]
     assert main(asked) != 0
     assert "Pr. 121" in capsys.readouterr().err

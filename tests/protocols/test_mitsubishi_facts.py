@@ -11,7 +11,7 @@ MODEL = load_model(installed["modbus"].package, "modbus", "mitsubishi")
 
 
 def status_with(word):
-    """What a drive says of itself whose 40009 shows this word."""
+    """Return the status of a drive whose register 40009 holds this word."""
     virtual = virtual_drive("modbus", 1, model="mitsubishi")
     virtual._machine.live = lambda _: None
     virtual.poke("40009", word)
@@ -24,21 +24,21 @@ def status_with(word):
     [
         (0x0003, True, False),
         (0x0005, True, True),
-        # Bit 0 follows Pr. 190 (FR-F700-NA p. 231, FR-F720P p. 246) and may mean something else there.
+        # Bit 0 follows Pr. 190 (FR-F700-NA p. 231, FR-F720P p. 246) and may have another meaning there.
         (0x0002, True, False),
         (0x0004, True, True),
         (0x0001, False, None),
         (0x0000, False, None),
     ],
 )
-def test_motor_runs_by_the_bits_that_no_setting_changes(word, running, reverse):
+def test_running_is_read_from_the_unassignable_status_bits(word, running, reverse):
     status = status_with(word)
     assert status.running is running
     assert bool(status.reverse) is bool(reverse)
 
 
 @pytest.mark.parametrize(("word", "fault"), [(0x8000, True), (0x0080, False), (0x0000, False)])
-def test_fault_is_bit_15_and_not_an_output_that_can_be_assigned(word, fault):
+def test_fault_is_bit_15_and_not_an_assignable_output(word, fault):
     assert status_with(word).fault is fault
 
 
@@ -65,5 +65,5 @@ def test_link_loss_names_the_parameter_of_each_connector():
 
 
 @pytest.mark.parametrize("name", ["output_voltage", "acceleration_time", "deceleration_time"])
-def test_value_whose_scale_stands_on_no_page_has_no_common_name(name):
+def test_value_without_a_documented_scale_has_no_common_name(name):
     assert name not in MODEL.quantities

@@ -1,6 +1,6 @@
-"""A virtual Mitsubishi under `mitsub_vfd` of LinuxCNC, which has run an A500, an E500 and an E700.
+"""A virtual Mitsubishi drive under `mitsub_vfd` of LinuxCNC, which has run an A500, an E500 and an E700.
 
-It never looks at the sum of a reply, takes the value from a fixed place, and takes no notice of a refusal.
+The program never checks the sum of a reply, takes the value from a fixed place, and ignores refusals.
 """
 
 import sys
@@ -16,7 +16,7 @@ PROGRAM = LINUXCNC / "usr/bin/mitsub_vfd"
 
 
 @pytest.mark.parametrize("model", ["fr500", "fr700"])
-def test_mitsub_vfd_turns_a_drive_forwards_and_backwards_and_shows_what_it_reads(tmp_path, model):
+def test_mitsub_vfd_runs_a_drive_in_both_directions_and_shows_its_values(tmp_path, model):
     drive = virtual_drive("mitsubishi", 1, model=model)
     with (
         served(drive, tmp_path) as (line, _),

@@ -1,4 +1,4 @@
-"""Addresses beyond 247, where the standard ends: for drives whose model says that they can have them."""
+"""Modbus addresses beyond 247, the limit of the standard, for drives whose model allows them."""
 
 import pytest
 
@@ -19,7 +19,7 @@ def codec_of(model=None, **given):
 
 
 @pytest.mark.parametrize(("model", "highest"), [("delta", 254), ("delta-vfd-b", 254), ("delta-vfd-e", 254)])
-def test_a_drive_has_the_address_that_its_model_allows(model, highest):
+def test_drive_may_have_the_highest_address_of_its_model(model, highest):
     line = VirtualLine([virtual_drive("modbus", highest, model=model), virtual_drive("modbus", 1, model="gs2")])
     with drivecomm.open_bus(line.port) as bus:
         drive = bus.drive("modbus", highest, model=model)
@@ -33,7 +33,7 @@ def test_a_drive_has_the_address_that_its_model_allows(model, highest):
 
 
 @pytest.mark.parametrize("model", [None, "gs2", "yaskawa", "schneider-atv"])
-def test_other_drives_end_at_247(model):
+def test_address_above_247_is_refused_for_other_drives(model):
     line = VirtualLine([virtual_drive("modbus", 247, model="gs2")])
     with drivecomm.open_bus(line.port) as bus:
         bus.drive("modbus", 247, model=model)
@@ -43,7 +43,7 @@ def test_other_drives_end_at_247(model):
         virtual_drive("modbus", 248, model="gs2")
 
 
-def test_whoever_knows_a_drive_may_say_so_himself():
+def test_option_highest_address_allows_up_to_255():
     line = VirtualLine([virtual_drive("modbus", 255, model="gs2", highest_address=255)])
     with drivecomm.open_bus(line.port) as bus:
         assert bus.drive("modbus", 255, model="gs2", highest_address=255).read("output_frequency").value == 0
@@ -53,7 +53,7 @@ def test_whoever_knows_a_drive_may_say_so_himself():
 
 
 @pytest.mark.parametrize("direction", ["request", "reply"])
-def test_telegrams_follow_the_model(direction):
+def test_codec_accepts_addresses_up_to_the_limit_of_the_model(direction):
     data = bytes.fromhex("F8 06 00 00 00 00")
     data += crc16(data)
     with pytest.raises(TelegramError) as caught:
@@ -65,6 +65,6 @@ def test_telegrams_follow_the_model(direction):
     assert codec_of("delta").encode(Request(address=254, function=3, start=0, count=1))[0] == 254
 
 
-def test_a_scan_asks_those_of_the_standard():
+def test_scan_probes_addresses_1_to_247():
     asked = [address for _, address in scan_plan(["modbus"], None)]
     assert asked == list(range(1, 248))

@@ -1,4 +1,4 @@
-"""The virtual drives against a foreign master, the library against a foreign drive: pymodbus in each framing."""
+"""Virtual drives tested with a foreign master and the library with a foreign drive: pymodbus in each framing."""
 
 import asyncio
 import socket
@@ -14,7 +14,7 @@ from drivecomm.virtual import Server, parse_listen, virtual_drive
 
 pymodbus = pytest.importorskip("pymodbus", reason="pymodbus is not installed; it comes with the extra bench")
 
-from pymodbus import FramerType  # noqa: E402 - after it is known to be there
+from pymodbus import FramerType  # noqa: E402 - after the check that pymodbus is installed
 from pymodbus.client import ModbusTcpClient  # noqa: E402
 from pymodbus.server import ModbusTcpServer  # noqa: E402
 from pymodbus.simulator import DataType, SimData, SimDevice  # noqa: E402
@@ -28,7 +28,7 @@ def free_port():
 
 @contextmanager
 def foreign_master(drive, framer=FramerType.RTU):
-    """pymodbus as the master of a virtual drive."""
+    """Yield a pymodbus client as the master of a virtual drive."""
     port = free_port()
     with served_in_thread(Server([drive], parse_listen(f"tcp:127.0.0.1:{port}"))):
         client = ModbusTcpClient("127.0.0.1", port=port, framer=framer, timeout=3)
@@ -41,7 +41,7 @@ def foreign_master(drive, framer=FramerType.RTU):
 
 @contextmanager
 def foreign_drive(framer=FramerType.RTU):
-    """A drive made by pymodbus: registers 0 to 65535 that hold 0."""
+    """Yield the port of a drive made by pymodbus, whose registers 0 to 65535 hold 0."""
     port, loop, up = free_port(), asyncio.new_event_loop(), threading.Event()
     held = []
 
@@ -101,7 +101,7 @@ def test_pymodbus_sets_coils_and_32_bit_values_of_a_virtual_danfoss():
 
 
 @pytest.mark.parametrize("framing", ["ascii", "tcp"])
-def test_a_drive_of_pymodbus_is_read_and_written_in_each_framing(framing):
+def test_pymodbus_drive_is_read_and_written_in_each_framing(framing):
     with foreign_drive(FRAMINGS[framing]) as place, drivecomm.open_bus(place) as bus:
         drive = bus.drive("modbus", 1, framing=framing)
         drive.write("0x0100", 0x12345678, type="u32")
@@ -110,7 +110,7 @@ def test_a_drive_of_pymodbus_is_read_and_written_in_each_framing(framing):
             drive.read("0x4000")
 
 
-def test_a_drive_of_pymodbus_is_read_at_modbus_tcp():
+def test_pymodbus_drive_is_read_over_modbus_tcp():
     with foreign_drive(FramerType.SOCKET) as place:
         port = place.replace("socket://", "modbus-tcp://")
         with drivecomm.open_bus(port) as bus:
@@ -125,7 +125,7 @@ def test_a_drive_of_pymodbus_is_read_at_modbus_tcp():
 
 
 @pytest.mark.soak
-def test_the_library_commands_a_drive_of_pymodbus():
+def test_pymodbus_drive_is_commanded_by_the_library():
     with foreign_drive() as place, drivecomm.open_bus(place) as bus:
         drive = bus.drive("modbus", 1, model="gs2", state_timeout_s=0.2)
         plain = bus.drive("modbus", 1)
@@ -133,7 +133,7 @@ def test_the_library_commands_a_drive_of_pymodbus():
         with pytest.raises(StateError, match="taken back"):
             drive.start()
         assert drive.read("0x091B").value == 0
-        # Now it says that it runs.
+        # From here on the drive reports that it runs.
         plain.write("0x2101", 3)
         drive.start(reverse=True)
         assert [drive.read(address).value for address in ("0x091B", "0x091C")] == [1, 1]

@@ -1,4 +1,4 @@
-"""What one telegram reads together: never a register that the drive refuses, never more than it takes."""
+"""Blocks of registers read by one telegram: never across a refused register, never more than the drive allows."""
 
 from functools import cache
 
@@ -31,7 +31,7 @@ def answered(drive, message):
 @pytest.mark.parametrize("name", some(3, NAMES))
 @settings(deadline=None)
 @given(data=st.data())
-def test_no_block_goes_over_what_the_drive_refuses(name, data):
+def test_block_does_not_span_registers_that_the_drive_refuses(name, data):
     operations, options, readable, drive = series(name)
     wanted = data.draw(st.lists(st.sampled_from(readable), min_size=1, max_size=40, unique=True))
     blocks = operations.blocks(wanted)
@@ -52,7 +52,7 @@ def test_no_block_goes_over_what_the_drive_refuses(name, data):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_all_that_can_be_read_at_once_is_read_without_a_refusal(name):
+def test_blocks_of_all_readable_parameters_are_read_without_a_refusal(name):
     operations, _, readable, drive = series(name)
     for block in operations.blocks(readable):
         together = [readable[place] for place in block]
@@ -60,7 +60,7 @@ def test_all_that_can_be_read_at_once_is_read_without_a_refusal(name):
         assert answered(drive, next(exchange).message).exception is None, together
 
 
-def test_each_parameter_of_a_block_is_read_from_its_own_registers():
+def test_parameter_in_a_block_is_read_from_its_own_registers():
     operations, _, readable, drive = series("gs2")
     block = next(each for each in operations.blocks(readable) if len(each) > 1)
     together = [readable[each] for each in block]

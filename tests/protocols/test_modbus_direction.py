@@ -1,4 +1,4 @@
-"""The direction in which a motor turns, of series that tell it by the sign of a measured value and by no status bit."""
+"""Direction of rotation on series that show it by the sign of a measured value and not by a status bit."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ BY_SIGN = ["siemens-g120", "siemens-v20", "danfoss-fc", "bonfiglioli", "abb-acs3
 
 @pytest.fixture
 def drive_of():
-    """Return a function that gives a virtual drive, its line and its master."""
+    """Yield a function that returns a virtual drive, its line and the drive object of its master."""
     buses = []
 
     def make(protocol, model):
@@ -32,7 +32,7 @@ def drive_of():
 
 
 def told(virtual, line, drive, *, backwards):
-    """Run a motor in a direction; return what the status says while it runs and when it stands."""
+    """Run a motor in a direction; return the direction in its status while it runs and when it stands."""
     turns = drive.capabilities.reverse
     drive.set_reference(percent=-40 if backwards and not turns else 40)
     drive.start(reverse=backwards and turns)
@@ -46,7 +46,7 @@ def told(virtual, line, drive, *, backwards):
 
 @pytest.mark.parametrize("model", BY_SIGN)
 @pytest.mark.parametrize("backwards", [False, True])
-def test_status_tells_the_direction_while_the_motor_turns(drive_of, model, backwards):
+def test_status_shows_the_direction_while_the_motor_turns(drive_of, model, backwards):
     assert told(*drive_of("modbus", model), backwards=backwards) == (backwards, None)
 
 
@@ -61,7 +61,7 @@ def test_direction_is_the_same_over_the_other_protocol_of_the_drive(drive_of, mo
 
 
 @pytest.mark.parametrize("model", BY_SIGN)
-def test_direction_costs_no_telegram_while_the_motor_stands(drive_of, model):
+def test_direction_is_not_read_while_the_motor_stands(drive_of, model):
     _, line, drive = drive_of("modbus", model)
     drive.status()
     sent = []
@@ -70,7 +70,7 @@ def test_direction_costs_no_telegram_while_the_motor_stands(drive_of, model):
     assert len(sent) == 1
 
 
-def test_status_says_nothing_of_the_direction_where_the_drive_refuses_its_register():
+def test_direction_is_unknown_if_the_drive_refuses_its_register():
     model = load_model("drivecomm_modbus", "modbus", "siemens-g120")
     fewer = {address: info for address, info in model.parameters.items() if address not in ("40342", "40341")}
     poor = replace(

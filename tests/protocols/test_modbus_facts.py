@@ -1,4 +1,4 @@
-"""What manuals say of single series, as their virtual drives show it: coils, refusals, counters, data sets."""
+"""Facts of single Modbus series, as their virtual drives show them: coils, refusals, counters, data sets."""
 
 from decimal import Decimal
 
@@ -12,7 +12,7 @@ from drivecomm.virtual import VirtualLine, virtual_drive
 
 
 def told(drive, request, now=1.0):
-    """Let a drive hear a telegram without its CRC, and return its answer likewise, nothing for silence."""
+    """Pass a telegram without its CRC to a drive; return the reply, also without it, or None for silence."""
     data = bytes.fromhex(request)
     data += crc16(data)
     reply = drive.hear(Framed(data, drive.codec.decode(data, "request")), now)
@@ -36,14 +36,14 @@ def drive_of(model):
         ("danfoss-fc", "01 08 00 02 00 00", "01 08 00 02 00 00"),
         ("danfoss-fc", "01 05 00 20 FF 00", "01 85 02"),
         ("danfoss-fc", "01 01 00 42 00 01", "01 81 02"),
-        # ABB: what masters read in one telegram; read-only is refused with 3
+        # ABB: the telegram that masters use; a write to a read-only register is refused with 3
         ("abb-acs355", "01 03 00 00 00 0C", "01 03 18 " + "00 " * 6 + "02 40 " + "00 " * 15 + "00"),
         ("abb-acs355", "01 06 00 03 00 00", "01 86 03"),
         ("abb-acs355", "01 03 00 0C 00 01", "01 83 02"),
         ("abb-acs355", "01 01 00 00 00 01", "01 81 01"),
         ("abb-acs580", "01 03 01 01 00 01", "01 83 02"),
         ("abb-acs580", "01 06 00 01 27 10", "01 06 00 01 27 10"),
-        # Fuji: unused codes read 0 after one that there is, and are ignored when written
+        # Fuji: after an existing code, unused codes read as 0; writes to them are ignored
         ("fuji-frenic", "01 03 08 15 00 04", "01 03 08 02 36 00 00 12 11 00 12"),
         ("fuji-frenic", "01 03 08 62 00 01", "01 83 02"),
         ("fuji-frenic", "01 03 08 16 00 01", "01 83 02"),
@@ -54,39 +54,39 @@ def drive_of(model):
         ("fuji-frenic", "01 17 08 09 00 01 07 05 00 01 02 00 00", "01 97 01"),
         ("fuji-frenic", "01 04 08 09 00 01", "01 84 01"),
         ("fuji-frenic", "01 01 00 50 00 01", "01 81 02"),
-        # Vacon: ID 2101 to 2104, by function 04 as well
+        # Vacon: ID 2101 to 2104, which function 04 reads as well
         ("vacon10", "01 04 08 34 00 04", "01 04 08 00 01 00 01 00 00 00 00"),
-        # Yaskawa: the printed telegram, two codes that tell where it ends
+        # Yaskawa: the printed telegram, and two refusals that show the limits
         ("yaskawa", "01 03 00 20 00 04", "01 03 08 00 04 00 00 00 00 00 00"),
         ("yaskawa", "01 03 00 20 00 11", "01 83 03"),
         ("yaskawa", "01 08 00 00 A5 37", "01 08 00 00 A5 37"),
         ("yaskawa", "01 08 00 01 00 00", "01 88 01"),
-        # Delta: the telegram of its masters
+        # Delta: the telegram of common masters
         ("delta", "01 03 21 00 00 04", "01 03 08 00 00 04 00 00 00 00 00"),
-        # Bonfiglioli: one parameter at a time, 32 bits by 03 as well (ACU manual p. 28, 44)
+        # Bonfiglioli: one parameter per request, 32-bit values also by function 03 (ACU manual p. 28, 44)
         ("bonfiglioli", "01 03 01 74 00 02", "01 83 04"),
         ("bonfiglioli", "01 03 01 74 00 01", "01 03 02 05 AA"),
         ("bonfiglioli", "01 03 01 E1 00 02", "01 03 04 00 00 03 E8"),
         ("bonfiglioli", "01 03 01 E1 00 01", "01 83 04"),
         ("bonfiglioli", "01 64 01 E1", "01 64 00 00 03 E8"),
-        # V20 and G120: reading beyond is 2, writing what can only be read is 4
+        # V20 and G120: a read beyond the registers is refused with 2, a write to a read-only one with 4
         ("siemens-v20", "01 06 00 17 00 01", "01 86 04"),
         ("siemens-g120", "01 06 00 6D 00 01", "01 86 04"),
         ("siemens-v20", "01 01 00 00 00 01", "01 81 01"),
         # ATV212: the printed examples of S1A53844 p. 33
         ("schneider-atv212", "01 03 FD 00 00 02", "01 83 03"),
-        # Optidrive: Plus knows 03 and 06 only
+        # Optidrive: Plus has functions 03 and 06 only
         ("optidrive-plus", "01 10 00 00 00 01 02 00 01", "01 90 01"),
         ("optidrive-e3", "01 10 00 00 00 01 02 00 00", "01 10 00 00 00 01"),
     ],
 )
-def test_what_is_answered(model, request_, answer):
+def test_request_gets_the_documented_reply(model, request_, answer):
     assert told(drive_of(model), request_) == answer.strip()
 
 
-def test_a_danfoss_drive_is_commanded_by_coils():
+def test_danfoss_drive_is_commanded_by_coils():
     drive = drive_of("danfoss-fc")
-    # REF 4000H, CTW 047C: the lowest bit in the first coil
+    # REF 4000H and CTW 047C as coils, the lowest bit in the first coil
     assert told(drive, "01 0F 00 10 00 10 02 00 40") == "01 0F 00 10 00 10"
     assert told(drive, "01 0F 00 00 00 10 02 7C 04") == "01 0F 00 00 00 10"
     drive.follow(60.0)
@@ -94,13 +94,13 @@ def test_a_danfoss_drive_is_commanded_by_coils():
     assert told(drive, "01 03 C3 4F 00 01", 60.0) == "01 03 02 04 7C"
     assert told(drive, "01 03 C4 21 00 01", 60.0) == "01 03 02 40 00"
     assert told(drive, "01 01 00 30 00 10", 60.0) == "01 01 02 00 40"
-    # coil 7 alone is bit 6: 0 stops down the ramp
+    # coil 7 alone is bit 6: 0 is a ramp stop
     told(drive, "01 05 00 06 00 00", 60.0)
     drive.follow(120.0)
     assert not drive.motor.running
 
 
-def test_coil_65_of_a_danfoss_drive_says_where_a_write_goes():
+def test_coil_65_of_a_danfoss_drive_selects_the_storage_of_a_write():
     virtual = drive_of("danfoss-fc")
     with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
         drive = bus.drive("modbus", 1, model="danfoss-fc")
@@ -112,7 +112,7 @@ def test_coil_65_of_a_danfoss_drive_says_where_a_write_goes():
             assert drive.read("3410").value == left
 
 
-def test_a_drive_counts_its_telegrams():
+def test_danfoss_drive_counts_its_telegrams():
     drive = drive_of("danfoss-fc")
     framer = Framer(drive.codec, "request")
     finds = [*framer.feed(bytes.fromhex("01 03 C3 4F 00 01 00 00")), *framer.flush()]
@@ -134,7 +134,7 @@ def test_a_drive_counts_its_telegrams():
         ("00 10 00 03 00 01 02 00 64", False),
     ],
 )
-def test_a_yaskawa_drive_takes_two_registers_from_everybody(request_, runs):
+def test_yaskawa_drive_accepts_broadcasts_to_two_registers_only(request_, runs):
     drive = drive_of("yaskawa")
     drive.poke("0x0003", 200)
     assert told(drive, request_) is None
@@ -142,7 +142,7 @@ def test_a_yaskawa_drive_takes_two_registers_from_everybody(request_, runs):
     assert drive.peek("0x0003", 1.0) == 200
 
 
-def test_a_parameter_of_a_bonfiglioli_drive_has_four_data_sets():
+def test_bonfiglioli_parameter_has_four_data_sets():
     virtual = drive_of("bonfiglioli")
     with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
         drive = bus.drive("modbus", 1, model="bonfiglioli")
@@ -155,12 +155,12 @@ def test_a_parameter_of_a_bonfiglioli_drive_has_four_data_sets():
         ]
         drive.write(sets[1], "30")
         assert drive.read(sets[1]).value == 30
-        # What was not to be stored went to data set 7, which is the second one in RAM.
+        # The volatile write went to data set 7, the RAM side of set 2.
         virtual.power_cycle(1.0)
         assert drive.read(sets[1]).value == Decimal("12.5")
 
 
-def test_a_v20_obeys_both_sets_of_registers():
+def test_v20_obeys_both_sets_of_registers():
     drive = drive_of("siemens-v20")
     for request in ("01 06 00 64 20 00", "01 06 00 63 04 7E", "01 06 00 63 04 7F"):
         assert told(drive, request) == request
@@ -185,7 +185,7 @@ def test_a_v20_obeys_both_sets_of_registers():
         ("abb-acs580", [f"01 10 00 00 00 01 02 04 {word}" for word in ("06", "07", "0F", "3F", "7F")]),
     ],
 )
-def test_new_series_start_and_stop(model, telegrams, how):
+def test_g120_and_acs580_start_stop_and_reset(model, telegrams, how):
     sent = []
     virtual = drive_of(model)
     line = VirtualLine([virtual])
@@ -213,7 +213,7 @@ def test_new_series_start_and_stop(model, telegrams, how):
 @pytest.mark.parametrize(
     ("seconds", "word"), [("6", 600), ("9.99", 999), ("20", 0x4C8), ("99.9", 0x7E7), ("250", 0x8FA), ("3600", 0xD68)]
 )
-def test_ramp_times_of_fuji_are_three_digits_with_an_exponent(seconds, word):
+def test_fuji_ramp_time_has_three_digits_and_an_exponent(seconds, word):
     virtual = drive_of("fuji-frenic")
     with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
         drive = bus.drive("modbus", 1, model="fuji-frenic")
@@ -226,7 +226,7 @@ def test_ramp_times_of_fuji_are_three_digits_with_an_exponent(seconds, word):
                 drive.write("0x0007", strange, store=True)
 
 
-def test_an_optidrive_plus_does_not_coast_by_a_bit_that_it_does_not_have():
+def test_coast_of_an_optidrive_plus_is_refused():
     with drivecomm.open_bus(VirtualLine([drive_of("optidrive-plus")]).port) as bus, pytest.raises(NotSupported):
         bus.drive("modbus", 1, model="optidrive-plus").stop(Stop.COAST)
 
@@ -234,13 +234,13 @@ def test_an_optidrive_plus_does_not_coast_by_a_bit_that_it_does_not_have():
 @pytest.mark.parametrize(
     ("model", "voltage", "dc_link"), [("delta-vfd-b", "0x2106", "0x2105"), ("delta-vfd-e", "0x2109", "0x2108")]
 )
-def test_where_older_delta_drives_tell_their_voltages(model, voltage, dc_link):
+def test_older_delta_drives_have_their_own_voltage_registers(model, voltage, dc_link):
     with drivecomm.open_bus(VirtualLine([drive_of(model)]).port) as bus:
         drive = bus.drive("modbus", 1, model=model)
         assert [drive.read(each).parameter for each in ("output_voltage", "dc_link_voltage")] == [voltage, dc_link]
 
 
-def test_a_goodrive_keeps_a_write_in_ram_under_another_address():
+def test_goodrive_volatile_write_uses_another_address():
     sent = []
     with drivecomm.open_bus(VirtualLine([drive_of("invt")]).port, trace=sent.append) as bus:
         drive = bus.drive("modbus", 1, model="invt", confirmed="invt")
@@ -255,7 +255,7 @@ def test_a_goodrive_keeps_a_write_in_ram_under_another_address():
 
 
 @pytest.mark.parametrize(("decimals", "shown"), [(2, "12.34 A"), (1, "123.4 A"), (0, "1234 A")])
-def test_another_register_tells_how_many_decimals_the_current_of_a_delta_has(decimals, shown, monkeypatch):
+def test_decimals_of_a_delta_current_come_from_another_register(decimals, shown, monkeypatch):
     virtual = drive_of("delta")
     virtual.poke("0x211F.high", decimals)
     monkeypatch.setattr(Motor, "measured", lambda _, name: 12.34 if name == "output_current" else None)
@@ -267,7 +267,7 @@ def test_another_register_tells_how_many_decimals_the_current_of_a_delta_has(dec
         assert [str(each) for each in drive.read_many(wanted)][1] == shown
 
 
-def test_signed_values_have_their_sign():
+def test_signed_registers_are_read_as_s16():
     for model, address in (
         ("vacon10", "2104"),
         ("vacon10", "2107"),

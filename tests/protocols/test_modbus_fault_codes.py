@@ -1,4 +1,4 @@
-"""A drive that does not tell the code of its fault has the fault all the same."""
+"""Drives that do not report the code of a fault; the fault itself must still be reported."""
 
 import pytest
 
@@ -18,7 +18,7 @@ TOLD = [
 
 
 @pytest.mark.parametrize("name", TOLD)
-def test_a_fault_whose_code_is_refused_is_a_fault(name):
+def test_fault_with_a_refused_code_is_reported_without_one(name):
     drive = virtual_drive("modbus", 1, model=name)
     line, code = VirtualLine([drive]), CONTROLS[name]["fault_code"]
     in_status = {given[0].partition(".")[0] for given in CONTROLS[name]["status"].values()}
@@ -45,7 +45,7 @@ def test_a_fault_whose_code_is_refused_is_a_fault(name):
         assert not one.status().fault
 
 
-def test_an_invt_drive_whose_status_shows_no_fault_has_the_one_that_its_code_tells():
+def test_invt_fault_is_reported_by_its_code_if_the_status_lacks_it():
     drive = virtual_drive("modbus", 1, model="invt")
     line = VirtualLine([drive])
     drive.trip(7, line.time)

@@ -1,4 +1,4 @@
-"""Modbus in ASCII and over TCP: where telegrams begin and end, and which reply belongs to which request."""
+"""Modbus in ASCII and over TCP: the limits of telegrams, and the matching of replies to requests."""
 
 import socket
 import threading
@@ -33,14 +33,14 @@ def test_ascii_ends_with_the_lrc_of_all_bytes():
     assert codec("ascii").encode(reading(count=4)) == b":010321000004D7\r\n"
 
 
-def test_ascii_is_found_behind_a_telegram_that_broke_off():
+def test_ascii_telegram_is_found_after_a_cut_one():
     whole = codec("ascii").encode(reading())
     finds = Framer(codec("ascii"), "request").feed(whole[:9] + whole)
     assert [find.data for find in finds if isinstance(find, Framed)] == [whole]
 
 
 @pytest.mark.parametrize("bit", range(8))
-def test_ascii_notices_each_wrong_bit(bit):
+def test_ascii_detects_each_single_bit_error(bit):
     whole = codec("ascii").encode(reading())
     for place in range(len(whole)):
         changed = bytearray(whole)
@@ -49,33 +49,33 @@ def test_ascii_notices_each_wrong_bit(bit):
             codec("ascii").decode(bytes(changed), "request")
 
 
-def test_tcp_believes_no_reply_to_another_transaction():
+def test_tcp_reply_to_another_transaction_does_not_match():
     first, second = reading(start=0x2100), reading(start=0x2103)
     assert PLUGIN.mismatch(first, reply_to(first)) == ""
     assert PLUGIN.mismatch(second, reply_to(first)) == "transaction"
 
 
-def test_tcp_repeats_the_transaction_of_a_foreign_master():
+def test_tcp_reply_repeats_the_transaction_of_its_request():
     asked = reading(transaction=7)
     assert reply_to(asked).transaction == 7
     assert reply_to(reading(transaction=8, start=0x7777)).exception == 2
     assert reply_to(reading(transaction=8, start=0x7777)).transaction == 8
 
 
-def test_tcp_writes_no_reply_without_a_transaction():
+def test_tcp_reply_without_a_transaction_is_not_encoded():
     reply = PLUGIN.message({"address": 1, "function": 3, "values": [1]}, "reply")
     with pytest.raises(TelegramError, match="transaction"):
         codec("tcp").encode(reply)
 
 
-def test_ascii_is_found_by_a_scan_at_its_settings():
+def test_ascii_drive_is_found_by_a_scan_with_its_framing():
     line = VirtualLine([virtual_drive("modbus", 5, model="delta", framing="ascii", bytesize=7, parity="E")])
     with drivecomm.open_bus(line.port, bytesize=7, parity="E") as bus:
         assert not list(bus.scan(["modbus"], [5]))
         assert [found.address for found in bus.scan(["modbus,framing=ascii"], [5])] == [5]
 
 
-def test_ascii_drives_hear_their_requests_between_those_of_others():
+def test_ascii_drives_share_a_line():
     drives = [virtual_drive("modbus", each, model="delta", framing="ascii") for each in (1, 2, 3)]
     with drivecomm.open_bus(VirtualLine(drives).port) as bus:
         fans = [bus.drive("modbus", each, model="delta", framing="ascii") for each in (1, 2, 3)]
@@ -89,7 +89,7 @@ def test_ascii_drives_hear_their_requests_between_those_of_others():
 
 @contextmanager
 def gateway(answer):
-    """A gateway that answers one request of one connection, and waits for its end."""
+    """Yield the address of a gateway that answers one request and waits for the end of the connection."""
     with socket.create_server(("127.0.0.1", 0)) as listening:
 
         def serve():
@@ -113,6 +113,6 @@ def to_another_first(asked):
     return other + holding(7)(asked)
 
 
-def test_tcp_passes_over_the_reply_to_another_transaction_of_a_gateway():
+def test_tcp_reply_of_a_gateway_to_another_transaction_is_ignored():
     with gateway(to_another_first) as port, drivecomm.open_bus(port) as bus:
         assert bus.drive("modbus", 1).read("0x2100").value == 7

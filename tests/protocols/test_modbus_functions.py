@@ -1,4 +1,4 @@
-"""Drives that lack a function for writing, that are busy, or whose registers are typed as manuals count them."""
+"""Drives that lack a write function or are busy, and registers typed with the numbers of the manuals."""
 
 import pytest
 from serving_threads import served_in_thread
@@ -18,12 +18,12 @@ def opened(drive):
 
 
 def functions(sent):
-    """Return the functions of the writes that went out, in their order."""
+    """Return the functions of the writes sent, in order."""
     return [each.data[1] for each in sent if each.what == "sent" and each.data[1] in WRITES]
 
 
 def lacking(model, *without, **options):
-    """Return a virtual drive that refuses some functions as unknown."""
+    """Return a virtual drive that refuses certain functions as unknown."""
     drive = virtual_drive("modbus", 1, model=model, **options)
     drive._functions = [each for each in (1, 2, 3, 4, *WRITES) if each not in without]
     return drive
@@ -33,7 +33,7 @@ def lacking(model, *without, **options):
     ("model", "lacks", "first", "works"),
     [("abb-acs355", 16, 16, 6), ("vacon10", 16, 16, 6), ("gs2", 6, 6, 16), ("hitachi-wj200", 5, 5, 15)],
 )
-def test_stop_goes_out_by_the_other_function_and_that_is_remembered(model, lacks, first, works):
+def test_stop_uses_the_other_write_function_and_remembers_it(model, lacks, first, works):
     drive = lacking(model, lacks)
     bus, sent, line = opened(drive)
     with bus:
@@ -48,14 +48,14 @@ def test_stop_goes_out_by_the_other_function_and_that_is_remembered(model, lacks
         assert set(functions(sent)) == {works}
 
 
-def test_stop_by_the_other_function_has_no_read_before_it():
+def test_stop_by_the_other_write_function_is_sent_without_a_read():
     bus, sent, _ = opened(lacking("vacon10", 16))
     with bus:
         bus.drive("modbus", 1, model="vacon10").stop()
     assert [each.data[1] for each in sent if each.what == "sent"][:2] == [16, 6]
 
 
-def test_stop_of_a_drive_on_a_network_port_goes_out_by_function_06():
+def test_stop_over_a_network_port_falls_back_to_function_06():
     drive = lacking("optidrive-e3", 16)
     with (
         served_in_thread(Server([drive], parse_listen("tcp:127.0.0.1:0"))) as server,
@@ -70,7 +70,7 @@ def test_stop_of_a_drive_on_a_network_port_goes_out_by_function_06():
 
 
 @pytest.mark.parametrize(("model", "running"), [("fuji-frenic", {"hz": 20}), ("danfoss-fc", {"percent": 40})])
-def test_stop_goes_out_by_coils_if_no_function_writes_registers(model, running):
+def test_stop_uses_coils_if_no_function_writes_registers(model, running):
     drive = virtual_drive("modbus", 1, model=model)
     bus, sent, line = opened(drive)
     with bus:
@@ -85,7 +85,7 @@ def test_stop_goes_out_by_coils_if_no_function_writes_registers(model, running):
     assert drive.motor.command is not Command.RUN
 
 
-def test_start_and_write_use_the_function_that_the_drive_knows():
+def test_start_and_reference_use_the_function_that_the_drive_has():
     drive = lacking("optidrive-e3", 16)
     bus, _, line = opened(drive)
     with bus:
@@ -96,7 +96,7 @@ def test_start_and_write_use_the_function_that_the_drive_knows():
         assert drive.motor.running
 
 
-def test_refusal_of_both_functions_names_the_register_of_the_manual_and_the_option():
+def test_refusal_of_both_write_functions_names_register_and_option():
     bus, _, _ = opened(lacking("vacon10", 6, 16))
     with (
         bus,
@@ -108,7 +108,7 @@ def test_refusal_of_both_functions_names_the_register_of_the_manual_and_the_opti
         bus.drive("modbus", 1, model="vacon10").stop()
 
 
-def test_another_refusal_is_not_tried_by_the_other_function():
+def test_other_refusal_of_a_write_is_not_retried_with_the_other_function():
     drive = virtual_drive("modbus", 1, model="optidrive-e3")
     bus, sent, _ = opened(drive)
     with bus, pytest.raises(RefusedError, match="code 2"):
@@ -117,7 +117,7 @@ def test_another_refusal_is_not_tried_by_the_other_function():
 
 
 def busy_for(drive, times, functions_):
-    """Have a virtual drive answer exception 06 to its next requests with these functions."""
+    """Make a virtual drive answer its next requests with these functions by exception 06."""
     refused, as_it_is = [], drive.hear
 
     def hear(find, now):
@@ -133,7 +133,7 @@ def busy_for(drive, times, functions_):
 
 
 @pytest.mark.parametrize("times", [1, 3, 1000])
-def test_busy_drive_is_asked_again_for_a_read_for_a_second_at_most(times):
+def test_read_of_a_busy_drive_is_retried_for_one_second_at_most(times):
     drive = virtual_drive("modbus", 1, model="gs2")
     bus, _, line = opened(drive)
     refused = busy_for(drive, times, (3,))
@@ -148,7 +148,7 @@ def test_busy_drive_is_asked_again_for_a_read_for_a_second_at_most(times):
     assert len(refused) >= min(times, 5)
 
 
-def test_busy_drive_is_not_asked_beyond_the_deadline():
+def test_read_of_a_busy_drive_is_not_retried_beyond_the_deadline():
     drive = virtual_drive("modbus", 1, model="gs2")
     bus, _, line = opened(drive)
     busy_for(drive, 1000, (3,))
@@ -159,7 +159,7 @@ def test_busy_drive_is_not_asked_beyond_the_deadline():
     assert line.time < 0.5
 
 
-def test_stop_does_not_wait_for_a_busy_drive_to_say_what_it_obeys():
+def test_stop_does_not_wait_until_a_busy_drive_can_be_read():
     drive = virtual_drive("modbus", 1, model="bonfiglioli")
     bus, sent, line = opened(drive)
     busy_for(drive, 1000, (3,))
@@ -170,7 +170,7 @@ def test_stop_does_not_wait_for_a_busy_drive_to_say_what_it_obeys():
     assert next(each.data for each in sent if each.what == "sent" and each.data[1] == 16)[-4:-2] == bytes(2)
 
 
-def test_register_typed_as_40003_is_explained_when_refused():
+def test_refused_register_40003_is_explained_by_register_base():
     bus, _, _ = opened(virtual_drive("modbus", 1, model="optidrive-e3"))
     with bus:
         one = bus.drive("modbus", 1)
@@ -184,7 +184,7 @@ def test_register_typed_as_40003_is_explained_when_refused():
             one.read("30003")
 
 
-def test_register_typed_as_40003_is_explained_when_a_drive_answers_everything():
+def test_reading_of_register_40003_has_a_note_on_register_base():
     drive = virtual_drive("modbus", 1, model="fuji-frenic")
     drive._fetch = lambda _kind, _start, count: (0,) * count
     bus, _, _ = opened(drive)

@@ -1,4 +1,4 @@
-"""A watchdog that only commands feed: what is repeated to a Danfoss drive that is kept, and what never is."""
+"""A watchdog that only commands feed: the words that are repeated to a kept Danfoss drive, and those that never are."""
 
 import pytest
 
@@ -23,7 +23,7 @@ def commands(sent):
     return [each for each in telegrams if each.startswith("01 10 C3 4F")]
 
 
-def test_the_command_that_holds_is_repeated(plant):
+def test_held_command_is_repeated_while_the_motor_is_kept(plant):
     drive, _, fan, sent = plant
     fan.set_reference(percent=50)
     with keep(fan, "trip", watchdog_s=2) as kept:
@@ -38,7 +38,7 @@ def test_the_command_that_holds_is_repeated(plant):
         assert 10 <= len(commands(sent)) <= 40
 
 
-def test_a_drive_that_only_hears_questions_trips(plant):
+def test_drive_trips_if_it_receives_only_reads(plant):
     drive, line, fan, _ = plant
     drive.poke("8030", 10)
     drive.poke("8040", 5)
@@ -50,7 +50,7 @@ def test_a_drive_that_only_hears_questions_trips(plant):
     assert fan.status().fault
 
 
-def test_words_that_are_not_valid_feed_nothing(plant):
+def test_invalid_control_words_do_not_feed_the_watchdog(plant):
     drive, line, fan, _ = plant
     drive.poke("8030", 10)
     drive.poke("8040", 5)
@@ -62,7 +62,7 @@ def test_words_that_are_not_valid_feed_nothing(plant):
     assert drive.motor.fault
 
 
-def test_nothing_is_repeated_without_a_watchdog(plant):
+def test_command_is_not_repeated_without_a_watchdog(plant):
     _, line, fan, sent = plant
     fan.set_reference(percent=50)
     fan.start()
@@ -74,13 +74,13 @@ def test_nothing_is_repeated_without_a_watchdog(plant):
 
 
 @pytest.mark.parametrize("word", [0x043C, 0x0474])
-def test_a_motor_that_somebody_else_has_stopped_is_not_started_again(plant, word):
+def test_motor_stopped_by_another_master_is_not_restarted(plant, word):
     drive, line, fan, sent = plant
     fan.set_reference(percent=50)
     with keep(fan, "trip", watchdog_s=2) as kept:
         fan.start()
         kept.sleep(3)
-        # Another master, or the bus of another: nobody here has sent it, and the motor still turns for some time.
+        # The stop of another master: nothing here has sent it, and the motor still turns for a while.
         drive.poke("50000", word)
         drive.motor.stop(Command.RAMP_STOP, line.time)
         del sent[:]
@@ -88,7 +88,7 @@ def test_a_motor_that_somebody_else_has_stopped_is_not_started_again(plant, word
         assert START not in commands(sent)
 
 
-def test_a_motor_that_has_tripped_is_not_started_by_its_reset(plant):
+def test_tripped_motor_is_not_started_by_its_reset(plant):
     drive, line, fan, sent = plant
     fan.set_reference(percent=50)
     with keep(fan, "trip", watchdog_s=2) as kept:

@@ -1,4 +1,4 @@
-"""A reply to 10H names no value: a late one to a command that was given up confirms nothing that came after it."""
+"""Late replies to function 10H, which name no value: they must not confirm a later command."""
 
 from contextlib import suppress
 
@@ -14,7 +14,7 @@ WRITES = {6, 16}
 
 
 class Deaf:
-    """A drive that does not hear the second of some writes."""
+    """A drive that misses the second write after counting begins."""
 
     def __init__(self, model):
         self.inner = virtual_drive("modbus", 5, model=model)
@@ -32,7 +32,7 @@ class Deaf:
 
 
 def late(deaf):
-    """Return what arrives: the reply to the first of those writes when it has been given up, all else at once."""
+    """Return a function that schedules replies: that to the first counted write comes after its caller has given up."""
 
     def say(request, reply):
         is_first = deaf.counting and request[1] in WRITES and deaf.writes == 1
@@ -46,7 +46,7 @@ def opened(deaf):
 
 
 @pytest.mark.parametrize(("model", "parameter"), [("fuji-frenic", "0x0007"), ("abb-acs355", "42202")])
-def test_a_write_is_not_confirmed_by_the_late_reply_to_another(model, parameter):
+def test_write_is_not_confirmed_by_the_late_reply_to_another(model, parameter):
     deaf = Deaf(model)
     with opened(deaf) as bus:
         drive = bus.drive("modbus", 5, model=model, reply_timeout_s=REPLY_TIMEOUT_S, attempts=1)
@@ -68,7 +68,7 @@ def test_a_write_is_not_confirmed_by_the_late_reply_to_another(model, parameter)
         ("abb-acs355", {"percent": 50}),
     ],
 )
-def test_a_stop_is_not_confirmed_by_the_late_reply_to_a_start(model, reference):
+def test_stop_is_not_confirmed_by_the_late_reply_to_a_start(model, reference):
     deaf = Deaf(model)
     with opened(deaf) as bus:
         drive = bus.drive("modbus", 5, model=model, reply_timeout_s=REPLY_TIMEOUT_S, attempts=1)
@@ -78,7 +78,7 @@ def test_a_stop_is_not_confirmed_by_the_late_reply_to_a_start(model, reference):
             drive.start()
         with suppress(NoReplyError):
             drive.stop()
-            # It stops down its ramp.
+            # The motor ramps down.
             for _ in range(2000):
                 drive.status()
             assert not drive.status().running

@@ -1,4 +1,4 @@
-"""Virtual Modbus and Huanyang drives under spindle drivers of LinuxCNC, which owners of such drives have written."""
+"""Virtual Modbus and Huanyang drives under spindle drivers of LinuxCNC, written by owners of such drives."""
 
 import time
 
@@ -29,7 +29,7 @@ def ini(folder, line, section):
     return path
 
 
-def test_gs2_vfd_turns_a_gs2_and_shows_what_it_reads(tmp_path):
+def test_gs2_vfd_runs_a_gs2_and_shows_its_values(tmp_path):
     drive = virtual_drive("modbus", 1, model="gs2")
     with (
         served(drive, tmp_path) as (line, _),
@@ -38,7 +38,7 @@ def test_gs2_vfd_turns_a_gs2_and_shows_what_it_reads(tmp_path):
         spindle.set(speed_command=1380, spindle_fwd=1)
 
         def runs():
-            # It tells its drive what changes.
+            # The driver sends a command only when a pin changes.
             for on in (0, 1):
                 spindle.set(spindle_on=on)
                 time.sleep(1)
@@ -51,7 +51,7 @@ def test_gs2_vfd_turns_a_gs2_and_shows_what_it_reads(tmp_path):
         assert not drive.motor.running
 
 
-def test_wj200_vfd_turns_a_hitachi_forwards_and_backwards_trips_and_resets_it(tmp_path):
+def test_wj200_vfd_runs_a_hitachi_in_both_directions_and_resets_its_trip(tmp_path):
     drive = virtual_drive("modbus", 1, model="hitachi-wj200")
     with served(drive, tmp_path) as (line, trip):
         options = f"--device {line} --baud 9600 --parity none --databits 8 --stopbits 1"
@@ -67,14 +67,14 @@ def test_wj200_vfd_turns_a_hitachi_forwards_and_backwards_trips_and_resets_it(tm
             spindle.set(reverse=1, run=1)
             spindle.wait_for(lambda: drive.motor.output_hz < -20)
             trip(3)
-            # It resets a drive with a fault as long as it is enabled.
+            # An enabled driver resets a drive that has a fault.
             spindle.wait_for(lambda: spindle.get("is-alarm") is False and not drive.motor.fault)
             spindle.set(run=0)
             spindle.wait_for(lambda: spindle.get("is-running") is False)
             assert not drive.motor.running
 
 
-def test_vfdb_vfd_turns_an_older_delta_and_shows_what_it_reads(tmp_path):
+def test_vfdb_vfd_runs_an_older_delta_and_shows_its_values(tmp_path):
     drive = virtual_drive("modbus", 1, model="delta-vfd-b")
     with served(drive, tmp_path) as (line, _):
         command = f"vfdb_vfd -n delta -S VFD-B -I {ini(tmp_path, line, 'VFD-B')}"
@@ -93,7 +93,7 @@ def test_vfdb_vfd_turns_an_older_delta_and_shows_what_it_reads(tmp_path):
             assert spindle.get("error-count") == 0
 
 
-def test_vfs11_vfd_turns_a_toshiba_and_acknowledges_its_trip(tmp_path):
+def test_vfs11_vfd_runs_a_toshiba_and_resets_its_trip(tmp_path):
     drive = virtual_drive("modbus", 1, model="toshiba-vfs11")
     with served(drive, tmp_path) as (line, trip):
         command = f"vfs11_vfd -n toshiba -S VFS11 -I {ini(tmp_path, line, 'VFS11')}"
@@ -116,14 +116,14 @@ def test_vfs11_vfd_turns_a_toshiba_and_acknowledges_its_trip(tmp_path):
             assert not drive.motor.running
 
 
-def test_hy_vfd_turns_a_huanyang_forwards_and_backwards_and_shows_what_it_reads(tmp_path):
+def test_hy_vfd_runs_a_huanyang_in_both_directions_and_shows_its_values(tmp_path):
     drive = virtual_drive("huanyang", 1)
     with (
         served(drive, tmp_path) as (line, _),
         driver(tmp_path, "hy_vfd", f"hy_vfd -d {line} -r 9600 -p none -s 1 -b 8 -t 1") as spindle,
     ):
         spindle.set(speed_command=720, spindle_forward=1, spindle_on=1, enable=1)
-        # 1440 rpm at 50 Hz; it asks for one revolution more, and cuts to 0.01 Hz.
+        # 1440 rpm at 50 Hz; the driver requests one revolution more, and truncates to 0.01 Hz.
         spindle.wait_for(lambda: spindle.get("OutF") == pytest.approx(25.03))
         assert drive.motor.target_hz == pytest.approx(25.03)
         assert (spindle.get("max-freq"), spindle.get("motor-poles")) == (50.0, 4)

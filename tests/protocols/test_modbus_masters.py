@@ -1,4 +1,4 @@
-"""Virtual Modbus drives under a master that others have written: mbpoll."""
+"""Virtual Modbus drives under a foreign master: mbpoll."""
 
 import shutil
 import subprocess
@@ -17,7 +17,7 @@ needs_mbpoll = pytest.mark.skipif(MBPOLL is None, reason="mbpoll is not installe
 
 @contextmanager
 def served(drive, folder):
-    """Serve a virtual drive on a pseudo-terminal, and return its path."""
+    """Serve a virtual drive on a pseudo-terminal and yield its path."""
     path = folder / "line"
     with served_in_thread(Server([drive], parse_listen(f"pty:{path}"))):
         yield path

@@ -1,4 +1,4 @@
-"""What makers print of single Modbus series: raw register values and what they mean, with the page of each."""
+"""Printed facts of single Modbus series: raw register values and their meaning, with the page of each."""
 
 from decimal import Decimal
 
@@ -13,7 +13,10 @@ from drivecomm.virtual import VirtualLine, virtual_drive
 
 @pytest.fixture
 def showing():
-    """Return a function that makes a drive of a model show fixed registers, with its bus and what was sent."""
+    """Yield a function that makes a drive of a model show fixed registers.
+
+    The function returns the drive object, the virtual drive and a list of the telegrams sent.
+    """
     buses = []
 
     def make(model, registers):
@@ -32,7 +35,7 @@ def showing():
 
 
 def writes(sent):
-    """Return function, register and value of each single-register write."""
+    """Return register and value of each single-register write."""
     told = [event.data for event in sent if event.what == "sent" and event.data[1] == 6]
     return [(int.from_bytes(data[2:4]), int.from_bytes(data[4:6])) for data in told]
 
@@ -55,7 +58,7 @@ def test_optidrive_e3_status_comes_from_the_low_byte(showing, low, high, state, 
     assert drive.read("fault_code").value == high
 
 
-def test_optidrive_e3_reset_sets_bit_2_and_looks_whether_the_trip_went(showing):
+def test_optidrive_e3_reset_pulses_bit_2_and_checks_the_trip(showing):
     drive, virtual, sent = showing("optidrive-e3", {"6.low": 0x02, "6.high": 3})
     with pytest.raises(StateError, match="still tripped"):
         drive.reset()
@@ -65,7 +68,7 @@ def test_optidrive_e3_reset_sets_bit_2_and_looks_whether_the_trip_went(showing):
     assert writes(sent) == [(0, 0), (0, 4), (0, 0)]
 
 
-def test_optidrive_e3_start_is_kept_while_the_drive_shows_running():
+def test_optidrive_e3_start_is_obeyed_and_its_trip_can_be_reset():
     virtual = virtual_drive("modbus", 1, model="optidrive-e3")
     with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
         drive = bus.drive("modbus", 1, model="optidrive-e3")
@@ -78,9 +81,9 @@ def test_optidrive_e3_start_is_kept_while_the_drive_shows_running():
         assert drive.status().state is DriveState.READY
 
 
-# ACS550 manual p. 209, ACH550-UH p. 165: bit 10 counts where 5305 = FULL, and costs nothing where it is LIM.
+# ACS550 manual p. 209, ACH550-UH p. 165: bit 10 matters if 5305 = FULL, and does no harm if it is LIM.
 @pytest.mark.parametrize("model", ["abb-acs355", "abb-acs580"])
-def test_abb_control_words_all_have_bit_10(model):
+def test_every_abb_control_word_has_bit_10(model):
     control = load_model("drivecomm_modbus", "modbus", model).control
     words = [step[1] for name in ("start", "stop", "coast", "quick", "reset") for step in control[name]]
     assert words
@@ -88,7 +91,7 @@ def test_abb_control_words_all_have_bit_10(model):
 
 
 # ACS355 register map: 0103 is signed; a program that drives an ACS550 found steps of 0.1 Hz.
-def test_abb_output_frequency_has_its_sign():
+def test_abb_output_frequency_is_signed():
     virtual = virtual_drive("modbus", 1, model="abb-acs355")
     line = VirtualLine([virtual])
     with drivecomm.open_bus(line.port) as bus:
@@ -103,23 +106,23 @@ def test_abb_output_frequency_has_its_sign():
 @pytest.mark.parametrize(
     ("code", "text"), [(19, "internal link"), (26, "identity"), (31, "fieldbus"), (105, "internal")]
 )
-def test_abb_fault_is_named(showing, code, text):
+def test_abb_fault_code_has_its_text(showing, code, text):
     drive, _, _ = showing("abb-acs355", {"40004": 0x08, "40401": code})
     assert text in drive.status().fault_text
 
 
-# Both editions of the Plus guide print it so, and related documents do not: no common name until one decides.
-def test_optidrive_plus_status_bytes_are_not_sure():
+# Both editions of the Plus guide print it so, and related documents do not; unmapped until a source decides.
+def test_optidrive_plus_status_bytes_are_unconfirmed():
     model = load_model("drivecomm_modbus", "modbus", "optidrive-plus")
     assert {model.parameters[each].sure for each in ("6.low", "6.high")} == {"unconfirmed"}
     assert "fault_code" not in model.quantities
 
 
-# MS300 manual p. 790, GS4 manual p. D-14: bits 4-3 are 0 forward, 1 backwards and to go forward, 2 forward and to go
-# backwards, 3 backwards.
+# MS300 manual p. 790, GS4 manual p. D-14: bits 4-3 are 0 forwards, 1 backwards to forwards, 2 forwards to backwards,
+# 3 backwards.
 @pytest.mark.parametrize(("bits", "reverse"), [(0b00, False), (0b01, True), (0b10, False), (0b11, True)])
 @pytest.mark.parametrize("model", ["delta", "delta-vfd-b", "delta-vfd-e", "gs2"])
-def test_delta_direction_is_the_way_in_which_the_motor_turns(showing, model, bits, reverse):
+def test_delta_direction_is_that_of_the_turning_motor(showing, model, bits, reverse):
     status = "0x2119" if model == "delta" else "0x2101"
     drive, _, _ = showing(model, {status: bits << 3 | 3})
     assert drive.status().reverse is reverse
@@ -137,8 +140,8 @@ def test_delta_drive_that_turns_backwards_shows_both_direction_bits(model):
         assert drive.read("0x2119" if model == "delta" else "0x2101").raw & 0x1B == 0x1B
 
 
-# VP3000 manual p. 249 prints other numbers than older series: none is offered before a page of the MS300 is seen.
-def test_delta_link_loss_action_has_no_numbers_of_another_series():
+# VP3000 manual p. 249 prints other numbers than older series: none is offered without a page of the MS300.
+def test_delta_link_loss_action_has_no_option_numbers():
     model = load_model("drivecomm_modbus", "modbus", "delta")
     assert model.watchdog is None
     assert not model.parameters["0x0902"].values
@@ -147,17 +150,17 @@ def test_delta_link_loss_action_has_no_numbers_of_another_series():
 
 # VFD-E manual 04EE p. 4-113: 0.0 to 120.0 s; VFD-B manual BE16 p. 5-83: 0.0 to 60.0 s
 @pytest.mark.parametrize(("model", "most"), [("delta-vfd-e", 120), ("delta-vfd-b", 60)])
-def test_delta_silence_time_has_the_limit_of_its_own_series(model, most):
+def test_delta_silence_time_has_the_limit_of_its_series(model, most):
     assert load_model("drivecomm_modbus", "modbus", model).parameters["0x0903"].maximum == most
 
 
-# MS300 manual p. 791: 211BH is not the maximum frequency where 00-26 is set.
+# MS300 manual p. 791: 211BH is not the maximum frequency if 00-26 is set.
 def test_delta_maximum_frequency_is_parameter_01_00():
     assert load_model("drivecomm_modbus", "modbus", "delta").quantities["maximum_frequency"] == "0x0100"
 
 
-# Ms300FaultReader of TaidaFlow, which reads an MS300: low byte 58 is CE10, high byte 5 the warning of it.
-def test_delta_fault_and_warning_are_named(showing):
+# Ms300FaultReader of TaidaFlow, which reads an MS300: low byte 58 is CE10, high byte 5 its warning.
+def test_delta_fault_and_warning_have_their_texts(showing):
     drive, virtual, _ = showing("delta", {"0x2100.low": 58})
     virtual.poke("0x2100.high", 5)
     status = drive.status()
@@ -165,7 +168,7 @@ def test_delta_fault_and_warning_are_named(showing):
     assert load_model("drivecomm_modbus", "modbus", "delta").warnings[5] == "Modbus silent"
 
 
-# J1000 manual p. 231, GA800 p. 282: with H5-11 = 0 a parameter counts only after 0910H (in RAM) or 0900H (stored).
+# J1000 manual p. 231, GA800 p. 282: with H5-11 = 0 a parameter takes effect after 0910H (RAM) or 0900H (stored).
 @pytest.mark.parametrize(("store", "enter"), [(False, 0x0910), (True, 0x0900)])
 def test_yaskawa_write_is_followed_by_enter(store, enter):
     sent = []
@@ -183,7 +186,7 @@ def test_yaskawa_write_is_followed_by_enter(store, enter):
 
 
 # A1000 27C p. 494 and V1000 register map: 0098H in 10 h, 0099H in 1 h; the unit of 0026H depends on the drive.
-def test_yaskawa_hours_are_two_registers_and_the_current_has_no_unit(showing):
+def test_yaskawa_hours_use_two_registers_and_the_current_has_no_unit(showing):
     drive, _, _ = showing("yaskawa", {"0x0098": 1234, "0x0099": 5, "0x0026": 1000})
     hours = [drive.read(each) for each in ("0x0098", "0x0099")]
     assert [(each.value, each.unit) for each in hours] == [(Decimal(12340), "h"), (Decimal(5), "h")]
@@ -191,7 +194,7 @@ def test_yaskawa_hours_are_two_registers_and_the_current_has_no_unit(showing):
     assert "output_current" not in load_model("drivecomm_modbus", "modbus", "yaskawa").quantities
 
 
-# A1000 27G p. 561 prints bit 6 of 002AH as overheat with the sign of overvoltage.
+# A1000 27G p. 561 prints bit 6 of 002AH as overheat, but with the symbol of overvoltage.
 def test_yaskawa_alarm_bit_6_has_no_text():
     warnings = load_model("drivecomm_modbus", "modbus", "yaskawa").warnings
     assert 6 not in warnings
@@ -206,14 +209,14 @@ def test_hitachi_read_only_register_is_refused_with_35():
         assert refused.value.code == 35
 
 
-# Published map of E6581913: a VF-S15 keeps what function 06 writes; nothing says it of an ATV212.
-def test_toshiba_writes_in_ram_are_not_taken_over_by_the_altivar_212():
+# Published map of E6581913: a VF-S15 stores what function 06 writes; no source says so for an ATV212.
+def test_altivar_212_does_not_inherit_volatile_writes_from_toshiba():
     assert load_model("drivecomm_modbus", "modbus", "toshiba-vfs11").control["plain_write"] == "volatile"
     assert not load_model("drivecomm_modbus", "modbus", "schneider-atv212").control["plain_write"]
 
 
 # BBV51917 rows 37, 39, 139, 211, 221, 224
-def test_altivar_faults_and_link_loss_are_those_of_its_parameter_list():
+def test_altivar_faults_and_watchdog_follow_its_parameter_list():
     model = load_model("drivecomm_modbus", "modbus", "schneider-atv")
     assert model.quantities["fault_code"] == "7121"
     assert (model.parameters["7121"].name, model.fault_log[0]) == ("present_fault", "7200")
@@ -231,7 +234,7 @@ def test_altivar_faults_and_link_loss_are_those_of_its_parameter_list():
 @pytest.mark.parametrize(
     ("word", "state"), [(1, DriveState.RUNNING), (2, DriveState.RUNNING), (3, DriveState.READY), (4, DriveState.FAULT)]
 )
-def test_invt_status_is_the_number_in_2100(showing, word, state):
+def test_invt_status_is_the_number_in_register_2100h(showing, word, state):
     drive, _, _ = showing("invt", {"0x2100": word, "0x5000": 18 if word == 4 else 0})
     status = drive.status()
     assert (status.state, status.fault_text) == (state, "CE" if word == 4 else "")

@@ -1,4 +1,4 @@
-"""Raw values that makers print of single Modbus series, read in their units; and where common names come from."""
+"""Printed raw values of single Modbus series, read in their units; and the sources of common names."""
 
 from decimal import Decimal
 

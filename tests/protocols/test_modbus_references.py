@@ -1,4 +1,4 @@
-"""Both forms of reference, in per cent and in hertz, to Modbus drives that take one of them."""
+"""References in per cent and in hertz, to Modbus drives that accept only one of the two."""
 
 from dataclasses import replace
 from decimal import Decimal
@@ -15,7 +15,7 @@ from drivecomm.virtual import VirtualLine, virtual_drive
 
 @pytest.fixture
 def drive_of():
-    """Return a function that gives a virtual drive of a model, and its master."""
+    """Yield a function that returns a virtual drive of a model and the drive object of its master."""
     buses = []
 
     def make(model, **options):
@@ -30,7 +30,7 @@ def drive_of():
 
 
 def sent_by(line):
-    """Return the telegrams that masters send on a line from now on."""
+    """Return a list that collects the telegrams that masters send on a line from now on."""
     sent = []
     line.monitors.append(lambda told: sent.append(told.data) if told.sender is None else None)
     return sent
@@ -44,16 +44,16 @@ def sent_by(line):
         ("toshiba-vfs11", "0x0012", 5000, "0xFA01"),
     ],
 )
-def test_percent_is_a_share_of_the_maximum_frequency(drive_of, model, maximum, raw, reference):
+def test_percent_refers_to_the_maximum_frequency(drive_of, model, maximum, raw, reference):
     virtual, drive = drive_of(model)
     virtual.poke(maximum, raw)
     assert drive.capabilities.reference_percent
     drive.set_reference(percent=Decimal("50.005"))
-    # 25.0025 Hz, to the nearest step
+    # 25.0025 Hz, rounded to the nearest step
     assert drive.read(reference).value == Decimal(25)
 
 
-def test_percent_is_refused_where_the_maximum_frequency_is_zero(drive_of):
+def test_percent_is_refused_if_the_maximum_frequency_is_zero(drive_of):
     virtual, drive = drive_of("delta")
     virtual.poke("0x0100", 0)
     with pytest.raises(StateError, match="maximum frequency is 0"):
@@ -72,7 +72,7 @@ FORMS = ({"percent": 40}, {"hz": 20})
 
 @pytest.mark.parametrize("model", ORDERED)
 @pytest.mark.parametrize("form", FORMS, ids=lambda form: next(iter(form)))
-def test_drive_takes_a_form_or_names_the_option_that_it_needs(drive_of, model, form):
+def test_unsupported_form_of_reference_is_refused_with_the_needed_option(drive_of, model, form):
     _, drive = drive_of(model)
     able = drive.capabilities
     if able.reference_percent if "percent" in form else able.reference_hz:
@@ -86,7 +86,7 @@ def test_drive_takes_a_form_or_names_the_option_that_it_needs(drive_of, model, f
 
 
 @pytest.mark.parametrize("model", ORDERED)
-def test_both_forms_are_the_same_reference_where_the_option_is_given(drive_of, model):
+def test_both_forms_give_the_same_reference_with_the_option(drive_of, model):
     _, drive = drive_of(model, reference_maximum_hz=50)
     able = drive.capabilities
     assert able.reference_percent
@@ -118,7 +118,7 @@ def test_neither_form_exceeds_the_maximum_of_the_option(drive_of, model, form):
         ("vacon10", {"101": 1000}, 10, 0),
     ],
 )
-def test_hertz_are_a_share_of_the_full_scale_that_the_drive_holds(drive_of, model, held, hz, percent):
+def test_hertz_are_scaled_by_the_full_scale_of_the_drive(drive_of, model, held, hz, percent):
     virtual, drive = drive_of(model)
     for address, raw in held.items():
         virtual.poke(address, raw)
@@ -136,7 +136,7 @@ def test_hertz_are_a_share_of_the_full_scale_that_the_drive_holds(drive_of, mode
     ("model", "held", "hz"),
     [("siemens-v20", {"40016": 4000}, 41), ("vacon10", {"102": 4000}, 41), ("vacon10", {"101": 1000}, 9)],
 )
-def test_hertz_beyond_the_range_that_the_drive_holds_are_refused(drive_of, model, held, hz):
+def test_hertz_outside_the_range_of_the_drive_are_refused(drive_of, model, held, hz):
     virtual, drive = drive_of(model)
     for address, raw in held.items():
         virtual.poke(address, raw)
@@ -145,14 +145,14 @@ def test_hertz_beyond_the_range_that_the_drive_holds_are_refused(drive_of, model
     assert drive.read(drive.model.control["reference_percent"]).raw == 0
 
 
-def test_hertz_are_refused_where_the_full_scale_is_empty(drive_of):
+def test_hertz_are_refused_if_the_full_scale_is_zero(drive_of):
     virtual, drive = drive_of("siemens-v20")
     virtual.poke("40016", 0)
     with pytest.raises(StateError, match=r"parameter 40016.*use per cent"):
         drive.set_reference(hz=10)
 
 
-def test_option_goes_before_the_full_scale_of_the_drive(drive_of):
+def test_option_overrides_the_full_scale_of_the_drive(drive_of):
     virtual, drive = drive_of("siemens-v20", reference_maximum_hz=100)
     virtual.poke("40016", 5000)
     drive.set_reference(hz=50)
@@ -167,7 +167,7 @@ def test_minimum_of_the_options_is_zero_per_cent(drive_of):
         drive.set_reference(hz=5)
 
 
-def test_share_of_the_option_is_not_above_the_maximum_frequency_of_the_drive(drive_of):
+def test_percent_above_the_maximum_frequency_of_the_drive_is_refused(drive_of):
     virtual, drive = drive_of("delta", reference_maximum_hz=100)
     virtual.poke("0x0100", 6000)
     drive.set_reference(percent=60)
@@ -184,7 +184,7 @@ def test_share_of_the_option_is_not_above_the_maximum_frequency_of_the_drive(dri
         {"reference_minimum_hz": -1},
     ],
 )
-def test_range_of_the_options_is_refused_when_it_is_empty(drive_of, options):
+def test_empty_reference_range_of_the_options_is_refused(drive_of, options):
     with pytest.raises(UsageError, match="reference_maximum_hz"):
         drive_of("yaskawa", **options)
 
@@ -194,12 +194,12 @@ def test_range_of_the_options_is_refused_when_it_is_empty(drive_of, options):
     [
         ({"maximum": "0x0100"}, "write { maximum"),
         ({"maximum": "0x0100", "source": ""}, "write { maximum"),
-        ({"maximum": "0x7777", "source": "manual p. 1"}, "'0x7777' is no parameter"),
+        ({"maximum": "0x7777", "source": "manual p. 1"}, "'0x7777' is not a parameter"),
         ({"maximum": "0x2101", "source": "manual p. 1"}, "0x2101 is in no unit, not in Hz"),
         ({"maximum": "0x0100", "source": "manual p. 1"}, "reference_percent, which is missing"),
     ],
 )
-def test_full_scale_of_a_model_is_refused_when_it_is_wrong(given, complaint):
+def test_invalid_full_scale_of_a_model_is_refused(given, complaint):
     model = load_model("drivecomm_modbus", "modbus", "delta-vfd-b")
     with pytest.raises(UsageError, match=complaint):
         full_scale_of(replace(model, control={**model.control, "full_scale": given}))

@@ -1,4 +1,4 @@
-"""What a drive that tripped while it ran still has of its start is taken away before its fault is."""
+"""Resets after a trip while running: the start that the drive still holds is cleared before the fault."""
 
 import pytest
 
@@ -9,7 +9,7 @@ RUN = {"siemens-v20": "40006", "gs2": "0x091B", "hitachi-wj200": "c0x01"}
 
 
 @pytest.mark.parametrize("name", RUN)
-def test_a_start_does_not_survive_the_reset_of_a_trip(name):
+def test_reset_of_a_trip_clears_the_start_first(name):
     drive = virtual_drive("modbus", 1, model=name)
     line = VirtualLine([drive])
     with drivecomm.open_bus(line.port) as bus:

@@ -1,4 +1,4 @@
-"""A series of Modbus drives is one table: what it says is sent, and no line of Python is about a series."""
+"""Modbus series as tables: the telegrams of a series come from its model file, not from Python code."""
 
 from pathlib import Path
 
@@ -97,7 +97,7 @@ def one(model):
     return drive, line, bus, sent
 
 
-def test_no_python_is_about_a_series():
+def test_no_python_code_is_about_one_series():
     text = "".join(path.read_text(encoding="utf-8") for path in PACKAGE.glob("*.py"))
     assert text.count("\n") <= 1660
     for name in NAMES:
@@ -106,7 +106,7 @@ def test_no_python_is_about_a_series():
     assert len(NAMES) >= 17
 
 
-def test_a_new_series_is_one_file_and_its_drive_runs_stops_and_tells(mill):
+def test_model_file_of_a_new_series_is_enough_to_command_its_drive(mill):
     virtual, line, bus, _ = one(mill)
     with bus:
         drive = bus.drive("modbus", 1, model=mill)
@@ -128,7 +128,7 @@ def test_a_new_series_is_one_file_and_its_drive_runs_stops_and_tells(mill):
         assert not virtual.motor.running
 
 
-def test_what_a_drive_needs_is_read_before_a_start_and_never_written(mill):
+def test_conditions_of_a_start_are_read_and_never_written(mill):
     virtual, _, bus, _ = one(mill)
     virtual.poke("40031", 1)
     with (
@@ -140,7 +140,7 @@ def test_what_a_drive_needs_is_read_before_a_start_and_never_written(mill):
     assert virtual.peek("40031", 0.0) == 1
 
 
-def test_a_write_is_volatile_until_the_order_to_store(mill):
+def test_write_is_volatile_unless_followed_by_the_store_command(mill):
     virtual, line, bus, _ = one(mill)
     with bus:
         drive = bus.drive("modbus", 1, model=mill)
@@ -153,7 +153,7 @@ def test_a_write_is_volatile_until_the_order_to_store(mill):
         assert str(drive.read("ramp")) == "7.25 s"
 
 
-def test_drive_that_must_be_unlocked_is_unlocked_before_each_write_and_reference(mill):
+def test_unlock_is_sent_before_each_write_and_reference(mill):
     text = mill.read_text(encoding="utf-8")
     mill.write_text(text.replace("[control]\n", '[control]\nwrite_before = [["40098", 1]]\n'), encoding="utf-8")
     _, _, bus, sent = one(mill)
@@ -200,7 +200,7 @@ def test_drive_that_must_be_unlocked_is_unlocked_before_each_write_and_reference
         ),
     ],
 )
-def test_what_the_table_says_is_sent(name, verb, telegrams):
+def test_telegrams_of_a_series_are_those_of_its_table(name, verb, telegrams):
     _, _, bus, sent = one(name)
     with bus:
         drive = bus.drive("modbus", 1, model=name, confirmed=name)
@@ -213,7 +213,7 @@ def test_what_the_table_says_is_sent(name, verb, telegrams):
 
 
 @pytest.mark.parametrize("name", COMMANDED)
-def test_every_series_stops_all_its_drives_at_once(name):
+def test_broadcast_stop_stops_all_drives_of_a_series(name):
     drives = [virtual_drive("modbus", address, model=name) for address in (1, 2)]
     line = VirtualLine(drives)
     with drivecomm.open_bus(line.port) as bus:
@@ -227,7 +227,7 @@ def test_every_series_stops_all_its_drives_at_once(name):
         assert not any(drive.motor.running for drive in drives)
 
 
-def test_without_a_model_nothing_is_commanded():
+def test_commands_without_a_model_are_refused_unsent():
     _, _, bus, sent = one("delta")
     with bus:
         drive = bus.drive("modbus", 1)
@@ -238,7 +238,7 @@ def test_without_a_model_nothing_is_commanded():
         assert drive.read("0x2103").raw == 0
 
 
-def test_addresses_are_those_that_the_manual_prints():
+def test_printed_register_addresses_are_converted_by_their_base():
     read = installed["modbus"].operations(1, installed["modbus"].options(register_base=40001, coil_base=1), None).read
     assert next(read("40001")).message.start == 0
     assert next(read("c65")).message.start == 64
@@ -248,7 +248,7 @@ def test_addresses_are_those_that_the_manual_prints():
             next(read(wrong))
 
 
-def test_a_wrong_table_is_refused_by_name(mill):
+def test_mistake_in_a_control_table_is_refused_with_its_key(mill):
     text = mill.read_text(encoding="utf-8")
     mill.write_text(text.replace('stop = [["40001", 0x0100, 0x0003]]', 'stop = [["40001"]]'), encoding="utf-8")
     with pytest.raises(UsageError, match=r"\[control\] stop: a step is"):
@@ -257,13 +257,13 @@ def test_a_wrong_table_is_refused_by_name(mill):
     assert "did you mean 'reference_hz'" in str(check_model(mill)[0])
 
 
-def test_an_exception_has_the_makers_text():
+def test_exception_code_has_the_text_of_the_maker():
     _, _, bus, _ = one("fuji-frenic")
     with bus, pytest.raises(RefusedError, match="a count that is not allowed"):
         bus.drive("modbus", 1, model="fuji-frenic").read("0x7777")
 
 
-def test_ways_to_stop_that_a_series_has_not_are_refused():
+def test_stop_that_a_series_lacks_is_refused_unsent():
     assert load_model("drivecomm_modbus", "modbus", "delta").control["stop"]
     _, _, bus, sent = one("delta")
     with bus, pytest.raises(NotSupported):
@@ -278,7 +278,7 @@ def operations_of(name, address):
 
 
 @pytest.mark.parametrize("name", COMMANDED)
-def test_nothing_but_a_stop_is_for_all_drives(name):
+def test_broadcast_of_another_verb_than_stop_is_refused(name):
     everybody = operations_of(name, 0)
     for verb in (everybody.start, everybody.reset, everybody.status, everybody.probe, everybody.identify):
         with pytest.raises(NotSupported, match="all drives of a series can only be stopped"):
@@ -287,16 +287,16 @@ def test_nothing_but_a_stop_is_for_all_drives(name):
 
 
 @pytest.mark.parametrize("name", COMMANDED)
-def test_a_stop_is_urgent_and_repeated_and_a_start_is_neither(name):
+def test_stop_is_urgent_and_may_be_repeated(name):
     drive = operations_of(name, 1)
-    # Bonfiglioli drives are first asked what any other stop would mean to them.
+    # Any stop of a Bonfiglioli drive but a coast starts with a read of its control mode.
     stop = next(drive.stop(Stop.COAST if name == "bonfiglioli" else Stop.RAMP))
     assert stop.urgent
     assert stop.attempts is None
     assert stop.acts
 
 
-def test_a_start_that_is_not_answered_is_not_sent_again():
+def test_start_without_a_reply_is_sent_once():
     virtual, _, bus, sent = one("delta")
     hear = virtual.hear
     virtual.hear = lambda find, now: hear(find, now) if find.data[1] == 3 else None
@@ -305,7 +305,7 @@ def test_a_start_that_is_not_answered_is_not_sent_again():
     assert len([event for event in sent if event.what == "sent" and event.data[1] in (6, 16)]) == 1
 
 
-def test_a_write_that_wears_the_eeprom_is_asked_for(mill):
+def test_write_that_wears_the_eeprom_needs_store(mill):
     text = mill.read_text(encoding="utf-8")
     stored = text.replace('plain_write = "volatile"', 'plain_write = "stored"').replace(
         'store_after = [["40099", 0xA5]]\n', ""

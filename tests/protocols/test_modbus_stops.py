@@ -1,4 +1,4 @@
-"""Stops of drives whose control word may be contacts, where what stops by the state machine starts the motor."""
+"""Stops of drives whose control word may act as contacts, where a stop by the state machine could start the motor."""
 
 import pytest
 
@@ -26,20 +26,20 @@ def written(sent):
     ("how", "telegram"), [(Stop.RAMP, RAMP), (Stop.QUICK, QUICK), (Stop.COAST, SURE)], ids=["ramp", "quick", "coast"]
 )
 @pytest.mark.parametrize("mode", [1, 2])
-def test_only_0000_goes_to_a_drive_whose_control_word_may_be_contacts(plant, how, telegram, mode):
+def test_stop_sends_0000_if_the_control_word_may_act_as_contacts(plant, how, telegram, mode):
     drive, _, bus, sent = plant
     drive.poke("412", mode)
     bus.drive("modbus", 1, model="bonfiglioli").stop(how)
     assert written(sent) == [telegram if mode == 1 else SURE]
 
 
-def test_all_drives_get_0000(plant):
+def test_broadcast_stop_sends_0000(plant):
     _, _, bus, sent = plant
     bus.broadcast("modbus", model="bonfiglioli").stop(Stop.QUICK)
     assert written(sent) == ["00" + SURE[2:]]
 
 
-def test_a_drive_that_does_not_tell_gets_0000(plant):
+def test_stop_sends_0000_if_the_mode_of_the_drive_is_unreadable(plant):
     drive, _, bus, sent = plant
     hear = drive.hear
     drive.hear = lambda find, now: hear(find, now) if b"\x01\x9c" not in find.data else None
@@ -48,7 +48,7 @@ def test_a_drive_that_does_not_tell_gets_0000(plant):
     assert RAMP not in written(sent)
 
 
-def test_a_stop_after_a_request_without_answer_asks_nothing_first(plant):
+def test_stop_after_an_unanswered_request_is_sent_without_a_read(plant):
     drive, line, bus, sent = plant
     one = bus.drive("modbus", 1, model="bonfiglioli")
     line.power_off(drive)

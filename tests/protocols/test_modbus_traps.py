@@ -1,4 +1,4 @@
-"""What single Modbus series are sent, and the trap of each, over a line of virtual drives."""
+"""Telegrams of single Modbus series and the pitfall of each, over a line of virtual drives."""
 
 from contextlib import contextmanager
 
@@ -20,7 +20,7 @@ POWERFLEX = [name for name in MODELS if name.startswith("powerflex")]
 
 @contextmanager
 def line_of(name):
-    """Give a virtual drive of a model, its line, its master, and what the master has sent."""
+    """Yield a virtual drive of a model, its line, the drive object of its master and the events of the bus."""
     virtual = virtual_drive("modbus", 1, model=name)
     line, sent = VirtualLine([virtual]), []
     with drivecomm.open_bus(line.port, trace=sent.append) as bus:
@@ -28,7 +28,7 @@ def line_of(name):
 
 
 def turns(virtual, line):
-    """Return the output frequency once the motor has done what it was told to."""
+    """Advance a minute so that a command is carried out; return the output frequency in Hz."""
     line.advance(60)
     virtual.motor.advance(line.time)
     return virtual.motor.output_hz
@@ -41,7 +41,7 @@ def written(sent):
 
 
 def written_by(name, *calls, tripped=False):
-    """Return the writes of some calls of a drive that has been read before, so that nothing is asked for an echo."""
+    """Return the writes of some calls to a drive that has been read before, so that no read checks for an echo."""
     with line_of(name) as (virtual, line, drive, sent):
         if tripped:
             virtual.trip(next(iter(MODELS[name].faults), 4), line.time)
@@ -92,7 +92,7 @@ STOP_LS, STOP_MCH = ["06 00 06 00 01", "06 00 04 00 01", "06 00 06 00 01"], ["06
         ("vt-e5h", lambda drive: drive.set_reference(hz=50), ["10 80 01 00 01 02 13 88"]),
     ],
 )
-def test_series_is_sent_what_its_pages_print(name, call, telegrams):
+def test_commands_of_a_series_are_its_printed_telegrams(name, call, telegrams):
     assert written_by(name, call) == telegrams
 
 
@@ -106,12 +106,12 @@ def test_series_is_sent_what_its_pages_print(name, call, telegrams):
         ("vt-e5h", [f"10 80 00 00 01 02 00 0{bits}" for bits in (0, 4, 0)]),
     ],
 )
-def test_series_is_reset_by_what_its_pages_print(name, telegrams):
+def test_reset_of_a_series_is_its_printed_telegrams(name, telegrams):
     assert written_by(name, lambda drive: drive.reset(), tripped=True) == telegrams
 
 
 @pytest.mark.parametrize("name", COMMANDED)
-def test_commanded_series_runs_reverses_stops_and_is_reset(name):
+def test_commanded_series_runs_reverses_stops_and_resets(name):
     with line_of(name) as (virtual, line, drive, _):
         able = drive.capabilities
         drive.set_reference(**({"hz": 20} if able.reference_hz else {"percent": 40}))
@@ -178,7 +178,7 @@ def test_monitored_series_reads_all_its_common_names(name):
         ("danfoss-vlt2800", "c6"),
     ],
 )
-def test_write_that_starts_a_monitored_drive_is_known_to(name, parameter):
+def test_write_that_may_start_a_monitored_drive_is_recognised(name, parameter):
     with line_of(name) as (_, _, drive, _):
         assert drive.may_start("write", parameter=parameter, value=1)
         settings = [
@@ -214,7 +214,7 @@ def test_powerflex_feedback_has_the_scale_of_its_series(name, raw):
     ("name", "parameter", "right"),
     [("powerflex-4", "36", 5), ("powerflex-40", "38", 5), ("powerflex-400", "36", 5), ("powerflex-520", "46", 3)],
 )
-def test_powerflex_that_obeys_something_else_is_not_started(name, parameter, right):
+def test_start_of_a_powerflex_with_another_command_source_is_refused(name, parameter, right):
     with line_of(name) as (virtual, _, drive, sent):
         virtual.poke(parameter, 0)
         with pytest.raises(StateError, match=f"obeys the bus only with {right}"):
@@ -222,7 +222,7 @@ def test_powerflex_that_obeys_something_else_is_not_started(name, parameter, rig
         assert written(sent) == []
 
 
-def test_powerflex_40p_stores_a_parameter_only_when_asked():
+def test_powerflex_40p_parameter_write_needs_store():
     with line_of("powerflex-40p") as (_, _, drive, sent):
         with pytest.raises(NotSupported, match="store=True"):
             drive.write("write_mode", 1)
@@ -230,18 +230,18 @@ def test_powerflex_40p_stores_a_parameter_only_when_asked():
         drive.write("write_mode", 1, store=True)
 
 
-def test_powerflex_94_means_something_else_on_the_400():
+def test_fault_94_of_a_powerflex_400_has_another_meaning():
     texts = {name: MODELS[name].faults.get(94) for name in POWERFLEX}
     assert (texts["powerflex-40p"], texts["powerflex-40"]) == ("encoder lost", None)
     assert "function loss" in texts["powerflex-400"]
 
 
-# Drives that take nothing until they are unlocked
+# Drives that accept no command until they are unlocked
 
 
 @contextmanager
 def locked(name, key, opens, guarded, code):
-    """Give a drive that refuses these registers with this code until the key register holds what opens it."""
+    """Yield a drive that refuses writes to the guarded registers until the key register holds `opens`."""
     with line_of(name) as (virtual, line, drive, sent):
         answer, opened = virtual.answer, []
 
@@ -260,7 +260,7 @@ LOCKED = [("ls-ig5a", 4, 1, {5, 6}, 20), ("actech-mch", 48, 0, {1, 40}, 1)]
 
 
 @pytest.mark.parametrize(("name", "key", "opens", "guarded", "code"), LOCKED, ids=[each[0] for each in LOCKED])
-def test_locked_drive_takes_reference_start_and_stop(name, key, opens, guarded, code):
+def test_locked_drive_is_unlocked_for_reference_start_and_stop(name, key, opens, guarded, code):
     with locked(name, key, opens, guarded, code) as (virtual, line, drive, _):
         drive.set_reference(hz=20)
         drive.start()
@@ -270,8 +270,8 @@ def test_locked_drive_takes_reference_start_and_stop(name, key, opens, guarded, 
 
 
 @pytest.mark.parametrize(("name", "key", "opens", "guarded", "code"), LOCKED, ids=[each[0] for each in LOCKED])
-def test_locked_drive_that_runs_is_stopped(name, key, opens, guarded, code):
-    """It was started at its terminals, or locked itself while it ran."""
+def test_running_locked_drive_is_stopped(name, key, opens, guarded, code):
+    """The drive was started at its terminals, or locked itself while it ran."""
     with locked(name, key, opens, guarded, code) as (virtual, line, drive, _):
         virtual.motor.run(20.0, line.time)
         line.advance(30)
@@ -279,7 +279,7 @@ def test_locked_drive_that_runs_is_stopped(name, key, opens, guarded, code):
         assert turns(virtual, line) == 0
 
 
-def test_ls_drive_is_not_stopped_by_0():
+def test_operation_command_of_0_does_not_stop_an_ls_drive():
     with line_of("ls-ig5a") as (virtual, line, drive, _):
         drive.set_reference(hz=20)
         drive.start()
@@ -287,7 +287,7 @@ def test_ls_drive_is_not_stopped_by_0():
         assert turns(virtual, line) == pytest.approx(20, abs=0.1)
 
 
-def test_actech_drive_cannot_reverse_and_is_reset_at_its_keypad():
+def test_reverse_and_reset_of_an_actech_drive_are_refused():
     with line_of("actech-mch") as (_, _, drive, sent):
         for call in (lambda: drive.start(reverse=True), drive.reset):
             with pytest.raises(NotSupported):
@@ -295,10 +295,10 @@ def test_actech_drive_cannot_reverse_and_is_reset_at_its_keypad():
         assert sent == []
 
 
-# Dialects of one register
+# Series that use the bits of a register differently
 
 
-def test_eaton_drive_reverses_by_bit_1_and_no_reset_sets_it():
+def test_eaton_drive_reverses_by_bit_1_which_its_reset_leaves_clear():
     with line_of("eaton-dc1") as (virtual, line, drive, _):
         drive.set_reference(hz=20)
         drive.start(reverse=True)
@@ -317,7 +317,7 @@ def test_reset_of_an_invt_drive_would_start_an_enc_drive():
 # Link loss
 
 
-def test_gs4_has_its_time_where_older_delta_drives_do_not():
+def test_gs4_has_its_link_loss_time_in_another_register_than_older_deltas():
     assert MODELS["delta-vfd-b"].watchdog.time == "0x0903"
     assert MODELS["gs4"].watchdog is None
     assert "0x0905" in link_loss_of(MODELS["gs4"])
@@ -325,7 +325,7 @@ def test_gs4_has_its_time_where_older_delta_drives_do_not():
 
 
 @pytest.mark.parametrize("name", ["schneider-atv12", "schneider-atv71", "schneider-atv320"])
-def test_altivar_watchdog_can_only_be_set_while_the_motor_stands(name):
+def test_altivar_watchdog_is_writable_only_while_the_motor_stands(name):
     watchdog = MODELS[name].watchdog
     assert {MODELS[name].parameters[each].access for each in (watchdog.time, watchdog.action)} == {"rw*"}
     assert watchdog.actions == {"hold": 0, "trip": 1}

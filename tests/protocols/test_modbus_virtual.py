@@ -1,4 +1,4 @@
-"""What a virtual Modbus drive refuses, what then stays as it was, and what it does when its master falls silent."""
+"""Refusals of a virtual Modbus drive, the state they leave unchanged, and its reaction to a silent master."""
 
 import pytest
 
@@ -12,7 +12,7 @@ from drivecomm_modbus.control import control_of
 
 
 def told(drive, request, now=1.0):
-    """Let a drive hear a telegram of a master, without its CRC, and return its answer likewise."""
+    """Pass a telegram without its CRC to a drive; return the reply, also without it, or None for silence."""
     data = bytes.fromhex(request)
     data += crc16(data)
     reply = drive.hear(Framed(data, drive.codec.decode(data, "request")), now)
@@ -20,7 +20,7 @@ def told(drive, request, now=1.0):
 
 
 def heard(drive, request, now=1.0):
-    """The same with bytes that may be no telegram that we know."""
+    """Pass bytes that may be no known telegram to a drive, without their CRC; return the reply without its CRC."""
     data = bytes.fromhex(request)
     framer = Framer(drive.codec, "request")
     finds = [*framer.feed(data + crc16(data)), *framer.flush()]
@@ -33,8 +33,8 @@ def gs2():
     return virtual_drive("modbus", 1, model="gs2")
 
 
-def test_of_a_block_that_is_refused_nothing_is_written(gs2):
-    # 25 Hz, and 2 where only 0 and 1 are.
+def test_refused_block_write_changes_no_register(gs2):
+    # 25 Hz, and 2 where only 0 and 1 are allowed
     assert told(gs2, "01 10 09 1A 00 02 04 00 FA 00 02") == "01 90 03"
     assert [gs2.peek(each, 1.0) for each in ("0x091A", "0x091B")] == [0, 0]
     assert not gs2.motor.running
@@ -45,14 +45,14 @@ def test_of_a_block_that_is_refused_nothing_is_written(gs2):
 @pytest.mark.parametrize(
     ("request_", "answer"),
     [
-        ("01 06 09 1A 0F A1", "01 86 03"),  # 400.1 Hz, and 400 is the most
-        ("01 06 21 03 00 00", "01 86 02"),  # can only be read
+        ("01 06 09 1A 0F A1", "01 86 03"),  # 400.1 Hz; the maximum is 400
+        ("01 06 21 03 00 00", "01 86 02"),  # read only
         ("01 03 70 00 00 01", "01 83 02"),
-        ("01 03 21 00 00 11", "01 83 03"),  # 17 registers, and 16 are the most
+        ("01 03 21 00 00 11", "01 83 03"),  # 17 registers; the maximum is 16
         ("01 06 09 1A 0F A0", "01 06 09 1A 0F A0"),
     ],
 )
-def test_refusals_say_why(gs2, request_, answer):
+def test_refusal_has_the_exception_code_of_its_cause(gs2, request_, answer):
     assert told(gs2, request_) == answer
 
 
@@ -60,17 +60,17 @@ def test_refusals_say_why(gs2, request_, answer):
     ("model", "request_", "answer"),
     [
         ("yaskawa", "01 10 00 02 00 01 02 C3 50", "01 90 21"),  # 500 Hz
-        ("yaskawa", "01 10 00 4B 00 01 02 00 00", "01 90 22"),  # can only be read
-        ("yaskawa", "01 06 00 02 17 70", "01 86 01"),  # it knows 03, 08 and 10 only
-        ("fuji-frenic", "01 03 08 00 00 7D", "01 83 02"),  # a count that is not allowed
+        ("yaskawa", "01 10 00 4B 00 01 02 00 00", "01 90 22"),  # read only
+        ("yaskawa", "01 06 00 02 17 70", "01 86 01"),  # the series has only functions 03, 08 and 10
+        ("fuji-frenic", "01 03 08 00 00 7D", "01 83 02"),  # invalid count
         ("fuji-frenic", "01 03 08 00 00 00", "01 83 02"),
         ("hitachi-wj200", "01 06 12 00 FF FF", "01 86 21"),
-        ("vacon10", "01 04 08 34 00 01", "01 04 02 00 01"),  # it answers 04 as 03
+        ("vacon10", "01 04 08 34 00 01", "01 04 02 00 01"),  # the series answers 04 as 03
         ("gs2", "01 07", "01 87 01"),
         ("gs2", "01 0C", "01 8C 01"),
         ("gs2", "01 16 09 1A 00 F2 00 25", "01 96 01"),
         ("gs2", "01 18 04 DE", "01 98 01"),
-        ("gs2", "01 41 00 00", "01 C1 01"),  # nobody knows it, nor how long it is
+        ("gs2", "01 41 00 00", "01 C1 01"),  # unknown function of unknown length
         ("gs2", "01 08 00 01 00 00", "01 88 01"),
         ("gs2", "01 64 09 1A", "01 E4 01"),
     ],
@@ -82,7 +82,7 @@ def test_each_series_refuses_with_its_own_codes(model, request_, answer):
 @pytest.mark.parametrize(
     ("asked", "ids"), [("01 00", [0, 1, 2]), ("01 01", [1, 2]), ("02 09", [0, 1, 2]), ("04 01", [1]), ("04 09", None)]
 )
-def test_identification_tells_what_is_asked_for(asked, ids):
+def test_device_identification_returns_the_requested_objects(asked, ids):
     drive = virtual_drive("modbus", 1, model="schneider-atv")
     answer = heard(drive, f"01 2B 0E {asked}")
     if ids is None:
@@ -97,7 +97,7 @@ def test_identification_tells_what_is_asked_for(asked, ids):
     ("words", "stop"),
     [((0x0006, 0x0007, 0x000F, 0x002F, 0x006F), 0x006E), ((0x0476, 0x0477, 0x047F), 0x047E), ((6, 7, 0x7F), 0)],
 )
-def test_an_abb_drive_obeys_whatever_the_bits_are_at_which_it_does_not_look(words, stop):
+def test_abb_drive_ignores_the_unused_bits_of_the_control_word(words, stop):
     drive = virtual_drive("modbus", 1, model="abb-acs355")
     heard(drive, "01 06 00 01 20 00")
     for word in (*words[:-1], words[0], *words):
@@ -109,7 +109,7 @@ def test_an_abb_drive_obeys_whatever_the_bits_are_at_which_it_does_not_look(word
     assert not drive.motor.running
 
 
-def test_a_start_that_is_not_obeyed_is_taken_back(gs2, monkeypatch):
+def test_start_that_is_not_obeyed_is_taken_back(gs2, monkeypatch):
     monkeypatch.setattr(Motor, "run", lambda *_: None)
     line = VirtualLine([gs2])
     with drivecomm.open_bus(line.port) as bus:
@@ -121,7 +121,7 @@ def test_a_start_that_is_not_obeyed_is_taken_back(gs2, monkeypatch):
 
 
 @pytest.mark.parametrize(("action", "hz", "runs"), [(0, 25, True), (1, 20, True), (2, 0, False), (3, 25, True)])
-def test_an_older_delta_does_what_09_02_says_from_the_moment_on_at_which_the_time_is_over(action, hz, runs):
+def test_older_delta_carries_out_the_action_of_09_02_when_the_time_expires(action, hz, runs):
     virtual = virtual_drive("modbus", 1, model="delta-vfd-b")
     virtual.motor.ramp_up_s = 0
     virtual.motor.ramp_down_s = virtual.motor.maximum_hz / 10
@@ -143,7 +143,7 @@ def test_an_older_delta_does_what_09_02_says_from_the_moment_on_at_which_the_tim
         )
 
 
-def test_a_watchdog_that_is_off_notices_nothing():
+def test_watchdog_that_is_off_never_acts():
     virtual = virtual_drive("modbus", 1, model="delta-vfd-b")
     virtual.poke("0x0902", 2)
     line = VirtualLine([virtual])
@@ -158,7 +158,7 @@ def test_a_watchdog_that_is_off_notices_nothing():
 
 
 @pytest.mark.parametrize(("name", "place"), [("delta", 0x2119), ("gs2", 0x2101), ("delta-vfd-b", 0x2101)])
-def test_a_drive_in_standby_has_obeyed_its_start(name, place):
+def test_drive_in_standby_counts_as_started(name, place):
     model = load_model("drivecomm_modbus", "modbus", name)
     start = control_of(model, resolve_options(installed["modbus"], model, {})[1]).profile.start[-1]
     obeyed = [state for state in range(4) if any(each.holds({str(place): state}) for each in start.until)]
@@ -168,19 +168,19 @@ def test_a_drive_in_standby_has_obeyed_its_start(name, place):
 @pytest.mark.parametrize(
     ("command", "first"), [(lambda drive: drive.stop(), 6), (lambda drive: drive.set_reference(hz=20), 3)]
 )
-def test_an_echo_that_nobody_declared_confirms_no_first_write(command, first):
-    """A drive that is dead, behind an adapter that hands back each request: a mirrored reply is just that."""
+def test_undeclared_echo_does_not_confirm_the_first_write(command, first):
+    """The drive is dead, and its adapter echoes each request, which looks like the reply to a write."""
     line = VirtualLine([virtual_drive("modbus", 2, model="delta")], echo=True, paced=False)
     sent = []
     with drivecomm.open_bus(line.port, trace=sent.append) as bus:
         with pytest.raises(NoReplyError, match="hands back what it sends"):
             command(bus.drive("modbus", 1, model="delta"))
-        # A stop waits for nothing; before a reference the maximum is asked for.
+        # A stop is sent without a read; before a reference the maximum is read.
         assert next(event for event in sent if event.what == "sent").data[1] == first
 
 
 @pytest.mark.parametrize("paced", [True, False])
-def test_no_echo_that_nobody_declared_confirms_the_stop_of_a_drive_whose_cable_was_cut(paced):
+def test_undeclared_echo_does_not_confirm_the_stop_of_a_lost_drive(paced):
     drive = virtual_drive("modbus", 1, model="delta")
     line = VirtualLine([drive], echo=True, paced=paced)
     with drivecomm.open_bus(line.port) as bus:
@@ -192,8 +192,8 @@ def test_no_echo_that_nobody_declared_confirms_the_stop_of_a_drive_whose_cable_w
             delta.stop()
 
 
-def test_the_first_stop_is_sent_again_once_an_echo_is_known():
-    """The adapter hands it back while the drive does not hear it."""
+def test_first_stop_is_resent_after_the_echo_is_detected():
+    """The adapter echoes the stop while the drive misses it."""
     drive = virtual_drive("modbus", 1, model="delta")
     line = VirtualLine([drive], echo=True, paced=False)
     lost = []
@@ -206,8 +206,8 @@ def test_the_first_stop_is_sent_again_once_an_echo_is_known():
     assert drive.motor.target_hz == 0
 
 
-def test_one_read_shows_that_a_drive_is_there(gs2):
-    """Behind it a stop is sent again: what confirmed it may have been an echo."""
+def test_first_stop_is_followed_by_one_read_and_resent(gs2):
+    """The first confirmation may have been an echo, so a read proves the drive and the stop is sent again."""
     sent = []
     line = VirtualLine([gs2])
     with drivecomm.open_bus(line.port, trace=sent.append) as bus:
@@ -219,7 +219,7 @@ def test_one_read_shows_that_a_drive_is_there(gs2):
 
 
 @pytest.mark.parametrize("busy", [1, 3, 1000])
-def test_a_drive_that_is_busy_is_told_to_stop_again(busy):
+def test_stop_is_resent_to_a_busy_drive(busy):
     drive = virtual_drive("modbus", 1, model="delta")
     line = VirtualLine([drive])
     refused = []
@@ -244,7 +244,7 @@ def test_a_drive_that_is_busy_is_told_to_stop_again(busy):
             assert len(refused) > 5
 
 
-def test_a_start_that_a_busy_drive_refuses_is_not_sent_again():
+def test_start_is_not_resent_to_a_busy_drive():
     drive = virtual_drive("modbus", 1, model="delta")
     line = VirtualLine([drive])
     sent = []
@@ -268,14 +268,14 @@ CONTROL_WORDS = [
 
 
 @pytest.mark.parametrize(("model", "place", "acknowledge", "release", "start"), CONTROL_WORDS)
-def test_a_fault_goes_by_the_edge_of_the_reset_bit_and_by_nothing_else(model, place, acknowledge, release, start):
+def test_fault_is_cleared_by_a_rising_edge_of_the_reset_bit_only(model, place, acknowledge, release, start):
     drive = virtual_drive("modbus", 1, model=model)
     now = 0.0
 
     def trip():
         nonlocal now
         drive.trip(7, now)
-        # Until then Bonfiglioli drives obey no reset.
+        # Bonfiglioli drives obey no reset within 15 s of a trip.
         now += 15.0
 
     def write(word):
@@ -288,7 +288,7 @@ def test_a_fault_goes_by_the_edge_of_the_reset_bit_and_by_nothing_else(model, pl
         assert write(start)
         assert not write(acknowledge)
         trip()
-        # The bit is still there.
+        # The bit is still set.
         assert write(acknowledge)
         assert write(release)
         assert not write(acknowledge)
@@ -296,7 +296,7 @@ def test_a_fault_goes_by_the_edge_of_the_reset_bit_and_by_nothing_else(model, pl
 
 
 @pytest.mark.parametrize(("model", "place", "acknowledge"), [each[:3] for each in CONTROL_WORDS])
-def test_a_reset_makes_an_edge_where_the_bit_was_left_set(model, place, acknowledge):
+def test_reset_makes_an_edge_even_if_the_bit_was_left_set(model, place, acknowledge):
     drive = virtual_drive("modbus", 1, model=model)
     line = VirtualLine([drive])
     told(drive, f"01 06 {place:04X} {acknowledge:04X}", now=0.0)
@@ -309,7 +309,7 @@ def test_a_reset_makes_an_edge_where_the_bit_was_left_set(model, place, acknowle
 
 
 @pytest.mark.parametrize("model", ["danfoss-fc", "invt", "hitachi-wj200", "optidrive-plus"])
-def test_a_reset_that_changes_nothing_is_told(model, monkeypatch):
+def test_reset_without_effect_raises_state_error(model, monkeypatch):
     drive = virtual_drive("modbus", 1, model=model)
     line = VirtualLine([drive])
     monkeypatch.setattr(Motor, "reset", lambda _motor, _now: None)
@@ -318,8 +318,8 @@ def test_a_reset_that_changes_nothing_is_told(model, monkeypatch):
         bus.drive("modbus", 1, model=model).reset()
 
 
-def test_a_drive_that_restarts_on_its_reset_is_waited_for():
-    """WJ200 drives are silent for about a second."""
+def test_reset_waits_for_a_drive_that_restarts():
+    """WJ200 drives are silent for about a second after a reset."""
     drive = virtual_drive("modbus", 1, model="hitachi-wj200")
     line = VirtualLine([drive])
     drive.trip(7, 0.0)
@@ -337,11 +337,11 @@ def test_a_drive_that_restarts_on_its_reset_is_waited_for():
     with drivecomm.open_bus(line.port) as bus:
         bus.drive("modbus", 1, model="hitachi-wj200").reset()
     assert not drive.motor.fault
-    # The late reply to the first question after it is waited out.
+    # The late reply to the first request after the restart is waited for.
     assert line.time < 5
 
 
-def test_a_fuji_that_turns_backwards_says_so_in_its_status_and_by_the_sign_of_its_frequency():
+def test_fuji_shows_the_direction_in_status_and_sign_of_the_frequency():
     drive = virtual_drive("modbus", 1, model="fuji-frenic")
     told(drive, "01 06 07 05 07 D0")
     for command, now, frequency in ((1, 100.0, "07 D0"), (2, 200.0, "F8 30")):
@@ -351,19 +351,19 @@ def test_a_fuji_that_turns_backwards_says_so_in_its_status_and_by_the_sign_of_it
         assert told(drive, "01 03 08 09 00 01", now + 50) == f"01 03 02 {frequency}"
 
 
-def test_a_toshiba_runs_only_where_the_bus_has_the_command():
+def test_toshiba_runs_only_if_the_command_bits_are_set():
     drive = virtual_drive("modbus", 1, model="toshiba-vfs11")
     told(drive, "01 06 FA 01 07 D0")
     told(drive, "01 06 FA 00 04 00")
     assert not drive.motor.running
     told(drive, "01 06 FA 00 C4 00")
     assert drive.motor.running
-    # LinuxCNC's driver of it knows 03 and 06 only.
+    # The LinuxCNC driver of this series uses functions 03 and 06 only.
     assert told(drive, "01 10 FA 00 00 02 04 C0 00 07 D0") == "01 90 01"
 
 
 @pytest.mark.parametrize("model", ["delta", "delta-vfd-b", "delta-vfd-e"])
-def test_a_delta_with_its_longest_response_delay_is_waited_for(model):
+def test_delta_with_its_longest_response_delay_causes_no_timeout(model):
     drive = virtual_drive("modbus", 1, model=model, reply_delay_s=0.21)
     line = VirtualLine([drive])
     with drivecomm.open_bus(line.port) as bus:
@@ -373,7 +373,7 @@ def test_a_delta_with_its_longest_response_delay_is_waited_for(model):
     assert bus.counters["modbus:1"]["timeouts"] == 0
 
 
-def test_a_write_that_is_kept_out_of_eeprom_goes_to_the_place_for_it_and_is_gone_without_mains():
+def test_volatile_write_of_invt_is_lost_in_a_power_cycle():
     drive = virtual_drive("modbus", 1, model="invt")
     line = VirtualLine([drive])
     with drivecomm.open_bus(line.port) as bus:

@@ -1,4 +1,4 @@
-"""A start goes through the states of the drive: it begins at the one that the drive is in, and awaits each."""
+"""Starts through the states of a drive: they begin at the present state and await each next one."""
 
 from itertools import pairwise
 
@@ -35,7 +35,7 @@ def words(sent, since=0):
 
 
 @pytest.mark.parametrize("name", WORDS)
-def test_each_state_is_awaited(name, plant):
+def test_start_awaits_each_state_of_the_drive(name, plant):
     drive, _, one, sent = plant
     before = len(sent)
     one.start()
@@ -48,7 +48,7 @@ def test_each_state_is_awaited(name, plant):
 
 
 @pytest.mark.parametrize("name", WORDS)
-def test_a_motor_that_runs_is_not_stopped_for_a_start(name, plant):
+def test_start_of_a_running_motor_sends_only_the_last_word(name, plant):
     drive, line, one, sent = plant
     one.start()
     line.advance(30)
@@ -64,7 +64,7 @@ def test_a_motor_that_runs_is_not_stopped_for_a_start(name, plant):
 
 
 @pytest.mark.parametrize("name", WORDS)
-def test_a_drive_that_stays_where_it_is_is_sent_no_further_step(name, plant):
+def test_start_sends_no_further_step_if_the_drive_does_not_follow(name, plant):
     drive, _, one, sent = plant
     machine = drive._machine
     machine._orders.written = lambda *_: None
@@ -75,7 +75,7 @@ def test_a_drive_that_stays_where_it_is_is_sent_no_further_step(name, plant):
 
 
 @pytest.mark.parametrize("name", [*WORDS, "siemens-v20"])
-def test_it_is_ready_when_it_has_stopped(plant):
+def test_drive_is_ready_after_a_stop(plant):
     _, line, one, _ = plant
     one.start()
     line.advance(1)
@@ -85,18 +85,18 @@ def test_it_is_ready_when_it_has_stopped(plant):
 
 
 @pytest.mark.parametrize("name", [*WORDS, "siemens-v20"])
-def test_a_virtual_drive_shows_the_states_that_a_drive_shows(name, plant):
+def test_virtual_drive_shows_the_status_words_of_its_standard(name, plant):
     drive, line, one, _ = plant
     status = WORDS.get(name, ("", "40110"))[1]
     mask = 0x6F if name in ("bonfiglioli", "schneider-atv") else 0x7F
     voltage = mask & 0x10
-    # "Switched on" at once with CiA 402, OFF1 active with ABB, still "operation" with PROFIdrive.
+    # While ramping down: "switched on" with CiA 402, OFF1 active with ABB, still "operation" with PROFIdrive.
     ramping = {"bonfiglioli": 0x23, "schneider-atv": 0x23, "abb-acs355": 0x25, "abb-acs580": 0x25}.get(name, 0x27)
 
     def shown():
         return drive.peek(status, line.time) & mask
 
-    # Bit 4 is no OFF2, which the control word 0000 is; the control word of a V20 does not begin with that.
+    # Bit 4 means no OFF2. The first control word 0000 is OFF2; that of a V20 starts with another value.
     assert shown() == (0x40 if name in WORDS else 0x31)
     one.start()
     line.advance(10)
@@ -112,7 +112,7 @@ def test_a_virtual_drive_shows_the_states_that_a_drive_shows(name, plant):
 
 @pytest.mark.parametrize("word", [0xE231, 0xEB31, 0xFB33])
 @pytest.mark.parametrize("name", ["siemens-g120", "siemens-v20"])
-def test_words_of_siemens_drives_that_stand_mean_ready(plant, word):
+def test_status_word_of_a_standing_siemens_drive_means_ready(plant, word):
     drive, _, one, _ = plant
     drive._machine.live = lambda _: None
     drive.poke("40110", word)
@@ -120,7 +120,7 @@ def test_words_of_siemens_drives_that_stand_mean_ready(plant, word):
 
 
 @pytest.mark.parametrize("name", ["delta", "gs2", "delta-vfd-b", "delta-vfd-e"])
-def test_delta_drive_shows_the_direction_of_turning_and_the_ordered_one(name, plant):
+def test_delta_drive_shows_the_actual_and_the_ordered_direction(name, plant):
     """Bits 3 and 4: 00 FWD, 01 REV to FWD, 10 FWD to REV, 11 REV (MS300 manual p. 790, GS4 manual p. D-14)."""
     drive, line, one, _ = plant
 

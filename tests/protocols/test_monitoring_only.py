@@ -1,4 +1,4 @@
-"""A series whose model has no orders is monitoring only: it is read, and nothing that could command it goes out."""
+"""Monitoring-only series, whose models have no commands: they can be read, and nothing that could command is sent."""
 
 import pytest
 from gauge_series import GAUGE
@@ -12,7 +12,7 @@ from drivecomm.virtual import VirtualLine, virtual_drive
 
 @pytest.fixture
 def gauge(tmp_path):
-    """A monitoring-only drive, its virtual twin, and all that was sent."""
+    """Yield a monitoring-only drive, its virtual drive and the events of the bus."""
     path = tmp_path / "gauge.toml"
     path.write_text(GAUGE, encoding="utf-8")
     virtual = virtual_drive("modbus", 1, model=str(path))
@@ -21,7 +21,7 @@ def gauge(tmp_path):
         yield bus.drive("modbus", 1, model=str(path)), virtual, sent
 
 
-def test_monitoring_only_drive_is_read(gauge):
+def test_monitoring_only_drive_can_be_read(gauge):
     drive, virtual, _ = gauge
     virtual.motor.run(20, 0.0)
     assert drive.status().state is DriveState.RUNNING
@@ -48,7 +48,7 @@ def test_monitoring_only_drive_is_read(gauge):
         lambda drive: drive.write_and_read("bus_control_word", 1),
     ],
 )
-def test_monitoring_only_drive_is_not_commanded(gauge, command):
+def test_command_to_a_monitoring_only_drive_is_refused_unsent(gauge, command):
     drive, virtual, sent = gauge
     with pytest.raises(NotSupported, match="monitoring only"):
         command(drive)
@@ -56,13 +56,13 @@ def test_monitoring_only_drive_is_not_commanded(gauge, command):
     assert virtual.peek("0x2000", 0.0) == 0
 
 
-def test_monitoring_only_drive_takes_settings(gauge):
+def test_monitoring_only_drive_accepts_settings(gauge):
     drive, _, _ = gauge
     drive.write("acceleration_time", 7)
     assert float(drive.read("acceleration_time").value) == 7
 
 
-def test_monitoring_only_drive_says_so_in_its_capabilities(gauge):
+def test_capabilities_show_that_a_drive_is_monitoring_only(gauge):
     can = gauge[0].capabilities
     assert can.monitoring_only
     assert not can.stops
@@ -82,7 +82,7 @@ def test_broadcast_stop_of_a_monitoring_only_series_is_refused(gauge):
     assert not sent
 
 
-def test_packaged_models_are_monitoring_only_exactly_where_they_have_no_orders():
+def test_packaged_model_is_monitoring_only_if_it_has_no_commands():
     for name in model_names("drivecomm_modbus", "modbus"):
         model = load_model("drivecomm_modbus", "modbus", name)
         orders = {"start", "start_reverse", "stop", "coast", "quick", "dc_brake", "reset"} & model.control.keys()
@@ -90,7 +90,7 @@ def test_packaged_models_are_monitoring_only_exactly_where_they_have_no_orders()
 
 
 @pytest.mark.parametrize("written", ["0x3000", "actual_frequency", "0x0010", "0x2002", "c5"])
-def test_drive_with_imported_registers_takes_no_write_at_all(written, tmp_path):
+def test_drive_with_imported_registers_refuses_every_write(written, tmp_path):
     path = tmp_path / "gauge.toml"
     path.write_text(GAUGE.replace('access = "r"', 'access = "r"\nsure = "imported"'), encoding="utf-8")
     sent = []
@@ -104,12 +104,12 @@ def test_drive_with_imported_registers_takes_no_write_at_all(written, tmp_path):
         assert "imported" in drive.read("0x3000").note
 
 
-# Nothing read says how drives of LECOM, WEG, EI Bisynch are commanded, nor Unidrive Classic, newer LS and VF-S15.
+# No source says how LECOM, WEG and EI Bisynch drives, Unidrive Classic, newer LS and VF-S15 are commanded.
 SOME_MONITORED = ("ct-ansi", "ei-bisynch", "lecom", "ls-bus", "modbus", "toshiba", "weg")
 
 
 @pytest.mark.parametrize("protocol", [name for name in installed if name not in SOME_MONITORED])
-def test_series_that_their_protocol_commands_are_not_monitoring_only(protocol):
+def test_series_of_a_commanded_protocol_are_not_monitoring_only(protocol):
     plugin = installed[protocol]
     for name in model_names(plugin.package, protocol):
         assert not is_monitoring_only(plugin, load_model(plugin.package, protocol, name)), name

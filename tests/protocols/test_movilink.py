@@ -1,4 +1,4 @@
-"""SEW MOVILINK: what asks and what commands, starts and stops on a disturbed line, references, stored writes."""
+"""SEW MOVILINK: requests and commands, starts and stops on a disturbed line, references, stored writes."""
 
 from contextlib import contextmanager
 from dataclasses import replace
@@ -30,7 +30,7 @@ RUN, RAMP, RAPID, INHIBIT = 0x0006, 0x0002, 0x0000, 0x0001
 
 
 class Heard(DriveProxy):
-    """A virtual drive that remembers the requests it heard, and whose replies a test may change."""
+    """A virtual drive that records the requests it receives, and whose replies a test may change."""
 
     def __init__(self, drive):
         super().__init__(drive)
@@ -75,7 +75,7 @@ def control_words(on):
 
 
 def answering(on, change):
-    """Have the drive answer something else; `change` is given the request and the message of its reply."""
+    """Change the replies of the drive: `change` gets the request and the reply, and returns a message or None."""
 
     def between(find, reply):
         told = change(find.message, CODEC.decode(reply.data, "reply"))
@@ -85,7 +85,7 @@ def answering(on, change):
 
 
 def another_master_sends(on, data):
-    """Return what the drive answers to a telegram that is not from the bench's master."""
+    """Return the reply of the drive to a telegram of another master."""
     on.virtual.inner.follow(on.line.time)
     return on.virtual.inner.answer(CODEC.decode(bytes.fromhex(data), "request"), on.line.time)
 
@@ -94,11 +94,11 @@ def with_status(message, word):
     return replace(message, pd=(word, *message.pd[1:])) if message.pd else replace(message, value=word)
 
 
-# What only asks
+# Requests that command nothing
 
 
 @pytest.mark.parametrize("runs", [False, True])
-def test_asking_sends_parameter_channels_only(runs):
+def test_reads_and_status_use_parameter_telegrams_only(runs):
     with on_bench() as on:
         if runs:
             started(on)
@@ -108,7 +108,7 @@ def test_asking_sends_parameter_channels_only(runs):
         assert on.virtual.motor.running is runs
 
 
-def test_scan_finds_drives_by_a_parameter_and_commands_none():
+def test_scan_finds_drives_by_parameter_telegrams_only():
     drives = [virtual_drive("movilink", address) for address in (0, 7, 99)]
     line, sent = VirtualLine(drives), []
     with drivecomm.open_bus(line.port, trace=sent.append) as bus:
@@ -117,7 +117,7 @@ def test_scan_finds_drives_by_a_parameter_and_commands_none():
     assert {each.type for each in requests} == {0x86}
 
 
-def test_every_request_with_process_data_counts_as_a_command():
+def test_request_with_process_data_counts_as_a_command():
     for vector in packaged_vectors(MOVILINK).vectors:
         if vector.valid and vector.direction == "request":
             message = CODEC.decode(vector.data, "request")
@@ -145,7 +145,7 @@ def test_start_sends_the_printed_telegram_of_3000_rpm():
         (Stop.COAST, INHIBIT, Command.OFF),
     ],
 )
-def test_stop_sends_its_word_first_and_at_once(how, word, command):
+def test_stop_sends_its_word_before_anything_else(how, word, command):
     with on_bench() as on:
         started(on)
         on.drive.stop(how)
@@ -154,7 +154,7 @@ def test_stop_sends_its_word_first_and_at_once(how, word, command):
         assert on.virtual.motor.command is command
 
 
-def test_stop_is_repeated_until_it_is_answered():
+def test_stop_without_a_reply_is_repeated():
     with on_bench() as on:
         started(on)
         lost = [1, 2]
@@ -163,7 +163,7 @@ def test_stop_is_repeated_until_it_is_answered():
         assert control_words(on) == [RAMP] * 3
 
 
-def test_start_whose_reply_is_lost_is_sent_once():
+def test_start_without_a_reply_is_sent_once():
     with on_bench() as on:
         on.drive.set_reference(percent=50)
         answering(on, lambda request, reply: None if request.pd and request.pd[0] == RUN else reply)
@@ -185,7 +185,7 @@ def test_start_that_is_not_obeyed_is_taken_back():
 @pytest.mark.parametrize(
     ("word", "why"), [(0x0202, "control signal source"), (0x0B22, "has tripped"), (0x0B26, "has tripped")]
 )
-def test_start_is_refused_before_the_word_that_enables(word, why):
+def test_start_is_refused_before_the_enabling_word_is_sent(word, why):
     with on_bench() as on:
         on.drive.set_reference(percent=50)
         answering(on, lambda _, reply: with_status(reply, word))
@@ -195,14 +195,14 @@ def test_start_is_refused_before_the_word_that_enables(word, why):
         assert set(control_words(on)) == {RAMP}
 
 
-def test_start_without_a_reference_enables_nothing():
+def test_start_without_a_reference_sends_no_enabling_word():
     with on_bench() as on:
         with pytest.raises(StateError, match="no reference was set from here"):
             on.drive.start()
         assert set(control_words(on)) <= {RAMP}
 
 
-def test_start_in_reverse_is_refused_and_a_negative_reference_reverses():
+def test_reverse_start_is_refused_and_a_negative_reference_reverses():
     with on_bench() as on:
         with pytest.raises(NotSupported):
             on.drive.start(reverse=True)
@@ -211,7 +211,7 @@ def test_start_in_reverse_is_refused_and_a_negative_reference_reverses():
         assert on.virtual.motor.output_hz == -25
 
 
-def test_word_with_inhibit_and_enable_coasts_and_is_never_built():
+def test_word_with_inhibit_and_enable_coasts_and_is_never_encoded():
     with pytest.raises(TelegramError, match="inhibits"):
         CODEC.encode(MOVILINK.message({"address": 1, "type": 3, "pd": [7, 0]}, "request"))
     with on_bench() as on:
@@ -234,21 +234,21 @@ def test_word_with_inhibit_and_enable_coasts_and_is_never_built():
         ({"maximum_rpm": 6553}, 100, 32765),
     ],
 )
-def test_reference_is_written_in_the_scale_of_the_drive(options, percent, word):
+def test_reference_is_sent_in_the_scale_of_the_drive(options, percent, word):
     with on_bench(**options) as on:
         on.drive.set_reference(percent=percent)
         assert on.virtual.heard[-1].message.pd == (RAMP, word)
 
 
 @pytest.mark.parametrize("percent", [100.1, -100.1, 1000])
-def test_reference_above_the_maximum_is_refused_before_anything_is_sent(percent):
+def test_reference_above_the_maximum_is_refused_unsent(percent):
     with on_bench() as on:
         with pytest.raises(ValueRefusedError):
             on.drive.set_reference(percent=percent)
         assert not on.virtual.heard
 
 
-def test_reference_is_refused_for_a_motor_that_another_master_started():
+def test_reference_for_a_motor_started_by_another_master_is_refused():
     with on_bench() as on:
         another_master_sends(on, "02 00 03 00 06 10 00 17")
         on.settle()
@@ -261,12 +261,12 @@ def test_reference_is_refused_for_a_motor_that_another_master_started():
 @pytest.mark.parametrize(
     "options", [{"maximum_rpm": -1}, {"maximum_rpm": 0.01}, {"maximum_rpm": 7000}, {"ramp_ms": 70000}]
 )
-def test_option_that_no_word_holds_is_refused(options):
+def test_option_that_does_not_fit_a_word_is_refused(options):
     with pytest.raises(UsageError, match="maximum_rpm"):
         MOVILINK.options(**options)
 
 
-# The watchdog, and a status that others have changed
+# The watchdog, and a status changed by other masters
 
 
 def test_status_repeats_the_start_only_if_the_watchdog_is_known():
@@ -305,7 +305,7 @@ def test_status_does_not_restart_a_motor_that_another_master_has_stopped():
         assert not on.virtual.motor.running
 
 
-def test_start_of_a_drive_that_trips_is_taken_back_by_the_next_status():
+def test_status_takes_back_the_start_of_a_tripped_drive():
     with on_bench() as on:
         started(on)
         on.virtual.trip(11, on.line.time)
@@ -318,14 +318,14 @@ def test_start_of_a_drive_that_trips_is_taken_back_by_the_next_status():
         assert control_words(on)[1:] == [RAMP, 0x0040, RAMP]
 
 
-def test_reset_of_a_drive_without_a_fault_commands_nothing():
+def test_reset_of_a_drive_without_a_fault_sends_no_command():
     with on_bench() as on:
         on.drive.reset()
         assert control_words(on) == []
 
 
-def test_drive_that_does_not_tell_its_status_runs_after_a_stop():
-    """Index 8310 is unconfirmed; replies to commands tell status word 1 as well."""
+def test_drive_without_a_readable_status_can_be_started_and_stopped():
+    """Index 8310 is unconfirmed; replies to commands hold status word 1 as well."""
 
     def no_index(request, reply):
         return reply if request.pd else replace(reply, management=0xB1, value=0x08000010)
@@ -342,7 +342,7 @@ def test_drive_that_does_not_tell_its_status_runs_after_a_stop():
         assert on.virtual.motor.command is Command.RAMP_STOP
 
 
-def test_warning_of_a_running_motor_is_no_fault():
+def test_warning_of_a_running_motor_is_not_a_fault():
     with on_bench() as on:
         answering(on, lambda _, reply: with_status(reply, 0x0127))
         status = on.drive.status()
@@ -352,7 +352,7 @@ def test_warning_of_a_running_motor_is_no_fault():
 # Parameters
 
 
-def test_write_goes_to_ram_unless_it_is_stored():
+def test_write_goes_to_ram_unless_stored():
     with on_bench() as on:
         on.drive.write("8470", "1.5")
         on.drive.write("ramp_t11_up", 3, store=True)
@@ -371,7 +371,7 @@ def test_write_without_a_model_goes_to_ram():
     assert [CODEC.decode(each.data, "request").management for each in sent if each.what == "sent"] == [0x33]
 
 
-def test_write_is_nameless_since_a_late_reply_to_an_earlier_one_would_pass():
+def test_write_is_nameless_as_a_late_reply_could_confirm_it():
     model = load_model("drivecomm_movilink", "movilink", "movidrive-b")
     ask = next(MOVILINK.operations(1, MOVILINK.options(), model).write("8470", 1))
     assert ask.nameless
@@ -387,7 +387,7 @@ def test_write_is_nameless_since_a_late_reply_to_an_earlier_one_would_pass():
         (0x0800004D, "not listed"),
     ],
 )
-def test_refusal_says_what_the_tables_print(value, text):
+def test_refusal_has_the_text_of_the_tables(value, text):
     with on_bench() as on:
         answering(on, lambda _, reply: replace(reply, management=reply.management | 0x80, value=value))
         with pytest.raises(RefusedError, match=text):
@@ -400,7 +400,7 @@ def test_address_that_is_not_an_index_is_refused(address):
         on.drive.read(address)
 
 
-def test_parameter_without_a_model_is_a_number_of_32_bits():
+def test_parameter_without_a_model_is_a_32_bit_number():
     line = VirtualLine([virtual_drive("movilink", 1)])
     line.drives[0].poke("8470", 0xFFFFFFFE)
     with drivecomm.open_bus(line.port) as bus:
@@ -411,7 +411,7 @@ def test_parameter_without_a_model_is_a_number_of_32_bits():
             drive.read("8470", type="s16")
 
 
-def test_handshake_bit_is_answered_as_it_came():
+def test_handshake_bit_is_returned_unchanged():
     with on_bench() as on:
         assert another_master_sends(on, "02 00 06 71 00 20 6C 00 00 00 00 39").management == 0x71
 
@@ -420,14 +420,14 @@ def test_handshake_bit_is_answered_as_it_came():
 
 
 @pytest.mark.parametrize("address", [100, 101, 253, 254, 255])
-def test_drive_has_no_address_that_several_answer_or_obey(address):
+def test_group_and_broadcast_addresses_are_refused_as_drive_addresses(address):
     line = VirtualLine([virtual_drive("movilink", 1)])
     with drivecomm.open_bus(line.port) as bus, pytest.raises(AddressError):
         bus.drive("movilink", address)
 
 
 @pytest.mark.parametrize(("how", "word"), [(Stop.RAMP, "00 02"), (Stop.COAST, "00 01"), (Stop.QUICK, "00 00")])
-def test_stop_of_all_drives_is_told_once_to_address_255(how, word):
+def test_broadcast_stop_is_sent_once_to_address_255(how, word):
     drives = [virtual_drive("movilink", 1), virtual_drive("movilink", 2)]
     line, sent = VirtualLine(drives), []
     with drivecomm.open_bus(line.port, trace=sent.append) as bus:
@@ -443,8 +443,8 @@ def test_stop_of_all_drives_is_told_once_to_address_255(how, word):
     assert [data[:5] for data in told] == [bytes.fromhex(f"02 FF 03 {word}")]
 
 
-def test_telegram_of_uss_is_not_taken_for_one_of_movilink():
-    """02 0E 05 ..., of 16 bytes for USS, would be type 05 to address 14, of 10."""
+def test_uss_telegram_is_not_decoded_as_movilink():
+    """02 0E 05 ..., 16 bytes long in USS, would be type 05 to address 14, 10 bytes long."""
     data = bytes.fromhex("02 0E 05 10 06 00 00 00 00 00 00 04 7F 00 00")
     check = 0
     for byte in data:
@@ -457,7 +457,7 @@ def test_telegram_of_uss_is_not_taken_for_one_of_movilink():
         CODEC.decode(whole, "request")
 
 
-def test_damaged_requests_are_met_with_silence():
+def test_damaged_request_is_not_answered():
     """MOVIDRIVE MDX60B/61B communication manual p. 20."""
     drive = virtual_drive("movilink", 1)
     for data in ("02 01 03 00 06 3A 98 00", "02 01 0F 00 06 0A", "02 01 05 00 06"):
@@ -467,7 +467,7 @@ def test_damaged_requests_are_met_with_silence():
     assert not drive.motor.running
 
 
-def test_telegram_of_another_maker_can_be_sound_and_obeyed():
+def test_foreign_telegram_may_be_a_valid_movilink_command():
     """A USS telegram to drive 2 with 047E, and a Danfoss process block to drive 3; see the README."""
     for data in ("02 0E 02 00 00 00 00 00 00 00 00 04 7E 10 00", "02 06 83 04 7E 10 00"):
         check = 0
@@ -477,8 +477,8 @@ def test_telegram_of_another_maker_can_be_sound_and_obeyed():
         assert (message.address, message.pd) == (bytes.fromhex(data)[1], (0x047E, 0x1000))
 
 
-def test_reply_of_another_protocol_is_judged_and_raises_nothing():
-    """A link asks each protocol of its line whether a telegram may be its reply, as in a scan of all of them."""
+def test_mismatch_of_a_foreign_reply_raises_no_error():
+    """A scan for several protocols checks each telegram with all of them, so foreign messages are compared as well."""
     line = VirtualLine([virtual_drive("danfoss-fc", 3), virtual_drive("movilink", 9)])
     with drivecomm.open_bus(line.port) as bus:
         found = [each.name for each in bus.scan(["movilink", "danfoss-fc"], addresses=range(1, 10))]
@@ -491,7 +491,7 @@ def test_reply_of_another_protocol_is_judged_and_raises_nothing():
 
 
 @pytest.mark.parametrize("among", [["movilink"], ["movilink", "vabus", "fuji", "vlt3500", "modbus"]])
-def test_sniffer_reads_a_conversation(among):
+def test_sniffer_reads_requests_and_replies(among):
     line, pieces = VirtualLine([virtual_drive("movilink", 1)]), []
 
     def note(event):

@@ -1,6 +1,7 @@
-"""Every parameter of the manuals' tables is in the models, with its source; the tables are kept here as lists.
+"""Parameters printed in the tables of the manuals: each is in the models, with its source.
 
-The lists stand for what was read (the sources are named in the models), so that nothing gets lost from a model file.
+The lists here record the tables that were read (the models name the sources), so that no parameter gets lost from a
+model file.
 """
 
 import pytest
@@ -11,7 +12,7 @@ PACKAGES = {"vabus": "drivecomm_vabus", "danfoss-fc": "drivecomm_danfoss_fc"}
 
 
 def numbers(text):
-    """`372 375 480..482` as addresses, leading zeros kept."""
+    """Return the addresses of a list such as `372 375 480..482`, with leading zeros kept."""
     found = []
     for word in text.split():
         first, _, last = word.partition("..")
@@ -27,14 +28,14 @@ VABUS = numbers(
     "10 11 17..19 30 66..70 210 211 213 228 230 241 250 251 260 269 270 282 283 372 375 376 394 395 405 406 410..413 "
     "418..423 426 434 450 475 476 480..482 518..520 541 542 549 631 632 637 638 900"
 )
-# Bonfiglioli: what a program that runs such drives reads beside these.
+# Bonfiglioli: read in addition by a program that runs such drives.
 VABUS_FIELD = numbers("249 289 291 294 297")
 VABUS_ALL = VABUS + VABUS_FIELD
-# Bonfiglioli: numbers of which only hearsay is known.
+# Bonfiglioli: numbers known from hearsay only.
 HEARSAY = numbers(
     "29 212 214 224 222 223 240 244 245 254 255 256 259 273 274 310..325 362 370 371 373 374 483 521..523 484 524"
 )
-# Danfoss FC series: the table, without what only general knowledge stands behind; 8-51 to 8-56 in the row of 8-50.
+# Danfoss FC series: the table, without facts from general knowledge only; 8-51 to 8-56 in the row of 8-50.
 FC = numbers(
     "0-01 0-37 1-20 1-22..1-25 3-00 3-02 3-03 3-10 3-11 3-41 3-42 3-51 3-81 4-10 4-12 4-14 4-18 5-40 8-01..8-04 "
     "8-10 8-30..8-33 8-35 8-37 8-50..8-56 8-80 8-90 14-01 14-20..14-22 15-00..15-03 15-30 15-31 15-40..15-46 15-51 "
@@ -43,7 +44,7 @@ FC = numbers(
 )
 # Danfoss FC series: named in the text beside the table.
 FC_TEXT = numbers("0-10 8-91")
-# Danfoss FC series: what a program that runs FC 302 drives reads beside these.
+# Danfoss FC series: read in addition by a program that runs FC 302 drives.
 FC_FIELD = numbers("1-26 1-39 3-80 4-16 4-17 4-19 16-39 16-87 16-91 16-93")
 FC_ALL = FC + FC_TEXT + FC_FIELD
 VLT_5000 = numbers("001 105 201..205 207 208 212 213 215..218 500..510 512..514 518 520..522 537 538 540 615 621..635")
@@ -65,7 +66,7 @@ PRINTED = {
     ("danfoss-fc", "vlt6000"): VLT_6000,
 }
 
-# A sister manual or the protocol's text names them with a number, and a virtual drive cannot do without.
+# Named with a number in a sister manual or in the text of the protocol, and needed by a virtual drive.
 NAMED_ELSEWHERE = {("danfoss-fc", "vlt6000"): numbers("001 201..205 518")}
 
 
@@ -74,29 +75,29 @@ def model_of(which):
     return load_model(PACKAGES[protocol], protocol, name)
 
 
-def test_every_model_is_listed():
+def test_each_packaged_model_is_listed():
     assert set(PRINTED) == {
         (protocol, name) for protocol, package in PACKAGES.items() for name in model_names(package, protocol)
     }
 
 
 @pytest.mark.parametrize("which", PRINTED, ids="-".join)
-def test_the_model_has_every_printed_parameter_and_no_other(which):
+def test_model_has_exactly_the_printed_parameters(which):
     assert set(model_of(which).parameters) == {*PRINTED[which], *NAMED_ELSEWHERE.get(which, ())}
 
 
 @pytest.mark.parametrize("which", PRINTED, ids="-".join)
-def test_every_parameter_has_its_own_source(which):
+def test_each_parameter_has_a_source(which):
     assert not [info.address for info in model_of(which).parameters.values() if not info.source]
 
 
-def test_hearsay_is_marked_as_such():
+def test_hearsay_parameters_are_unconfirmed():
     parameters = model_of(("vabus", "guesses")).parameters
     assert {parameters[address].sure for address in HEARSAY} == {"unconfirmed"}
 
 
 @pytest.mark.parametrize("which", PRINTED, ids="-".join)
-def test_names_and_titles_tell_parameters_apart(which):
+def test_parameter_names_of_a_model_are_unique_identifiers(which):
     parameters = model_of(which).parameters.values()
     assert len({info.name for info in parameters}) == len(parameters)
     assert all(info.name.isidentifier() and info.name == info.name.lower() for info in parameters)

@@ -1,4 +1,4 @@
-"""A reference is set before the start on a drive that shows it only while its motor runs."""
+"""References set before the start on drives that show them only while the motor runs."""
 
 from types import SimpleNamespace
 
@@ -13,7 +13,7 @@ SHOWN = {"fuji": ("frenic", "M05"), "vabus": ("agile", 283)}
 
 @pytest.fixture(params=SHOWN)
 def shy(request):
-    """A drive that shows a final reference of 0 while its motor stands, with its line and its virtual side."""
+    """Yield a drive that shows a final reference of 0 while its motor stands, with its line and measured values."""
     model, parameter = SHOWN[request.param]
     virtual = virtual_drive(request.param, 1, model=model)
     usual = virtual.store.measured[parameter]
@@ -25,7 +25,7 @@ def shy(request):
         )
 
 
-def test_usual_order_of_reference_and_start_works(shy):
+def test_reference_may_be_set_before_the_start(shy):
     shy.drive.set_reference(hz=20)
     shy.drive.start()
     shy.line.advance(60)
@@ -33,13 +33,13 @@ def test_usual_order_of_reference_and_start_works(shy):
     shy.drive.set_reference(hz=30)
 
 
-def test_other_reference_than_zero_is_refused_in_standstill(shy):
+def test_other_final_reference_than_zero_in_standstill_is_an_error(shy):
     shy.measured[shy.shown] = lambda: 10 * (1 if shy.shown == "M05" else 100)
     with pytest.raises(StateError, match="10"):
         shy.drive.set_reference(hz=20)
 
 
-def test_zero_of_a_running_motor_is_refused(shy):
+def test_final_reference_of_zero_while_running_is_an_error(shy):
     shy.drive.set_reference(hz=20)
     shy.drive.start()
     shy.line.advance(60)

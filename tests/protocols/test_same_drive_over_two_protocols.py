@@ -1,4 +1,4 @@
-"""One drive with two protocols is one drive: virtual ones agree in state, direction, readings and refusals."""
+"""Drives with two protocols: the virtual drives of both agree in state, direction, readings and refusals."""
 
 from contextlib import ExitStack
 
@@ -26,15 +26,18 @@ LIVE = (
     "status_word",
     "dc_link_voltage",
 )
-"""Common names whose readings must agree wherever both models have them; rated data and ramps are each model's own."""
+"""Common names whose readings must agree if both models have them; rated data and ramps belong to each model."""
 
 WORDS_DIFFER = {("v20", Stop.COAST), ("v20", Stop.QUICK), ("fuji", "status_word")}
-"""Register 40004 of a V20 is bit 3, USS coasts by OFF2, and set 1 has no quick stop. M14 has more of its bits over the
-Fuji protocol."""
+"""Cases that differ by design.
+
+Register 40004 of a V20 is bit 3, USS coasts by OFF2, and set 1 has no quick stop. M14 has more of its bits over the
+Fuji protocol.
+"""
 
 
 class One:
-    """A virtual drive with one of its protocols, and a master that commands it."""
+    """A virtual drive with one of its protocols, and the drive object of its master."""
 
     def __init__(self, protocol, model, stack):
         self.virtual = virtual_drive(protocol, 1, model=model)
@@ -46,14 +49,14 @@ class One:
         self.drive.set_reference(**({"hz": hz} if can.reference_hz else {"percent": 2 * hz}))
 
     def start(self, *, reverse=False):
-        """Start in a direction: by the start where it gives one, by the sign of the reference elsewhere."""
+        """Start in a direction, by the start if it offers one, otherwise by the sign of the reference."""
         can = self.drive.capabilities
         if not can.reverse:
             self.set_reference(-20 if reverse else 20)
         self.drive.start(reverse=reverse and can.reverse)
 
     def passes(self, seconds):
-        # The watchdogs of both are fed as a poll plan would.
+        # Feed the watchdogs as a poll plan would.
         for _ in range(seconds):
             self.line.advance(1)
             self.drive.status()
@@ -80,7 +83,7 @@ def pair(name):
 
 
 def same_state(pair):
-    """Compare status, where both tell, and output frequency; return the state."""
+    """Compare the output frequencies and the status fields that both drives report; return the state."""
     first, second = (one.drive.status() for one in pair)
     for field in ("state", "running", "fault", "warning", "at_reference", "reverse", "remote"):
         told = [getattr(each, field) for each in (first, second)]
@@ -90,7 +93,7 @@ def same_state(pair):
 
 
 def agree(name, pair):
-    """Compare status, output frequency and readings; return the state."""
+    """Compare status, output frequency and readings of both drives; return the state."""
     state = same_state(pair)
     named = [one.drive.model.quantities for one in pair]
     for quantity in LIVE:
@@ -101,7 +104,7 @@ def agree(name, pair):
 
 
 @pytest.mark.parametrize("name", PAIRS)
-def test_motor_runs_in_both_directions_alike(name, pair):
+def test_motor_runs_equally_in_both_directions(name, pair):
     for one in pair:
         one.start()
         one.passes(30)
@@ -116,7 +119,7 @@ def test_motor_runs_in_both_directions_alike(name, pair):
 
 @pytest.mark.parametrize("how", [each for each in Stop if each is not Stop.DC_BRAKE])
 @pytest.mark.parametrize("name", PAIRS)
-def test_motor_stops_alike(name, how, pair):
+def test_motor_stops_equally(name, how, pair):
     if (name, how) in WORDS_DIFFER:
         pytest.skip("the two protocols stop it so by different words")
     for one in pair:
@@ -134,7 +137,7 @@ def test_motor_stops_alike(name, how, pair):
 
 
 @pytest.mark.parametrize("name", PAIRS)
-def test_tripped_drive_refuses_alike_until_it_is_reset(name, pair):
+def test_tripped_drive_refuses_equally_until_it_is_reset(name, pair):
     for one in pair:
         one.start()
         one.passes(5)
@@ -156,8 +159,8 @@ def test_tripped_drive_refuses_alike_until_it_is_reset(name, pair):
 
 
 @pytest.mark.parametrize("name", [each for each in PAIRS if each != "v20"])
-def test_drive_shows_the_same_state_after_mains(name, pair):
-    """Not so with a V20: nothing in register set 1 takes OFF2 away, so that no OFF2 is there at first."""
+def test_drive_shows_the_same_state_after_a_power_cycle(name, pair):
+    """A V20 differs: its register set 1 cannot clear OFF2, so OFF2 is not set after power-up."""
     for one in pair:
         one.start()
         one.passes(5)
@@ -168,7 +171,7 @@ def test_drive_shows_the_same_state_after_mains(name, pair):
 
 @pytest.mark.parametrize("running", [False, True])
 @pytest.mark.parametrize("name", PAIRS)
-def test_writes_are_refused_alike(running, pair):
+def test_writes_are_refused_equally(running, pair):
     for one in pair:
         if running:
             one.start()
@@ -184,7 +187,7 @@ def test_writes_are_refused_alike(running, pair):
         assert len(refused) == 1, quantity
 
 
-def test_bonfiglioli_starts_over_neither_protocol_while_412_gives_it_no_right():
+def test_bonfiglioli_start_is_refused_over_both_protocols_by_412():
     with ExitStack() as stack:
         pair = [One(protocol, model, stack) for protocol, model in PAIRS["bonfiglioli"]]
         refused = []
@@ -197,7 +200,7 @@ def test_bonfiglioli_starts_over_neither_protocol_while_412_gives_it_no_right():
 
 
 @pytest.mark.parametrize("word", [0x0000, 0x0001, 0x0002, 0x0006, 0x0007, 0x000F, 0x0080])
-def test_bonfiglioli_takes_bits_for_contacts_over_both_protocols_while_412_gives_no_right(word):
+def test_bonfiglioli_control_word_acts_as_contacts_over_both_protocols_by_412(word):
     with ExitStack() as stack:
         pair = [One(protocol, model, stack) for protocol, model in PAIRS["bonfiglioli"]]
         for one in pair:
@@ -209,8 +212,8 @@ def test_bonfiglioli_takes_bits_for_contacts_over_both_protocols_while_412_gives
         assert pair[0].drive.status().remote is False
 
 
-def test_every_drive_that_two_models_know_by_different_protocols_is_a_pair():
-    """What is monitoring only stands apart: it has no motor to compare."""
+def test_each_drive_with_models_of_two_protocols_is_a_pair():
+    """Monitoring-only models are left out, because their motor cannot be compared."""
     makers = {"bonfiglioli", "danfoss", "siemens", "fuji"}
     paired = {model for pair in PAIRS.values() for protocol, model in pair if protocol == "modbus"}
     for model in model_names("drivecomm_modbus", "modbus"):

@@ -20,7 +20,7 @@ def line_of(protocol, model):
     return virtual, VirtualLine([virtual])
 
 
-def test_micromaster_refuses_its_maximum_frequency_while_it_runs():
+def test_micromaster_refuses_a_new_maximum_frequency_while_running():
     # MICROMASTER 420 Reference Manual p. 50: reply 743A 0000 0011, error 17
     _, line = line_of("uss", "micromaster4")
     with drivecomm.open_bus(line.port) as bus:
@@ -53,7 +53,7 @@ def test_g120_register_has_its_printed_scale(address, raw, value, unit):
     assert (raw * info.factor, info.unit) == (Decimal(value), unit)
 
 
-def test_g120_names_its_fault():
+def test_g120_fault_has_its_text():
     # 40400 is r0947[0] (G120 Function Manual 04/2018 p. 134); F01910: G120XA operating instructions p. 174
     virtual, line = line_of("modbus", "siemens-g120")
     virtual.trip(1910, 0.0)
@@ -62,13 +62,13 @@ def test_g120_names_its_fault():
     assert (status.fault_code, status.fault_text) == (1910, "F01910 fieldbus interface: setpoint timeout")
 
 
-def test_g120_does_not_pass_its_power_unit_off_as_the_motor():
+def test_g120_power_unit_rating_is_not_mapped_as_the_motor_rating():
     # 40320 is r0206, of the power unit (G150 operating instructions 07/2016 p. 401); the motor's is p0307.
     assert "motor_rated_power" not in model_of("modbus", "siemens-g120").quantities
 
 
 @pytest.mark.parametrize("protocol", ["modbus", "uss"])
-def test_v20_loses_its_link_as_its_own_manual_says(protocol):
+def test_v20_link_loss_is_that_of_its_own_manual(protocol):
     # V20 operating instructions 07/2012 p. 111, 115: P2014, and fault F72
     model = model_of(protocol, {"modbus": "siemens-v20", "uss": "v20"}[protocol])
     assert "F72" in model.faults[72]
@@ -90,7 +90,7 @@ WORDS = {"motor_rated_voltage": 230, "motor_rated_speed": 24000}
 
 @pytest.mark.parametrize("name", PLATE)
 @pytest.mark.parametrize("series", ["g110", "v20", "micromaster4", "g120", "s110"])
-def test_siemens_name_plate_is_at_its_number_and_of_its_type(series, name):
+def test_siemens_motor_rating_is_read_from_its_parameter(series, name):
     address, unit, value, as_float = PLATE[name]
     model = model_of("uss", series)
     assert model.quantities[name] == address

@@ -1,4 +1,4 @@
-"""Virtual drives with the state machine of a standard do what it says of any control word, whoever sends it."""
+"""Virtual drives with the state machine of a standard, which react to any control word as the standard says."""
 
 import pytest
 
@@ -33,7 +33,7 @@ PROFIDRIVE = {
     0x046F: (RUNNING, 0),  # bit 4: ramp output 0
     0x045F: (RUNNING, 20),  # bit 5: ramp held
     0x0C7F: (RUNNING, -20),
-    # Without bit 10 the drive ignores the word as a whole.
+    # Without bit 10 the drive ignores the whole word.
     0x0000: (RUNNING, 20),
     0x000B: (RUNNING, 20),
     0x007E: (RUNNING, 20),
@@ -56,7 +56,7 @@ ABB_FULL = {
     0x047E: (READY, 0),
     0x0407: (READY, 0),
     0x046F: (RUNNING, 0),  # bit 4: ramp output 0
-    # Without bit 10 only OFF1, OFF2 and OFF3 get through.
+    # Without bit 10 only OFF1, OFF2 and OFF3 act.
     0x0006: (READY, 0),
     0x000B: (NOT_READY, 0),
     0x0000: (NOT_READY, 0),
@@ -70,7 +70,7 @@ FC = {
     0x0474: (NOT_READY, 0),
     0x046C: (READY, 0),  # quick stop
     0x0478: (READY, 0),  # DC brake
-    0x845C: (RUNNING, 20),  # held
+    0x845C: (RUNNING, 20),  # hold
     0x847C: (RUNNING, -20),
     0x0000: (RUNNING, 20),  # no bit 10
     0x003C: (RUNNING, 20),
@@ -88,11 +88,11 @@ WIRE = {
     "danfoss-fc": (49999, FC),
     "fuji-frenic": (0x0706, FUJI),
 }
-"""By model: the address of its control word in a telegram, and what each word does to a motor that runs at 20 Hz."""
+"""By model: the register of its control word as sent, and the effect of each word on a motor that runs at 20 Hz."""
 
 
 class Plant:
-    """A virtual drive that its own model has started, and another master, which knows no model, on its line."""
+    """A virtual drive started by its own model, and a second master without a model on the same line."""
 
     def __init__(self, name):
         self.virtual = virtual_drive("modbus", 1, model=name)
@@ -110,7 +110,7 @@ class Plant:
         assert self.passes(60) == 20
 
     def passes(self, seconds):
-        """Let time pass; return the output frequency then, signed."""
+        """Advance the time; return the signed output frequency in Hz."""
         self.line.advance(seconds)
         self.virtual.follow(self.line.time)
         return round(self.virtual.motor.output_hz)
@@ -131,7 +131,7 @@ def plant(name):
     [(name, word, said) for name, (_, words) in WIRE.items() for word, said in words.items()],
     ids=lambda value: f"{value:04X}" if isinstance(value, int) else None,
 )
-def test_virtual_drive_does_what_the_standard_says_of_a_word_of_another_master(plant, word, expected):
+def test_control_word_of_another_master_acts_as_in_the_standard(plant, word, expected):
     plant.start()
     plant.write(word)
     hz = plant.passes(60)
@@ -152,7 +152,7 @@ NO_STARTS = {
     "bonfiglioli": [[0x000F], [0x0007, 0x000F]],
     "schneider-atv": [[0x000F], [0x080F]],
     "abb-acs355": [[0x007F], [0x0007, 0x000F]],
-    # Words without bit 10 start nothing.
+    # Words without bit 10 start no motor.
     "abb-acs580": [[0x047F], [0x0006, 0x0007, 0x000F, 0x007F]],
     "siemens-g120": [[0x047F], [0x007E, 0x007F]],
     "siemens-v20": [[0x007E, 0x007F]],
@@ -162,7 +162,7 @@ NO_STARTS = {
 
 
 def ordered(name, words):
-    """Return the plant after another master has given a reference and these words."""
+    """Return the plant after another master has sent a reference and these words."""
     plant = Plant(name)
     plant.drive.set_reference(**({"hz": 20} if plant.drive.capabilities.reference_hz else {"percent": 40}))
     for word in words:
@@ -171,7 +171,7 @@ def ordered(name, words):
 
 
 @pytest.mark.parametrize(("name", "words"), [(name, each) for name, ways in STARTS.items() for each in ways])
-def test_virtual_drive_starts_by_the_words_of_another_master(name, words):
+def test_words_of_another_master_start_the_virtual_drive(name, words):
     plant = ordered(name, words)
     with plant.bus:
         assert abs(plant.passes(60)) == 20
@@ -179,7 +179,7 @@ def test_virtual_drive_starts_by_the_words_of_another_master(name, words):
 
 
 @pytest.mark.parametrize(("name", "words"), [(name, each) for name, ways in NO_STARTS.items() for each in ways])
-def test_virtual_drive_stays_off_where_the_standard_gives_no_way_to_run(name, words):
+def test_words_without_a_valid_start_leave_the_motor_off(name, words):
     plant = ordered(name, words)
     with plant.bus:
         assert plant.passes(60) == 0
@@ -188,7 +188,7 @@ def test_virtual_drive_stays_off_where_the_standard_gives_no_way_to_run(name, wo
 
 
 @pytest.mark.parametrize("name", WIRE)
-def test_reset_bit_that_stays_set_resets_once(name, plant):
+def test_reset_bit_left_set_resets_once(name, plant):
     reset = {"siemens": 0x04FE, "abb": 0x04FE, "danfoss": 0x04BC, "fuji": 0x8000}.get(name.split("-")[0], 0x0080)
     plant.start()
     plant.virtual.trip(3, plant.line.time)
@@ -201,7 +201,7 @@ def test_reset_bit_that_stays_set_resets_once(name, plant):
     assert plant.drive.status().fault
 
 
-def test_bonfiglioli_obeys_no_reset_within_15_seconds_after_the_trip():
+def test_bonfiglioli_ignores_a_reset_within_15_seconds_of_a_trip():
     plant = Plant("bonfiglioli")
     with plant.bus:
         plant.virtual.trip(3, plant.line.time)
@@ -214,7 +214,7 @@ def test_bonfiglioli_obeys_no_reset_within_15_seconds_after_the_trip():
         assert not plant.drive.status().fault
 
 
-def test_quick_stop_of_bonfiglioli_shows_a_driven_motor_until_it_stands():
+def test_bonfiglioli_shows_a_running_motor_during_a_quick_stop():
     plant = Plant("bonfiglioli")
     with plant.bus:
         plant.start()
@@ -223,7 +223,7 @@ def test_quick_stop_of_bonfiglioli_shows_a_driven_motor_until_it_stands():
         assert (status.state, status.running) == (STOPPING, True)
 
 
-def test_silence_leaves_a_danfoss_drive_in_the_state_of_its_stop():
+def test_danfoss_drive_is_ready_after_a_stop_by_its_watchdog():
     plant = Plant("danfoss-fc")
     with plant.bus:
         plant.virtual.poke("8030", 10)
@@ -237,8 +237,8 @@ def test_silence_leaves_a_danfoss_drive_in_the_state_of_its_stop():
         assert plant.drive.status().state is RUNNING
 
 
-def test_every_packaged_model_that_commands_by_a_standard_word_names_its_state_machine():
-    """A model whose start ends with a word of CiA 402, PROFIdrive or ABB Drives is played by their machine."""
+def test_model_with_standard_control_words_names_its_state_machine():
+    """A model whose start ends with a word of CiA 402, PROFIdrive or ABB Drives needs that state machine."""
     runs = {0x000F, 0x006F, 0x007F, 0x046F, 0x047F, 0x047C}
     named = set()
     for name in model_names("drivecomm_modbus", "modbus"):

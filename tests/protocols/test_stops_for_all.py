@@ -1,4 +1,4 @@
-"""What stops all drives of one protocol starts none of another that hears it: telegrams of USS and FC look alike."""
+"""Broadcast stops of one protocol must start no drive of another: telegrams of USS and FC look alike."""
 
 import pytest
 
@@ -19,7 +19,7 @@ def words_to_all(protocol, how, **options):
 
 
 @pytest.mark.parametrize(("protocol", "how"), STOPS)
-def test_its_words_let_no_motor_run_by_any_profile_of_the_family(protocol, how):
+def test_words_of_a_broadcast_stop_run_no_motor_in_any_related_profile(protocol, how):
     for word in words_to_all(protocol, how):
         for name in FAMILY:
             known = control_profile(name)
@@ -29,7 +29,7 @@ def test_its_words_let_no_motor_run_by_any_profile_of_the_family(protocol, how):
 
 @pytest.mark.parametrize(("protocol", "how"), STOPS)
 @pytest.mark.parametrize("profile", ["fc", "profidrive"])
-def test_a_danfoss_drive_whose_addresses_are_like_those_of_uss_stands_after_it(protocol, how, profile):
+def test_broadcast_stop_does_not_start_a_danfoss_drive_with_uss_addresses(protocol, how, profile):
     neighbour = virtual_drive("danfoss-fc", 3, address_format="1-31", profile=profile, baudrate=9600)
     line = VirtualLine([neighbour, virtual_drive("uss", 4)])
     with drivecomm.open_bus(line.port) as bus:

@@ -1,4 +1,4 @@
-"""A virtual Toshiba drive and its master, in virtual time: what moves the motor, and what lost and late replies do."""
+"""A virtual Toshiba drive and its master in virtual time: effects of commands, and lost or late replies."""
 
 from contextlib import suppress
 
@@ -27,7 +27,7 @@ RUN, STOP = b"(01PFA00C400&BD)\r", b"(01PFA00C000&B9)\r"
 
 
 class Talk:
-    """A drive, its line, and its master."""
+    """A virtual drive, its line and its master."""
 
     def __init__(self, model="vf-s11", **options):
         self.virtual = Overheard(virtual_drive("toshiba", 1, model=model))
@@ -45,7 +45,7 @@ class Talk:
         return [each.data for each in self.virtual.heard]
 
     def lose(self, start):
-        """Lose the replies to what begins so."""
+        """Drop the replies to requests that start with these bytes."""
         self.virtual.between = lambda heard, reply: None if heard.data.startswith(start) else reply
 
 
@@ -57,7 +57,7 @@ def talk():
 
 
 def answers(data, *addresses):
-    """Return what drives with these numbers answer."""
+    """Return the replies of drives with these numbers, by number."""
     found = Framer(CODEC, "request").feed(data)
     replies = {}
     for address in addresses:
@@ -68,7 +68,7 @@ def answers(data, *addresses):
 
 
 @pytest.mark.parametrize("reverse", [False, True])
-def test_start_runs_the_motor_and_stop_ends_it(talk, reverse):
+def test_start_runs_the_motor_and_stop_stops_it(talk, reverse):
     talk.drive.set_reference(hz=20)
     talk.drive.start(reverse=reverse)
     talk.line.advance(30)
@@ -82,8 +82,8 @@ def test_start_runs_the_motor_and_stop_ends_it(talk, reverse):
     assert not talk.drive.status().running
 
 
-def test_every_command_keeps_frequency_and_command_with_the_bus(talk):
-    """Without bits 14 and 15 of FA00 the panel or the terminals have the control."""
+def test_every_command_keeps_the_bus_control_bits_set(talk):
+    """Without bits 14 and 15 of FA00 the panel or the terminals have control."""
     talk.drive.start()
     talk.drive.stop()
     talk.drive.stop(Stop.COAST)
@@ -103,7 +103,7 @@ def test_commands_and_references_never_go_to_eeprom(talk):
     assert not any(each.startswith(b"(01W") for each in talk.heard)
 
 
-def test_stored_write_goes_by_w_and_outlives_the_mains(talk):
+def test_stored_write_uses_w_and_survives_a_power_cycle(talk):
     talk.drive.write("0012", 40, store=True)
     assert talk.heard[-1] == b"(01W00120FA0&B0)\r"
     talk.drive.write("0012", 30)
@@ -111,7 +111,7 @@ def test_stored_write_goes_by_w_and_outlives_the_mains(talk):
     assert talk.drive.read("0012").value == 40
 
 
-def test_command_is_not_stored(talk):
+def test_stored_write_of_a_command_is_refused(talk):
     with pytest.raises(NotSupported):
         talk.drive.write("FA01", 10, store=True)
 
@@ -123,7 +123,7 @@ def test_write_without_a_model_goes_to_ram():
         assert talk.heard[-1].startswith(b"(01P0012")
 
 
-def test_start_whose_reply_is_lost_goes_out_once(talk):
+def test_start_without_a_reply_is_sent_once(talk):
     talk.lose(RUN)
     with pytest.raises(NoReplyError, match="told to run"):
         talk.drive.start()
@@ -144,7 +144,7 @@ def test_start_that_is_not_obeyed_is_taken_back(talk):
     assert talk.motor.command is not Command.RUN
 
 
-def test_stop_whose_reply_is_lost_goes_out_again(talk):
+def test_stop_without_a_reply_is_sent_again(talk):
     talk.drive.start()
     talk.lose(STOP)
     with pytest.raises(NoReplyError):
@@ -153,13 +153,13 @@ def test_stop_whose_reply_is_lost_goes_out_again(talk):
     assert talk.motor.command is not Command.RUN
 
 
-def test_stop_goes_out_before_the_drive_is_proved_and_again_behind_it(talk):
-    """The reply to a write is the write, so that an echo could confirm it."""
+def test_first_stop_is_followed_by_one_read_and_resent(talk):
+    """The reply to a write equals the write, so an echo could confirm it."""
     talk.drive.stop()
     assert talk.heard == [STOP, b"(01RFD00&EB)\r", STOP]
 
 
-def test_first_write_is_not_believed_before_a_read_was_answered(talk):
+def test_first_write_is_preceded_by_a_read_that_proves_the_drive(talk):
     talk.drive.write("0012", 45)
     assert talk.heard[0] == b"(01RFD00&EB)\r"
     talk.drive.write("0012", 46)
@@ -167,25 +167,25 @@ def test_first_write_is_not_believed_before_a_read_was_answered(talk):
 
 
 @pytest.mark.parametrize("hz", [0, "0.01", 60])
-def test_reference_is_sent_in_hundredths(talk, hz):
+def test_reference_is_sent_in_hundredths_of_a_hertz(talk, hz):
     talk.drive.set_reference(hz=hz)
     assert talk.heard[-1].startswith(b"(01PFA01%04X" % round(float(hz) * 100))
 
 
 @pytest.mark.parametrize("hz", [-1, "60.01", "0.005"])
-def test_reference_that_does_not_fit_is_not_sent(talk, hz):
+def test_reference_that_does_not_fit_is_refused_unsent(talk, hz):
     with pytest.raises(ValueRefusedError):
         talk.drive.set_reference(hz=hz)
     assert not any(each.startswith(b"(01PFA01") for each in talk.heard)
 
 
-def test_reference_in_percent_is_of_the_upper_limit(talk):
+def test_reference_in_percent_refers_to_the_upper_limit(talk):
     talk.drive.write("0012", 40)
     talk.drive.set_reference(percent=25)
     assert talk.heard[-1].startswith(b"(01PFA0103E8")
 
 
-def test_tripped_drive_is_known_by_the_letters_of_its_reply(talk):
+def test_trip_is_recognised_by_the_lower_case_of_a_reply(talk):
     talk.virtual.trip(5, talk.line.time)
     status = talk.drive.status()
     assert (status.fault, status.fault_code, status.running) == (True, 5, False)
@@ -196,24 +196,24 @@ def test_tripped_drive_is_known_by_the_letters_of_its_reply(talk):
     assert not talk.motor.running
 
 
-def test_lower_case_is_no_refusal_of_a_write(talk):
+def test_lower_case_reply_confirms_a_write(talk):
     talk.virtual.trip(5, talk.line.time)
     talk.drive.write("0012", 45)
     assert talk.virtual.peek("0012", talk.line.time) == 4500
 
 
-def test_refusal_says_why(talk):
+def test_refusal_has_its_reason(talk):
     with pytest.raises(RefusedError, match="no such communication number"):
         talk.drive.write("1234", 1)
 
 
 @pytest.mark.parametrize("parameter", ["FD00", "FD01.tripped", "FE03"])
-def test_what_a_drive_tells_is_not_written(talk, parameter):
+def test_write_to_a_read_only_number_is_refused(talk, parameter):
     with pytest.raises((NotSupported, RefusedError)):
         talk.drive.write(parameter, 1)
 
 
-def test_busy_drive_is_asked_again(talk):
+def test_read_of_a_busy_drive_is_retried(talk):
     left = [b"(01N0000&BD)\r"] * 3
     talk.virtual.between = lambda heard, reply: (
         type(reply)(data=left.pop(), delay_s=0.01) if left and heard.data.startswith(b"(01R0012") else reply
@@ -222,7 +222,7 @@ def test_busy_drive_is_asked_again(talk):
     assert talk.heard.count(b"(01R0012&C4)\r") == 4
 
 
-def test_damaged_request_is_sent_again_and_a_start_is_not(talk):
+def test_request_that_arrived_damaged_is_resent_unless_a_start(talk):
     told = []
 
     def once(heard, reply):
@@ -240,12 +240,12 @@ def test_damaged_request_is_sent_again_and_a_start_is_not(talk):
 @pytest.mark.parametrize(
     "parameter", ["FD0", "fd00", "FD000", "", "FD00.3", "F82G", "0x12", "0012.tripped", "FD00.tripped"]
 )
-def test_what_is_no_communication_number_is_refused(talk, parameter):
+def test_malformed_communication_number_is_refused(talk, parameter):
     with pytest.raises(ParameterAddressError, match="four hexadecimal digits"):
         talk.drive.read(parameter)
 
 
-def test_parameter_is_called_as_on_the_panel():
+def test_parameter_may_be_named_as_on_the_panel():
     """F829 has the communication number 0829 (VF-S15 manual E6581913 p. 5)."""
     talk = Talk("vf-s15")
     with talk.bus:
@@ -255,8 +255,8 @@ def test_parameter_is_called_as_on_the_panel():
 
 @settings(max_examples=25, deadline=None)
 @given(delay_s=st.floats(0.08, 0.6), nexts=st.lists(st.sampled_from(["1234", "FD01", "FE70"]), min_size=1))
-def test_no_value_is_wrong_and_no_parameter_missing_however_late_a_refusal_is(delay_s, nexts):
-    """A refusal names no number: late, it could pass for one of the next question."""
+def test_late_refusal_is_not_taken_for_that_of_the_next_request(delay_s, nexts):
+    """A refusal names no number, so a late one could match the next request."""
     talk = Talk(attempts=1)
     talk.virtual.between = lambda heard, reply: (
         type(reply)(data=reply.data, delay_s=delay_s) if heard.data.startswith(b"(01R1234") else reply
@@ -270,14 +270,14 @@ def test_no_value_is_wrong_and_no_parameter_missing_however_late_a_refusal_is(de
                     assert talk.drive.read(parameter).raw == 0
 
 
-def test_stop_of_all_drives_stops_them_though_00_answers():
+def test_broadcast_stop_stops_all_drives_even_if_drive_00_answers():
     drives = [virtual_drive("toshiba", address) for address in (0, 1, 42)]
     line, sent = VirtualLine(drives), []
 
     class Answering:
-        """Drive 00 answers `**`, as VF-AS1 manual E6581315 p. 11 has it for binary telegrams."""
+        """A disturbance by drive 00, which answers `**` as VF-AS1 manual E6581315 p. 11 says for binary telegrams."""
 
-        def request(self, data, now):  # noqa: ARG002 - as a disturbance is called
+        def request(self, data, now):  # noqa: ARG002 - signature of a disturbance
             return [(0.0, data)]
 
         def reply(self, data, drive, now):  # noqa: ARG002
@@ -299,12 +299,12 @@ def test_stop_of_all_drives_stops_them_though_00_answers():
 @pytest.mark.parametrize(
     ("data", "answered_by"), [(b"(*2R0012&BF)\r", [2]), (b"(1*R0012&BE)\r", [10]), (b"(**R0012&B7)\r", [])]
 )
-def test_wild_card_is_answered_by_the_smallest_number_only(data, answered_by):
+def test_wild_card_request_is_answered_by_the_smallest_number_only(data, answered_by):
     told = answers(data, 0, 2, 10, 12, 22)
     assert [address for address, replies in told.items() if replies] == answered_by
 
 
-def test_wild_card_is_obeyed_by_all_that_it_names():
+def test_wild_card_write_is_obeyed_by_all_matching_drives():
     found = Framer(CODEC, "request").feed(b"(*2P00120FA0&A4)\r")
     drives = [virtual_drive("toshiba", address) for address in (2, 12, 13)]
     for drive in drives:
@@ -312,7 +312,7 @@ def test_wild_card_is_obeyed_by_all_that_it_names():
     assert [drive.peek("0012", 0.0) for drive in drives] == [4000, 4000, 6000]
 
 
-def test_number_is_in_the_reply_only_if_it_was_in_the_request():
+def test_reply_has_a_number_only_if_the_request_had_one():
     assert answers(b"(R0012&63)\r", 7) == {7: [b"(R00121770&32)\r"]}
     assert answers(b"(07R0012&CA)\r", 7) == {7: [b"(07R00121770&99)\r"]}
 
@@ -333,12 +333,12 @@ def test_binary_request_is_answered_in_binary():
         (b"(1R0012&94)\r", None),
     ],
 )
-def test_wrong_sum_is_refused_and_other_damage_is_left_alone(data, reply):
+def test_wrong_sum_is_refused_and_other_damage_is_not_answered(data, reply):
     """VF-AS1 manual E6581315 p. 16 and 20."""
     assert answers(data, 1) == {1: [] if reply is None else [reply]}
 
 
-def test_block_is_not_obeyed():
+def test_block_write_is_refused():
     found = Framer(CODEC, "request").feed(bytes.fromhex("2F 58 02 05 C4 00 17 70 D9"))
     drive = virtual_drive("toshiba", 1)
     told = drive.hear(found[0], 0.0)
@@ -346,13 +346,13 @@ def test_block_is_not_obeyed():
     assert not drive.motor.running
 
 
-def test_scan_finds_number_00_and_its_neighbours():
+def test_scan_finds_number_00_and_others():
     line = VirtualLine([virtual_drive("toshiba", address) for address in (0, 1, 99)])
     with drivecomm.open_bus(line.port) as bus:
         assert [each.address for each in bus.scan(["toshiba"], addresses=[0, 1, 2, 99])] == [0, 1, 99]
 
 
-def test_number_beyond_99_is_that_of_no_drive():
+def test_number_above_99_is_refused():
     with Talk().bus as bus, pytest.raises(AddressError):
         bus.drive("toshiba", 100)
 
@@ -368,7 +368,7 @@ def test_number_beyond_99_is_that_of_no_drive():
         lambda drive: drive.write("FA01", 20),
     ],
 )
-def test_vf_s15_is_monitored_only(command):
+def test_command_to_a_vf_s15_is_refused_unsent(command):
     talk = Talk("vf-s15")
     with talk.bus:
         with pytest.raises(NotSupported, match="monitoring only"):
@@ -376,10 +376,10 @@ def test_vf_s15_is_monitored_only(command):
         assert talk.heard == []
 
 
-def test_vf_s15_tells_no_status_and_whether_it_is_tripped():
+def test_vf_s15_has_no_status_but_shows_a_trip():
     talk = Talk("vf-s15")
     with talk.bus:
-        with pytest.raises(NotSupported, match="knows no status"):
+        with pytest.raises(NotSupported, match="has no status, so"):
             talk.drive.status()
         assert talk.drive.read("FD00.tripped").raw == 0
         talk.virtual.between = lambda _heard, reply: type(reply)(data=b"(01rFD001770&DA)\r", delay_s=0.01)
@@ -388,13 +388,13 @@ def test_vf_s15_tells_no_status_and_whether_it_is_tripped():
 
 
 @pytest.mark.parametrize("name", ["vf-s11", "vf-s15"])
-def test_link_loss_is_what_the_keypad_says(name):
+def test_link_loss_names_the_keypad_parameter(name):
     model = load_model("drivecomm_toshiba", "toshiba", name)
     assert "F804" in model.link_loss
     assert set(policies(model)) <= {"hold"}
 
 
-def test_no_fact_that_moves_a_motor_is_printed_or_unconfirmed():
-    """The bits of FA00 stand on no page: they are those of programs that drive such drives."""
+def test_facts_behind_commands_are_confirmed_by_programs():
+    """No page prints the bits of FA00; they come from programs that drive such drives."""
     model = load_model("drivecomm_toshiba", "toshiba", "vf-s11")
     assert {model.parameters[each].sure for each in ("FA00", "FA01", "FD01")} == {"field"}

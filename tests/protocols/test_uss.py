@@ -1,4 +1,4 @@
-"""What master and virtual drive of USS could share as a mistake, by bytes and numbers that manuals print."""
+"""USS checked against printed bytes and numbers, to catch mistakes that master and virtual drive share."""
 
 from decimal import Decimal
 
@@ -14,7 +14,7 @@ PLUGIN = installed["uss"]
 
 
 class Talk:
-    """One drive on a line, and the telegrams of the master."""
+    """A drive on a line, and the telegrams of its master."""
 
     def __init__(self, model="micromaster4"):
         self.requests = []
@@ -45,7 +45,7 @@ def encoded(**fields):
 
 
 @pytest.mark.parametrize(("field", "write"), [(1, True), (2, False)])
-def test_bit_9_is_the_second_text_field_and_bit_8_writes(field, write):
+def test_ind_bit_9_selects_the_second_text_field_and_bit_8_writes(field, write):
     """Compendium Motion Control p. 8.1-14."""
     codec = PLUGIN.codec(PLUGIN.options(ind="masterdrives"))
     fields = {"address": 1, "ak": 15, "pnu": 7, "index": 0, "page": 0, "text_field": field, "text_write": write}
@@ -56,20 +56,20 @@ def test_bit_9_is_the_second_text_field_and_bit_8_writes(field, write):
     assert (found.text_field, found.text_write) == (field, write)
 
 
-def test_a_text_has_no_room_in_a_fixed_area():
+def test_text_in_a_fixed_parameter_area_is_refused():
     codec = PLUGIN.codec(PLUGIN.options(ind="masterdrives", pkw_words=4))
     fields = {"address": 1, "ak": 15, "pnu": 7, "index": 0, "page": 0, "text_field": 1, "text_write": True}
     with pytest.raises(TelegramError, match="text"):
         codec.encode(PLUGIN.message({**fields, "text": "ABCD", "control_word": 0, "reference": 0}, "request"))
 
 
-def test_an_odd_length_is_no_telegram():
+def test_telegram_of_odd_length_is_refused():
     with pytest.raises(TelegramError):
         drivecomm.decode("uss", bytes.fromhex("02 0B 01 10 34 00 00 00 00 00 00 00 2C"), direction="request")
     assert PLUGIN.codec(PLUGIN.options()).measure(bytes.fromhex("02 0B"), "reply") == 0
 
 
-def test_a_float_is_the_shortest_decimal_of_the_same_32_bits(talk):
+def test_float_is_read_as_the_shortest_decimal_of_its_bits(talk):
     talk.virtual.poke("1082", 0x42480000)
     assert talk.drive.read("1082").value == 50
     talk.virtual.poke("1082", 0x3DCCCCCD)
@@ -78,14 +78,14 @@ def test_a_float_is_the_shortest_decimal_of_the_same_32_bits(talk):
     assert talk.drive.read("1082").value == Decimal("1.0000001")
 
 
-def test_what_no_32_bit_float_holds_is_not_rounded(talk):
+def test_value_that_no_32_bit_float_holds_is_refused(talk):
     with pytest.raises(ValueRefusedError, match="not rounded"):
         talk.drive.write("1082", Decimal("12.3456789012"))
     assert talk.drive.write("1082", Decimal("12.3")).value == Decimal("12.3")
 
 
 @pytest.mark.parametrize(("task", "answer", "other"), [(7, 4, 5), (12, 4, 5), (8, 5, 4), (11, 5, 4)])
-def test_each_task_for_an_array_has_one_reply(task, answer, other):
+def test_reply_ak_must_match_the_array_task(task, answer, other):
     """USS specification table 4.2."""
     place = {"address": 1, "pnu": 4, "index": 2, "page": 0, "value": 1}
     request = PLUGIN.message({**place, "ak": task, "control_word": 0, "reference": 0}, "request")
@@ -94,14 +94,14 @@ def test_each_task_for_an_array_has_one_reply(task, answer, other):
         assert PLUGIN.mismatch(request, reply) == wanted
 
 
-def test_elements_are_read_with_their_own_task(talk):
+def test_array_element_is_read_by_task_6(talk):
     talk.drive.read("2014[1]")
     assert (talk.requests[-1].ak, talk.requests[-1].index) == (6, 1)
     talk.drive.read("1082")
     assert talk.requests[-1].ak == 1
 
 
-def test_a_broadcast_lets_only_the_bit_through_that_stops(talk):
+def test_broadcast_stop_enables_only_its_stop_bit(talk):
     """USS specification, Appendix 2 to 4; no bit of word b may start a motor."""
     for how, bit in (("ramp", 0b001), ("coast", 0b011), ("quick", 0b101)):
         talk.bus.broadcast("uss").stop(drivecomm.Stop(how))
@@ -110,7 +110,7 @@ def test_a_broadcast_lets_only_the_bit_through_that_stops(talk):
         assert not request.control_word & bit
 
 
-def test_100_percent_is_4000_hex_and_bit_11_reverses(talk):
+def test_reference_of_100_percent_is_4000_hex_and_bit_11_reverses(talk):
     """NORD p. 46: 50 % is 2000H; V20 p. 112: 0C7F runs backwards."""
     talk.drive.set_reference(percent=50)
     assert talk.requests[-1].reference == 0x2000
@@ -118,7 +118,7 @@ def test_100_percent_is_4000_hex_and_bit_11_reverses(talk):
     assert talk.requests[-2].control_word == 0x0C7F
 
 
-def test_a_drive_with_a_fault_is_not_started(talk):
+def test_start_of_a_drive_with_a_fault_is_refused(talk):
     talk.drive.set_reference(percent=50)
     talk.virtual.trip(70, talk.line.time)
     with pytest.raises(StateError, match="has a fault"):
@@ -126,7 +126,7 @@ def test_a_drive_with_a_fault_is_not_started(talk):
     assert all(not request.control_word & 1 for request in talk.requests)
 
 
-def test_the_virtual_drive_keeps_the_process_data_without_bit_10(talk):
+def test_virtual_drive_ignores_a_control_word_without_bit_10(talk):
     talk.drive.set_reference(percent=50)
     talk.drive.start()
     talk.line.advance(20)
@@ -135,7 +135,7 @@ def test_the_virtual_drive_keeps_the_process_data_without_bit_10(talk):
     assert talk.virtual.motor.running
 
 
-def test_the_virtual_drive_starts_by_an_edge_only(talk):
+def test_virtual_drive_starts_by_an_edge_only(talk):
     talk.drive.call("control_word", word=0x047F)
     talk.drive.call("control_word", word=0x047F)
     assert not talk.virtual.motor.running
@@ -148,7 +148,7 @@ def test_the_virtual_drive_starts_by_an_edge_only(talk):
     assert not talk.virtual.motor.running
 
 
-def test_each_family_has_its_own_error_numbers():
+def test_error_number_has_the_text_of_its_family():
     """CU09 p. 158, G120C p. 220, BU 0050."""
     assert error_text(201, "siemens") == "above the present limit"
     assert error_text(201, "nord") == "invalid order label"
@@ -156,7 +156,7 @@ def test_each_family_has_its_own_error_numbers():
     assert error_text(0x87, "siemens") == "unlisted error 135"
 
 
-def test_a_start_on_a_running_motor_does_not_stop_it_for_a_moment(talk):
+def test_start_of_a_running_motor_does_not_interrupt_it(talk):
     talk.drive.set_reference(percent=50)
     talk.drive.start()
     talk.line.advance(20)
@@ -165,7 +165,7 @@ def test_a_start_on_a_running_motor_does_not_stop_it_for_a_moment(talk):
     assert [request.control_word for request in talk.requests[before:]] == [0, 0x047F]
 
 
-def test_a_drive_that_needs_its_control_word_is_asked_and_read_by_the_one_that_it_runs_by():
+def test_reads_of_a_g120_carry_the_running_control_word():
     with Talk("g120") as talk:
         talk.drive.set_reference(percent=50)
         talk.drive.start()
@@ -176,7 +176,7 @@ def test_a_drive_that_needs_its_control_word_is_asked_and_read_by_the_one_that_i
         assert {(request.control_word, request.reference) for request in talk.requests[before:]} == {(0x047F, 0x2000)}
 
 
-def test_a_start_in_a_quick_stop_waits_until_the_drive_is_ready(talk):
+def test_start_during_a_quick_stop_waits_until_the_drive_is_ready(talk):
     talk.drive.set_reference(percent=50)
     talk.drive.start()
     talk.line.advance(20)
@@ -189,7 +189,7 @@ def test_a_start_in_a_quick_stop_waits_until_the_drive_is_ready(talk):
     assert talk.virtual.motor.running
 
 
-def test_negative_words_of_nord_drives_have_a_high_word_of_ones():
+def test_negative_word_of_a_nord_drive_has_a_high_word_of_ones():
     """BU 0050 p. 42."""
     with Talk("nord") as talk:
         assert talk.drive.write("400", -100).value == -100
@@ -205,8 +205,8 @@ READ_P1082 = bytes.fromhex("02 0C 03 14 3A 00 00 00 00 00 00 00 00 23")
     ("given", "characters", "answered"), [({}, 1.9, False), ({}, 2.1, True), ({"gap_s": 0.050}, 2.1, False)]
 )
 @pytest.mark.parametrize("baudrate", [9600, 38400])
-def test_a_drive_begins_anew_after_two_characters_of_silence(given, characters, answered, baudrate):
-    """USS specification A-8; what it heard before looks like the beginning of a telegram."""
+def test_drive_starts_a_new_telegram_after_two_characters_of_silence(given, characters, answered, baudrate):
+    """USS specification A-8; the bytes received before look like the start of a telegram."""
     drive = virtual_drive("uss", 3, baudrate=baudrate, **given)
     port = VirtualLine([drive]).port()
     port.configure(drive.settings)
@@ -216,7 +216,7 @@ def test_a_drive_begins_anew_after_two_characters_of_silence(given, characters, 
     assert bool(port.read(port.now() + 0.2, 1)) is answered
 
 
-def test_a_start_takes_over_what_the_drive_received_before():
+def test_start_takes_over_the_reference_that_the_drive_holds():
     with Talk("v20") as talk:
         talk.drive.set_reference(percent=-25)
         talk.drive.start()
@@ -230,7 +230,7 @@ def test_a_start_takes_over_what_the_drive_received_before():
         assert (status.running, status.reverse, status.actual_percent) == (True, True, -25)
 
 
-def test_an_index_and_a_set_that_no_telegram_can_name():
+def test_index_number_or_set_beyond_the_telegram_is_refused_unsent():
     options = PLUGIN.options()
     with Talk("nord") as nord, Talk() as siemens:
         for talk, parameter, further in (
@@ -248,8 +248,8 @@ def test_an_index_and_a_set_that_no_telegram_can_name():
     assert len([*PLUGIN.address_space(options, None).addresses()]) == 30_000
 
 
-def test_a_nord_drive_turns_right_where_no_bit_says_which_way():
-    """BU 0050 p. 46: 047F and 2000H turn clockwise at 50 %, and 0F37 answers."""
+def test_nord_drive_turns_clockwise_without_a_direction_bit():
+    """BU 0050 p. 46: 047F and 2000H turn clockwise at 50 %, and the drive replies 0F37."""
     with Talk("nord") as talk:
         for word in (0x047E, 0x047F):
             talk.drive.set_reference(percent=50)
@@ -260,7 +260,7 @@ def test_a_nord_drive_turns_right_where_no_bit_says_which_way():
 
 
 @pytest.mark.parametrize(("flag", "turns"), [(3, False), (2, True)])
-def test_a_broadcast_without_its_flag_is_for_nobody(talk, flag, turns):
+def test_broadcast_without_its_flag_is_ignored(talk, flag, turns):
     talk.drive.set_reference(percent=50)
     talk.drive.start()
     codec = talk.virtual.codec

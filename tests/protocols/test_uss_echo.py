@@ -1,4 +1,4 @@
-"""A reply that is the request itself, byte for byte: with a value of 0 and nothing else to tell them apart."""
+"""Replies equal to their request byte for byte: a value of 0, and nothing else to distinguish them."""
 
 import pytest
 
@@ -21,7 +21,7 @@ SETTINGS = [
 
 
 class StatusOfZero:
-    """A drive whose status word and actual value are 0, in everything else the virtual one."""
+    """A patch of a virtual drive that makes its status word and actual value 0."""
 
     def __init__(self, virtual):
         self.virtual = virtual
@@ -41,7 +41,7 @@ def on_a_line(echoes, paced, **options):
 @LINES
 @pytest.mark.parametrize("options", SETTINGS)
 @pytest.mark.parametrize("held", [0, 1, 0xFFFF])
-def test_a_value_is_read_whatever_it_is(echoes, mode, paced, options, held):
+def test_any_value_is_read_with_and_without_an_echo(echoes, mode, paced, options, held):
     virtual, port = on_a_line(echoes, paced, **options)
     virtual.poke("700", held)
     with drivecomm.open_bus(lambda: port, echo=mode) as bus:
@@ -53,7 +53,7 @@ def test_a_value_is_read_whatever_it_is(echoes, mode, paced, options, held):
 @PACED
 @LINES
 @pytest.mark.parametrize("options", SETTINGS)
-def test_an_echo_alone_is_no_reply(echoes, mode, paced, options):
+def test_echo_alone_is_not_taken_for_a_reply(echoes, mode, paced, options):
     _, port = on_a_line(echoes, paced, **options)
     with drivecomm.open_bus(lambda: port, echo=mode) as bus:
         for _ in range(2):
@@ -65,7 +65,7 @@ def test_an_echo_alone_is_no_reply(echoes, mode, paced, options):
 
 @PACED
 @LINES
-def test_a_status_of_zero_is_read(echoes, mode, paced):
+def test_status_of_zero_is_read_with_and_without_an_echo(echoes, mode, paced):
     _, port = on_a_line(echoes, paced)
     with drivecomm.open_bus(lambda: port, echo=mode) as bus:
         for _ in range(2):
@@ -78,8 +78,8 @@ def test_a_status_of_zero_is_read(echoes, mode, paced):
 @PACED
 @LINES
 @pytest.mark.parametrize("options", SETTINGS)
-def test_a_refusal_that_looks_like_the_task(echoes, mode, paced, options):
-    """Task 7 writes an element, reply 7 refuses: 2 beyond the limit is refused with error 2."""
+def test_refusal_equal_to_its_task_is_recognised(echoes, mode, paced, options):
+    """Task 7 writes an element and reply 7 refuses it: 2 is beyond the limit, which is refused with error 2."""
     _, port = on_a_line(echoes, paced, **options)
     with drivecomm.open_bus(lambda: port, echo=mode) as bus:
         drive = bus.drive("uss", PRESENT, **options)
@@ -92,7 +92,7 @@ def test_a_refusal_that_looks_like_the_task(echoes, mode, paced, options):
 
 @PACED
 @LINES
-def test_nothing_more_is_sent_where_nothing_can_be_mistaken(echoes, mode, paced):
+def test_unmistakable_reply_needs_no_second_request(echoes, mode, paced):
     virtual, port = on_a_line(echoes, paced)
     virtual.poke("700", 5)
     sent = []

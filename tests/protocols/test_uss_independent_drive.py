@@ -1,7 +1,7 @@
-"""A drive that somebody else wrote: the virtual vacuum pump of `turboctl`, a Leybold TURBOVAC, which speaks USS.
+"""A foreign USS drive: the virtual vacuum pump of `turboctl`, a Leybold TURBOVAC.
 
-It takes telegrams of 4 PKW and 6 PZD words, answers as address 0, and knows no mirror telegram.
-Its package is not among those that the tests install: `pip install turboctl`.
+The pump accepts telegrams of 4 PKW and 6 PZD words, replies as address 0, and has no mirror telegram. Its package is
+not among those that the tests install: `pip install turboctl`.
 """
 
 from decimal import Decimal
@@ -26,34 +26,34 @@ def pump():
         yield bus.drive("uss", 0, **PUMP)
 
 
-def test_it_is_found(pump):
+def test_probe_finds_the_pump(pump):
     pump.probe()
 
 
-def test_parameters_are_read(pump):
+def test_parameters_of_the_pump_are_read(pump):
     assert pump.read("18", type="U16").value == 1000
     assert pump.read("2", type="U16").raw == 10000
     assert pump.read("7", type="I16").raw == 0
 
 
-def test_a_word_is_written_and_read_back(pump):
+def test_word_is_written_and_read_back(pump):
     assert pump.write("16", 75, type="I16").value == 75
     assert pump.read("16", type="I16").value == 75
 
 
-def test_it_refuses_by_number(pump):
+def test_refusal_of_the_pump_has_its_reason(pump):
     with pytest.raises(RefusedError, match="cannot be changed"):
         pump.write("3", 1, type="U16")
     with pytest.raises(RefusedError, match="limit"):
         pump.write("16", 151, type="I16")
 
 
-def test_what_does_not_fit_is_not_sent(pump):
+def test_value_that_does_not_fit_is_refused(pump):
     with pytest.raises(ValueRefusedError):
         pump.write("16", Decimal("1.5"), type="I16")
 
 
-def test_status_moves_nothing_and_a_control_word_with_bit_10_does(pump):
+def test_status_commands_nothing_and_a_control_word_with_bit_10_starts(pump):
     before = pump.status().word
     assert pump.status().word == before
     pump.call("control_word", word=ON)
@@ -63,7 +63,7 @@ def test_status_moves_nothing_and_a_control_word_with_bit_10_does(pump):
     assert pump.status().word != started
 
 
-def test_a_telegram_of_another_length_is_not_answered():
+def test_telegram_of_another_length_is_not_answered():
     with virtualpump.VirtualPump() as pump, drivecomm.open_bus(pump.connection.port) as bus:
         drive = bus.drive("uss", 0, **PUMP | {"pzd_words": 2}, attempts=1)
         with pytest.raises(NoReplyError):

@@ -1,4 +1,4 @@
-"""References in hertz to USS drives, which take per cent: a share of what the drive holds as 100 %."""
+"""References in hertz to USS drives, which accept per cent: scaled by the frequency that the drive holds as 100 %."""
 
 import struct
 
@@ -13,7 +13,7 @@ FULL_SCALE = {"micromaster4": "2000", "v20": "2000", "g110": "310"}
 
 @pytest.fixture
 def drive_of():
-    """Return a function that gives a virtual drive that holds a frequency as 100 %, its line and its master."""
+    """Yield a function that returns a virtual drive holding a frequency as 100 %, its line and the drive object."""
     buses = []
 
     def make(model, held=50.0, **options):
@@ -31,7 +31,7 @@ def drive_of():
 
 @pytest.mark.parametrize("model", FULL_SCALE)
 @pytest.mark.parametrize(("held", "hz"), [(50.0, 20), (40.0, 30), (50.0, -20)])
-def test_hertz_are_a_share_of_what_the_drive_holds(drive_of, model, held, hz):
+def test_hertz_are_scaled_by_the_full_scale_of_the_drive(drive_of, model, held, hz):
     virtual, line, drive = drive_of(model, held)
     assert drive.capabilities.reference_hz
     drive.set_reference(hz=hz)
@@ -41,7 +41,7 @@ def test_hertz_are_a_share_of_what_the_drive_holds(drive_of, model, held, hz):
     assert virtual.motor.output_hz == pytest.approx(hz, abs=0.01)
 
 
-def test_hertz_above_what_the_drive_holds_are_refused_and_the_motor_keeps_its_speed(drive_of):
+def test_hertz_above_the_full_scale_are_refused_and_the_speed_is_kept(drive_of):
     virtual, line, drive = drive_of("micromaster4", 40.0)
     drive.set_reference(hz=20)
     drive.start()
@@ -53,20 +53,20 @@ def test_hertz_above_what_the_drive_holds_are_refused_and_the_motor_keeps_its_sp
     assert virtual.motor.output_hz == pytest.approx(20, abs=0.01)
 
 
-def test_limit_of_the_options_holds_for_hertz(drive_of):
+def test_reference_limit_of_the_options_applies_to_hertz(drive_of):
     _, _, drive = drive_of("micromaster4", 40.0, reference_limit=120)
     drive.set_reference(hz=48)
     with pytest.raises(ValueRefusedError, match="above 120 %"):
         drive.set_reference(hz=49)
 
 
-def test_hertz_are_refused_where_the_drive_holds_zero(drive_of):
+def test_hertz_are_refused_if_the_full_scale_is_zero(drive_of):
     _, _, drive = drive_of("micromaster4", 0.0)
     with pytest.raises(StateError, match="parameter 2000"):
         drive.set_reference(hz=20)
 
 
-def test_option_goes_before_what_the_drive_holds(drive_of):
+def test_option_overrides_the_full_scale_of_the_drive(drive_of):
     virtual, line, drive = drive_of("micromaster4", 50.0, reference_frequency_hz=100)
     drive.set_reference(hz=50)
     drive.start()
@@ -76,14 +76,14 @@ def test_option_goes_before_what_the_drive_holds(drive_of):
 
 
 @pytest.mark.parametrize("model", ["g120", "s110", "masterdrives", "nord"])
-def test_drive_without_such_a_parameter_names_the_option(drive_of, model):
+def test_hertz_without_a_full_scale_parameter_are_refused_with_the_option(drive_of, model):
     _, _, drive = drive_of(model)
     assert not drive.capabilities.reference_hz
     with pytest.raises(NotSupported, match="reference_frequency_hz=50"):
         drive.set_reference(hz=20)
 
 
-def test_drive_without_parameters_in_its_telegrams_names_the_option(drive_of):
+def test_hertz_without_a_parameter_area_are_refused_with_the_option(drive_of):
     _, _, drive = drive_of("micromaster4", pkw_words=0)
     with pytest.raises(NotSupported, match="reference_frequency_hz=50"):
         drive.set_reference(hz=20)

@@ -1,4 +1,4 @@
-"""The conversations of a VABus master, telegram by telegram."""
+"""Conversations of a VABus master, telegram by telegram."""
 
 from decimal import Decimal
 
@@ -57,7 +57,7 @@ def refused(telegram, code):
 
 
 def standing(word, *, percent="0000", hz="000003E8", shown="000003E8"):
-    """What a start asks before it commands anything."""
+    """Return the reads that a start makes before it commands anything."""
     return [
         *asked(411, word), *asked(412, "0001"),
         *asked(520, percent), *asked(480, hz), *asked(283, shown),
@@ -65,7 +65,7 @@ def standing(word, *, percent="0000", hz="000003E8", shown="000003E8"):
 
 
 class TestRead:
-    def test_without_a_type_the_characters_are_certain(self):
+    def test_read_without_a_type_returns_the_characters_with_a_note(self):
         reading = play(operations().read("481"), asked(481, "000003E8"))
         assert (reading.value, reading.raw, reading.type) == ("000003E8", "000003E8", "")
         assert "type not known" in reading.note
@@ -74,32 +74,32 @@ class TestRead:
         ("type", "data", "expected"),
         [("uint", "FFFF", 65535), ("int", "FFFF", -1), ("long", "FFFFD120", -12000), ("string", "FC  ", "FC  ")],
     )
-    def test_with_a_type(self, type, data, expected):
+    def test_read_with_a_type_returns_the_number(self, type, data, expected):
         assert play(operations().read("480", type=type), asked(480, data)).value == expected
 
-    def test_with_a_model_physical(self):
+    def test_read_with_a_model_returns_the_physical_value(self):
         reading = play(operations(model=AGILE).read("fixed_frequency_2"), asked(481, "000003E8"))
         assert reading.value == Decimal("10.00")
         assert (str(reading), reading.unit, reading.parameter) == ("10.00 Hz", "Hz", "481")
 
-    def test_an_option_has_its_text(self):
+    def test_option_value_has_its_text(self):
         assert play(operations(model=AGILE).read("412"), asked(412, "0001")).text == "state machine"
 
     @pytest.mark.parametrize(
         ("text", "number", "dataset"),
         [("520[2]", 520, 2), ("C00", 1200, 0), ("A07[1]", 1007, 1), ("1599", 1599, 0), ("7", 7, 0)],
     )
-    def test_parameter_addresses(self, text, number, dataset):
+    def test_parameter_address_is_read_in_every_form(self, text, number, dataset):
         play(operations().read(text), asked(number, "0000", dataset))
 
     @pytest.mark.parametrize(
         "text", ["48x", "", "1600", "G00", "480[", "480[10]", "-1", "²", "481[5]", "fixed_frequency_2"]
     )
-    def test_refuses_what_is_no_address(self, text):
+    def test_malformed_address_is_refused(self, text):
         with pytest.raises(ParameterAddressError):
             operations().read(text)
 
-    def test_the_first_refusal_after_silence_may_be_of_what_was_not_answered(self):
+    def test_first_refusal_after_a_missing_reply_is_retried(self):
         drive = operations()
         with pytest.raises(NoReplyError):
             play(drive.read("999"), [(enquiry(999), NoReplyError("silence"))])
@@ -107,45 +107,45 @@ class TestRead:
         with pytest.raises(RefusedError):
             play(drive.read("481"), refused(enquiry(481), 11))
 
-    def test_a_refusal_that_comes_twice_is_one(self):
+    def test_refusal_that_is_repeated_on_the_retry_is_raised(self):
         drive = operations()
         with pytest.raises(NoReplyError):
             play(drive.write("480", 1, type="uint"), [(select(480, "0001", 5), NoReplyError("silence"))])
         with pytest.raises(RefusedError):
             play(drive.read("999"), [*refused(enquiry(999), 11), *refused(enquiry(999), 11)])
 
-    def test_data_set_named_twice(self):
+    def test_contradicting_data_sets_are_refused(self):
         with pytest.raises(UsageError):
             operations().read("480[1]", dataset=2)
 
-    def test_data_set_by_option(self):
+    def test_data_set_may_be_given_as_an_argument(self):
         play(operations().read("480", dataset=3), asked(480, "0000", 3))
         with pytest.raises(ParameterAddressError):
             operations().read("480", dataset=11)
 
-    def test_unknown_type(self):
+    def test_read_with_an_unknown_type_is_refused(self):
         with pytest.raises(UsageError, match="uint"):
             operations().read("480", type="float")
 
-    def test_a_value_that_is_none_of_its_type(self):
+    def test_value_that_does_not_fit_its_type_is_an_unexpected_reply(self):
         with pytest.raises(UnexpectedReplyError):
             play(operations().read("480", type="long"), asked(480, "0000"))
 
-    def test_system_bus_node(self):
+    def test_read_of_a_system_bus_node_carries_its_number(self):
         script = [(enquiry(210, sys=7), value(210, "0001", sys=7)), EOT]
         assert play(operations(sys=7).read("210", type="uint"), script).value == 1
 
-    def test_without_the_trailing_eot(self):
+    def test_trailing_eot_of_a_read_can_be_disabled(self):
         script = [(enquiry(210), value(210, "0001"))]
         assert play(operations(trailing_eot=False).read("210", type="uint"), script).value == 1
 
-    def test_the_next_request_closes_what_was_read_and_nothing_else(self):
+    def test_only_reads_are_closed_by_the_next_request(self):
         vabus = operations(trailing_eot="after writes")
         play(vabus.read("210", type="uint"), [(enquiry(210), value(210, "0001"))])
         play(vabus.write("480", 1, type="uint"), told(480, "0001", 5))
         play(vabus.probe(), [(enquiry(411), value(411, "0040"))])
 
-    def test_a_refusal_is_closed_and_the_register_that_tells_why_is_left_open(self):
+    def test_refusal_is_closed_by_eot_and_the_error_register_read_is_not(self):
         for exchange, telegram in (
             (operations(trailing_eot="after writes").read("210", type="uint"), enquiry(210)),
             (operations(trailing_eot="after writes").write("480", 1, type="uint"), select(480, "0001", 5)),
@@ -154,54 +154,54 @@ class TestRead:
             with pytest.raises(RefusedError):
                 play(exchange, script)
 
-    def test_an_unknown_way_of_closing(self):
+    def test_unknown_value_of_trailing_eot_is_refused(self):
         with pytest.raises(UsageError, match="True or False or after writes"):
             protocol_options(protocol, {"trailing_eot": "sometimes"})
 
-    def test_lower_case_only_by_option(self):
+    def test_lower_case_value_needs_the_option(self):
         assert play(operations(lower_case_hex=True).read("1", type="uint"), asked(1, "00ff")).value == 255
         with pytest.raises(UnexpectedReplyError):
             play(operations().read("1", type="uint"), asked(1, "00ff"))
 
 
 class TestRefusal:
-    def test_the_error_register_says_why(self):
+    def test_refusal_has_the_code_of_the_error_register(self):
         with pytest.raises(RefusedError, match="unknown parameter") as caught:
             play(operations().read("999"), refused(enquiry(999), 11))
         assert caught.value.code == 11
 
-    def test_a_line_fault_is_asked_once_more(self):
+    def test_refusal_for_a_line_fault_is_retried(self):
         script = [*refused(enquiry(480), 12), *asked(480, "0001")]
         assert play(operations().read("480", type="uint"), script).value == 1
 
-    def test_but_only_once(self):
+    def test_refusal_for_a_line_fault_is_retried_only_once(self):
         with pytest.raises(RefusedError) as caught:
             play(operations().read("480"), [*refused(enquiry(480), 13), *refused(enquiry(480), 13)])
         assert caught.value.code == 13
 
-    def test_unlisted_code(self):
+    def test_unlisted_error_code_is_reported_by_number(self):
         with pytest.raises(RefusedError, match="unlisted error 77"):
             play(operations().read("480"), refused(enquiry(480), 77))
 
-    def test_register_refused_too(self):
+    def test_refusal_without_a_readable_error_register_has_no_code(self):
         script = [(enquiry(480), Nak(address=1)), EOT, (enquiry(11), Nak(address=1)), EOT]
         with pytest.raises(RefusedError) as caught:
             play(operations().read("480"), script)
         assert caught.value.code is None
 
-    def test_register_with_eight_digits(self):
+    def test_error_register_of_eight_digits_is_read(self):
         script = [(enquiry(480), Nak(address=1)), EOT, *asked(11, "00000009")]
         with pytest.raises(RefusedError, match="differ"):
             play(operations().read("480"), script)
 
     @pytest.mark.parametrize("data", ["0000", "zz"])
-    def test_register_without_a_code(self, data):
+    def test_invalid_error_register_gives_no_code(self, data):
         script = [(enquiry(480), Nak(address=1)), EOT, *asked(11, data)]
         with pytest.raises(RefusedError) as caught:
             play(operations().read("480"), script)
         assert caught.value.code is None
 
-    def test_an_unread_register_is_read_before_the_next_select(self):
+    def test_unread_error_register_is_read_before_the_next_write(self):
         drive = operations()
         script = [(select(480, "0001", 5), Nak(address=1)), EOT, (enquiry(11), NoReplyError("silence"))]
         with pytest.raises(RefusedError):
@@ -209,7 +209,7 @@ class TestRefusal:
         play(drive.write("480", 2, type="uint"), [*asked(11, "0001"), *told(480, "0002", 5)])
         play(drive.write("480", 3, type="uint"), told(480, "0003", 5))
 
-    def test_an_unanswered_select_leaves_the_lock_open(self):
+    def test_error_register_is_read_before_a_write_after_a_missing_reply(self):
         drive = operations()
         with pytest.raises(NoReplyError):
             play(drive.write("480", 1, type="uint"), [(select(480, "0001", 5), NoReplyError("silence"))])
@@ -217,30 +217,30 @@ class TestRefusal:
 
 
 class TestWrite:
-    def test_into_ram(self):
+    def test_write_goes_to_ram_by_default(self):
         assert play(operations(model=AGILE).write("480", Decimal("-120.00")), told(480, "FFFFD120", 5)) is None
 
-    def test_stored(self):
+    def test_stored_write_goes_to_the_eeprom_data_set(self):
         play(operations(model=AGILE).write("480[4]", "1.5", store=True), told(480, "00000096", 4))
 
-    def test_ram_side_by_name(self):
+    def test_ram_data_set_may_be_named_but_not_stored(self):
         play(operations(model=AGILE).write("480[9]", 1), told(480, "00000064", 9))
         with pytest.raises(UsageError):
             operations(model=AGILE).write("480[9]", 1, store=True)
 
-    def test_control_word_is_written_as_it_is(self):
+    def test_control_word_is_written_without_a_data_set(self):
         play(operations().write("410", 6, type="uint"), told(410, "0006"))
 
-    def test_without_ram_data_sets_only_on_demand(self):
+    def test_write_without_ram_data_sets_needs_store(self):
         with pytest.raises(NotSupported, match="store=True"):
             operations(model=ACT, ram_datasets=False).write("480", 1)
         play(operations(model=ACT, ram_datasets=False).write("480", 1, store=True), told(480, "00000064"))
 
-    def test_refused(self):
+    def test_refused_write_raises_refused_error(self):
         with pytest.raises(RefusedError, match="runs"):
             play(operations().write("372", 1, type="uint"), refused(select(372, "0001", 5), 8))
 
-    def test_text(self):
+    def test_text_is_written_as_given(self):
         play(operations().write("29", "PUMP", type="string"), told(29, "PUMP", 5))
 
     @pytest.mark.parametrize(
@@ -248,26 +248,26 @@ class TestWrite:
         [("65536", "uint"), ("-1", "uint"), ("32768", "int"), ("0.5", "int"), ("2147483648", "long"), ("x", "uint"),
          ("nan", "int"), ("", "string"), ("x" * 100, "string"), ("ä", "string")],
     )  # fmt: skip
-    def test_what_does_not_fit_is_refused_before_anything_is_sent(self, text, type):
+    def test_value_that_does_not_fit_its_type_is_refused_unsent(self, text, type):
         with pytest.raises(ValueRefusedError):
             operations().write("480", text, type=type)
 
     @pytest.mark.parametrize("given", ["10.001", 1000, "-0.01", True])
-    def test_physical_values_are_not_rounded_and_keep_their_limits(self, given):
+    def test_physical_value_between_steps_or_outside_limits_is_refused(self, given):
         with pytest.raises(ValueRefusedError):
             operations(model=AGILE).write("419", given)
 
-    def test_floats_mean_what_they_show(self):
+    def test_float_is_written_with_its_shown_digits(self):
         play(operations(model=AGILE).write("480", 10.1), told(480, "000003F2", 5))
 
-    def test_unknown_type(self):
+    def test_write_without_a_known_type_is_refused(self):
         with pytest.raises(UsageError, match="type="):
             operations().write("480", 1)
 
 
 class TestBroadcast:
     @pytest.mark.parametrize("how", [Stop.RAMP, Stop.COAST, Stop.QUICK])
-    def test_nobody_is_waited_for_and_no_stop_starts_who_is_in_remote_contacts(self, how):
+    def test_broadcast_stop_sends_0000_and_waits_for_no_reply(self, how):
         assert operations(BROADCAST).capabilities.stops == {Stop.COAST}
         exchange = operations(BROADCAST).stop(how)
         command = next(exchange)
@@ -289,13 +289,13 @@ class TestBroadcast:
             lambda everybody: everybody.identify(),
         ],
     )
-    def test_what_needs_an_answer_is_refused(self, verb):
+    def test_broadcast_of_a_verb_that_needs_an_answer_is_refused(self, verb):
         with pytest.raises(NotSupported):
             verb(operations(BROADCAST))
 
 
 class TestControl:
-    def test_start_walks_the_states(self):
+    def test_start_goes_through_the_states(self):
         script = [
             *standing("0250"),
             *told(410, "0006"), *asked(411, "0250"), *asked(411, "0231"),
@@ -304,17 +304,17 @@ class TestControl:
         ]  # fmt: skip
         play(operations().start(), script)
 
-    def test_start_from_where_it_stands(self):
+    def test_start_begins_at_the_present_state(self):
         play(operations().start(), [*standing("0023"), *told(410, "000F"), *asked(411, "0027")])
         play(operations().start(), standing("0627"))
 
     @pytest.mark.parametrize(("word", "reason"), [("0008", "fault"), ("0007", "quick stop")])
-    def test_start_refuses(self, word, reason):
+    def test_start_in_a_fault_or_quick_stop_is_refused(self, word, reason):
         script = asked(411, word) + (asked(260, "0003") if reason == "fault" else [])
         with pytest.raises(StateError, match=reason):
             play(operations().start(), script)
 
-    def test_a_state_that_does_not_come(self):
+    def test_start_fails_if_a_state_is_not_reached_in_time(self):
         script = [
             *standing("0040"),
             *told(410, "0006"),
@@ -325,7 +325,7 @@ class TestControl:
         with pytest.raises(StateError, match="come to 'ready to switch on' within"):
             play(operations(state_timeout_s=0.1).start(), script)
 
-    def test_a_start_that_is_not_obeyed_is_taken_back(self):
+    def test_start_that_is_not_obeyed_is_taken_back(self):
         script = [
             *standing("0023"),
             *told(410, "000F"),
@@ -337,7 +337,7 @@ class TestControl:
         with pytest.raises(StateError, match="taken back; after 0x000F"):
             play(operations(state_timeout_s=0.1).start(), script)
 
-    def test_a_start_backwards_turns_the_references_in_ram_and_any_start_forwards_turns_them_back(self):
+    def test_reverse_start_negates_the_references_and_a_forward_start_restores(self):
         play(
             operations().start(reverse=True),
             [
@@ -355,7 +355,7 @@ class TestControl:
             ],
         )  # fmt: skip
 
-    def test_references_are_turned_in_each_data_set_where_they_differ(self):
+    def test_references_are_negated_in_each_data_set_that_differs(self):
         script = [
             *asked(411, "0627"), *asked(412, "0001"), *asked(520, "0000"),
             *refused(enquiry(480), 9), *asked(480, "000003E8", 1), *asked(480, "FFFFFC18", 2),
@@ -364,7 +364,7 @@ class TestControl:
         ]  # fmt: skip
         play(operations().start(), script)
 
-    def test_a_reference_of_zero_is_turned_round_too(self):
+    def test_reference_of_zero_becomes_minus_one_step_for_a_reverse_start(self):
         script = [*asked(411, "0627"), *asked(412, "0001"), *asked(520, "0000"), *asked(480, "00000000")]
         play(operations().start(reverse=True), [*script, *told(480, "FFFFFFFF", 5), *asked(283, "FFFFFFFF")])
         script = [*asked(411, "0627"), *asked(412, "0001"), *asked(520, "0000"), *asked(480, "FFFFFFFF")]
@@ -373,11 +373,11 @@ class TestControl:
     @pytest.mark.parametrize(
         ("reverse", "hz", "shown"), [(False, "000003E8", "FFFFFC18"), (True, "FFFFFC18", "000003E8")]
     )
-    def test_what_would_turn_the_other_way_all_the_same_is_not_started(self, reverse, hz, shown):
+    def test_start_is_refused_if_the_final_reference_has_the_wrong_sign(self, reverse, hz, shown):
         with pytest.raises(StateError, match="the other way round"):
             play(operations().start(reverse=reverse), standing("0250", hz=hz, shown=shown))
 
-    def test_a_drive_that_does_not_know_or_show_its_references_is_started(self):
+    def test_drive_without_readable_references_can_be_started(self):
         script = [*asked(411, "0627"), *asked(412, "0001")]
         for number in (520, 480, 283):
             script += refused(enquiry(number), 11)
@@ -385,17 +385,17 @@ class TestControl:
         script = standing("0627")[:-2]
         play(operations(reference_shown_parameter=0).start(), script)
 
-    def test_without_ram_a_negative_reference_is_not_started(self):
+    def test_start_with_a_negative_reference_is_refused_without_ram_data_sets(self):
         script = [*asked(411, "0250"), *asked(412, "0001"), *asked(520, "0000"), *asked(480, "FFFFFC18")]
         with pytest.raises(StateError, match=r"480 is -10\.00 Hz now, which turns the motor the other way"):
             play(operations(ram_datasets=False).start(), script)
 
     @pytest.mark.parametrize("mode", ["0000", "0002", "0005", "FFFF"])
-    def test_nothing_is_started_where_the_control_word_may_switch_contacts(self, mode):
+    def test_start_is_refused_if_the_control_word_may_act_as_contacts(self, mode):
         with pytest.raises(StateError, match="write 412 = 1"):
             play(operations().start(), [*asked(411, "0250"), *asked(412, mode)])
 
-    def test_nothing_is_started_where_the_data_sets_differ_in_who_is_in_charge(self):
+    def test_start_is_refused_if_the_control_mode_differs_by_data_set(self):
         script = [*asked(411, "0250"), *refused(enquiry(412), 9)]
         for dataset, mode in enumerate(("0001", "0002", "0001", "0001"), 1):
             script += asked(412, mode, dataset)
@@ -404,29 +404,29 @@ class TestControl:
         with pytest.raises(StateError, match="not known to the drive"):
             play(operations().start(), [*asked(411, "0250"), *refused(enquiry(412), 11)])
 
-    def test_without_ram_nothing_is_reversed(self):
+    def test_reverse_start_without_ram_data_sets_is_refused(self):
         assert not operations(ram_datasets=False).capabilities.reverse
         with pytest.raises(NotSupported, match="would go to EEPROM"):
             operations(ram_datasets=False).start(reverse=True)
 
-    def test_the_dc_brake_is_not_supported(self):
+    def test_dc_brake_is_not_supported(self):
         assert Stop.DC_BRAKE not in operations().capabilities.stops
         with pytest.raises(NotSupported):
             operations().stop(Stop.DC_BRAKE)
 
     @pytest.mark.parametrize(("how", "word"), [(Stop.RAMP, "0007"), (Stop.QUICK, "0002")])
-    def test_stop(self, how, word):
+    def test_stop_checks_the_control_mode_and_sends_its_word(self, how, word):
         play(operations().stop(how), [*asked(412, "0001"), *told(410, word)])
 
-    def test_coasting_needs_no_question(self):
+    def test_coast_is_sent_without_a_read(self):
         play(operations().stop(Stop.COAST), told(410, "0000"))
 
     @pytest.mark.parametrize("how", [Stop.RAMP, Stop.QUICK])
     @pytest.mark.parametrize("mode", ["0000", "0002", "0005", "FFFF"])
-    def test_where_the_control_word_may_switch_contacts_every_stop_switches_them_off(self, how, mode):
+    def test_stop_sends_0000_if_the_control_word_may_act_as_contacts(self, how, mode):
         play(operations().stop(how), [*asked(412, mode), *told(410, "0000")])
 
-    def test_so_it_is_where_the_drive_does_not_tell(self):
+    def test_stop_sends_0000_if_the_control_mode_is_unreadable(self):
         play(operations().stop(), [*refused(enquiry(412), 11), *told(410, "0000")])
         play(operations().stop(), [*refused(enquiry(412), 3), *told(410, "0000")])
         script = refused(enquiry(412), 9)
@@ -434,21 +434,21 @@ class TestControl:
             script += asked(412, mode, dataset)
         play(operations().stop(), [*script, *told(410, "0000")])
 
-    def test_stop_of_a_drive_that_is_not_heard_is_0000_after_one_question(self):
+    def test_stop_of_a_silent_drive_sends_0000_after_one_read(self):
         silence = enquiry(412), NoReplyError("silence")
         play(operations().stop(), [silence, *told(410, "0000")])
         with pytest.raises(NoReplyError):
             play(operations().stop(), [silence, (select(410, "0000"), NoReplyError("silence"))])
 
     @pytest.mark.parametrize(("runs", "word"), [(False, "0000"), (True, "0007")])
-    def test_stop_of_a_drive_that_is_not_heard_costs_others_that_wait_one_reply_time(self, runs, word):
+    def test_stop_of_a_silent_drive_does_not_wait_if_others_are_waiting(self, runs, word):
         silence = NoReplyError("silence")
         silence.others_wait = True
         drive = VabusOperations(1, VabusOptions(), None, VabusMemory(runs=runs))
         with pytest.raises(NoReplyError):
             play(drive.stop(), [(enquiry(412), silence), (select(410, word), None)])
 
-    def test_stop_goes_out_at_once_while_a_write_lock_is_possible(self):
+    def test_stop_is_sent_first_while_a_write_lock_is_possible(self):
         drive = operations()
         lost = (select(410, "0000"), NoReplyError("silence"))
         with pytest.raises(NoReplyError):
@@ -458,12 +458,12 @@ class TestControl:
         with pytest.raises(NoReplyError):
             play(drive.stop(), [at_once, silence, *unsaid])
 
-    def test_stop_of_a_motor_started_here_goes_out_as_asked_for_without_a_reply(self):
+    def test_stop_of_a_motor_started_here_sends_its_word_in_silence(self):
         drive = VabusOperations(1, VabusOptions(), None, VabusMemory(runs=True))
         play(drive.stop(), [(enquiry(412), NoReplyError("silence")), *told(410, "0007")])
 
     @pytest.mark.parametrize("forget", ["nothing", "forget", "stop", "write"])
-    def test_what_goes_out_at_once_takes_bits_away_from_a_start_made_here_and_is_0000_otherwise(self, forget):
+    def test_first_stop_word_depends_on_a_start_made_here(self, forget):
         memory = VabusMemory()
         drive = VabusOperations(1, VabusOptions(), None, memory)
         play(drive.start(), standing("0627"))
@@ -478,33 +478,33 @@ class TestControl:
         at_once = (select(410, "0007" if forget == "nothing" else "0000"), None)
         play(drive.stop(), [at_once, *asked(412, "0001"), *asked(11, "0000"), *told(410, "0007")])
 
-    def test_two_objects_for_a_drive_share_what_is_remembered(self):
+    def test_operations_of_the_same_drive_share_their_memory(self):
         memory = VabusMemory()
         one, other = (VabusOperations(1, VabusOptions(), None, memory) for _ in range(2))
         with pytest.raises(NoReplyError):
             play(one.write("480", 1, type="uint"), [(select(480, "0001", 5), NoReplyError("silence"))])
         play(other.write("480", 2, type="uint"), [*asked(11, "0000"), *told(480, "0002", 5)])
 
-    def test_a_write_that_is_broken_off_leaves_the_lock_open(self):
+    def test_error_register_is_read_before_a_write_after_a_cancelled_one(self):
         drive = operations()
         exchange = drive.write("480", 1, type="uint")
         next(exchange)
         exchange.close()
         play(drive.write("480", 2, type="uint"), [*asked(11, "0000"), *told(480, "0002", 5)])
 
-    def test_reset_is_an_edge(self):
+    def test_reset_sends_a_rising_edge(self):
         script = [*asked(411, "0008"), *told(410, "0000"), *told(410, "0080"), *asked(411, "0040"), *told(410, "0000")]
         play(operations().reset(), script)
 
-    def test_reset_without_a_fault_sends_nothing_that_could_stop_the_motor(self):
+    def test_reset_without_a_fault_sends_no_control_word(self):
         play(operations().reset(), asked(411, "0027"))
 
-    def test_reset_too_early(self):
+    def test_reset_within_15_seconds_of_a_trip_raises_state_error(self):
         script = [*asked(411, "0008"), *told(410, "0000"), *told(410, "0080"), *asked(411, "0008")]
         with pytest.raises(StateError, match="15 s"):
             play(operations(state_timeout_s=0).reset(), script)
 
-    def test_what_starts_goes_out_once_and_a_stop_as_often_as_needed(self):
+    def test_start_word_is_sent_once_and_a_stop_may_be_repeated(self):
         exchange = operations(trailing_eot=False).start()
         next(exchange)
         for number, data in ((411, "0023"), (412, "0001"), (520, "0000"), (480, "000003E8")):
@@ -515,14 +515,14 @@ class TestControl:
         assert stop.attempts is None
         assert stop.urgent
 
-    def test_a_stop_does_not_wait_for_the_register(self):
+    def test_stop_is_sent_before_the_error_register_is_read(self):
         drive = operations()
         with pytest.raises(NoReplyError):
             play(drive.write("480", 1, type="uint"), [(select(480, "0001", 5), NoReplyError("silence"))])
         at_once = (select(410, "0000"), None)
         play(drive.stop(), [at_once, *asked(412, "0001"), *asked(11, "0000"), *told(410, "0007")])
 
-    def test_silence_after_the_last_step_of_a_start_says_that_it_was_made(self):
+    def test_no_reply_error_after_the_last_start_word_mentions_the_start(self):
         silence = (enquiry(411), NoReplyError("silence"))
         with pytest.raises(NoReplyError, match="silence; the drive had been told to run before"):
             play(operations().start(), [*standing("0023"), *told(410, "000F"), silence])
@@ -530,17 +530,17 @@ class TestControl:
             play(operations().start(), [*standing("0031"), *told(410, "0007"), silence])
         assert "told to run" not in str(caught.value)
 
-    def test_any_control_word(self):
+    def test_raw_control_word_is_written(self):
         play(operations().extra["control_word"](word=0x0F), told(410, "000F"))
 
 
 class TestReference:
-    def test_a_frequency_leaves_no_percentage_and_is_read_back(self):
+    def test_reference_in_hz_clears_the_percentage_and_is_read_back(self):
         script = [*asked(480, "000003E8"), *asked(520, "0BB8"), *told(520, "0000", 5), *told(480, "000004D2", 5)]
         for model in (None, AGILE):
             play(operations(model=model).set_reference_hz("12.34"), [*script, *asked(283, "000004D2")])
 
-    def test_a_percentage_leaves_no_frequency_and_is_read_back_as_a_share_of_the_maximum(self):
+    def test_reference_in_percent_clears_the_frequency_and_is_read_back(self):
         script = [
             *asked(520, "0000"), *asked(480, "000003E8"), *asked(419, "00001770"),
             *told(480, "00000000", 5), *told(520, "1388", 5), *asked(283, "00000BB8"),
@@ -548,35 +548,35 @@ class TestReference:
         for model in (None, AGILE):
             play(operations(model=model).set_reference_percent(50), script)
 
-    def test_a_percentage_that_is_no_whole_step_of_the_frequency_may_be_shown_rounded(self):
+    def test_reference_in_percent_may_be_shown_rounded(self):
         script = [*asked(520, "0000"), *asked(480, "00000000"), *asked(419, "00001388"), *told(520, "0D05", 5)]
         for shown in ("00000682", "00000683"):
             play(operations().set_reference_percent("33.33"), [*script, *asked(283, shown)])
 
     @pytest.mark.parametrize("shown", ["00000BB8", "FFFFFC18", "000003EA"])
-    def test_another_reference_that_holds_is_told(self, shown):
+    def test_reference_that_the_drive_does_not_adopt_raises_state_error(self, shown):
         script = [*asked(480, "000003E8"), *asked(520, "0000"), *told(480, "000003E8", 5), *asked(283, shown)]
         with pytest.raises(StateError, match=r"with 10\.00 Hz in parameter 480 the reference of the drive was"):
             play(operations().set_reference_hz(10), script)
 
     @pytest.mark.parametrize("standing", ["0031", "0023", "0040"])
-    def test_zero_of_a_motor_that_stands_is_not_a_refusal(self, standing):
+    def test_final_reference_of_zero_in_standstill_is_accepted(self, standing):
         script = [*asked(480, "000003E8"), *asked(520, "0000"), *told(480, "000003E8", 5), *asked(283, "00000000")]
         play(operations().set_reference_hz(10), [*script, *asked(411, standing)])
 
     @pytest.mark.parametrize("turning", ["0027", "0007"])
-    def test_zero_of_a_motor_that_turns_is_a_refusal(self, turning):
+    def test_final_reference_of_zero_while_turning_is_an_error(self, turning):
         script = [*asked(480, "000003E8"), *asked(520, "0000"), *told(480, "000003E8", 5), *asked(283, "00000000")]
         with pytest.raises(StateError, match="the reference of the drive was 0"):
             play(operations().set_reference_hz(10), [*script, *asked(411, turning)])
 
-    def test_reference_that_does_not_hold_is_set_back(self):
+    def test_references_are_restored_if_the_new_one_is_not_adopted(self):
         script = [*asked(520, "0000"), *asked(480, "000003E8"), *asked(419, "00001388"), *told(480, "00000000", 5)]
         script += [*told(520, "1388", 5), *asked(283, "000007D0"), *told(520, "0000", 5), *told(480, "000003E8", 5)]
         with pytest.raises(StateError, match=r"was 20\.00 Hz \(parameter 283\), so the references were set back"):
             play(operations().set_reference_percent(50), script)
 
-    def test_a_drive_that_shows_no_reference_needs_somebody_who_says_so(self):
+    def test_unreadable_final_reference_needs_the_option_to_skip_it(self):
         script = [*asked(480, "000003E8"), *asked(520, "0000"), *told(480, "000003E8", 5)]
         with pytest.raises(StateError, match="reference_shown_parameter=0"):
             play(operations().set_reference_hz(10), [*script, *refused(enquiry(283), 11)])
@@ -584,19 +584,19 @@ class TestReference:
         script = [*asked(520, "0BB8"), *asked(480, "00000000"), *told(520, "03E8", 5)]
         play(operations(reference_shown_parameter=0).set_reference_percent(10), script)
 
-    def test_a_percentage_of_nothing_is_refused_before_it_is_written(self):
+    def test_reference_in_percent_without_a_maximum_is_refused_unsent(self):
         script = [*asked(520, "0000"), *asked(480, "000003E8"), *refused(enquiry(419), 11)]
         with pytest.raises(StateError, match="419"):
             play(operations().set_reference_percent(50), script)
 
-    def test_a_motor_that_was_started_backwards_stays_so(self):
+    def test_reference_keeps_the_sign_of_a_reverse_start(self):
         script = [*asked(480, "FFFFFC18"), *asked(520, "0000")]
         play(operations().set_reference_hz(20), [*script, *told(480, "FFFFF830", 5), *asked(283, "FFFFF830")])
         play(operations().set_reference_hz(0), [*script, *told(480, "FFFFFFFF", 5), *asked(283, "FFFFFFFF")])
         script = [*asked(480, "FFFFFC18"), *asked(520, "0BB8"), *asked(283, "000001F4"), *told(520, "0000", 5)]
         play(operations().set_reference_hz(20), [*script, *told(480, "000007D0", 5), *asked(283, "000007D0")])
 
-    def test_what_is_refused_before_anything_is_sent(self):
+    def test_invalid_reference_is_refused_unsent(self):
         with pytest.raises(NotSupported):
             operations(ram_datasets=False).set_reference_hz(1)
         with pytest.raises(ValueRefusedError):
@@ -620,11 +620,11 @@ class TestStatus:
             ("0002", DriveState.NOT_READY, False),
         ],
     )
-    def test_states(self, word, state, running):
+    def test_state_word_gives_the_drive_state(self, word, state, running):
         status = play(operations().status(), asked(411, word))
         assert (status.state, status.running, status.fault) == (state, running, False)
 
-    def test_bits(self):
+    def test_status_reports_the_bits_of_the_state_word(self):
         status = play(operations().status(), asked(411, "8EA7"))
         assert status.flags == (
             "operation enabled",
@@ -638,29 +638,29 @@ class TestStatus:
         assert status.remote
         assert status.warning
 
-    def test_fault_with_code(self):
+    def test_status_of_a_fault_has_its_code(self):
         status = play(operations().status(), [*asked(411, "000F"), *asked(260, "0102")])
         assert (status.state, status.fault_code, status.fault) == (DriveState.FAULT, 0x0102, True)
 
-    def test_fault_code_refused(self):
+    def test_status_of_a_fault_with_an_unreadable_code_has_none(self):
         status = play(operations().status(), [*asked(411, "0008"), *refused(enquiry(260), 11)])
         assert status.fault_code is None
 
-    def test_a_state_word_that_is_none(self):
+    def test_malformed_state_word_is_an_unexpected_reply(self):
         with pytest.raises(UnexpectedReplyError):
             play(operations().status(), asked(411, "xx"))
 
 
 class TestPresence:
-    def test_probe_asks_once(self):
+    def test_probe_is_sent_once(self):
         exchange = operations().probe()
         assert next(exchange).attempts == 1
         play(operations().probe(), asked(411, "0040"))
 
-    def test_a_refusal_is_an_answer_and_is_cleared(self):
+    def test_refused_probe_succeeds_and_reads_the_error_register(self):
         play(operations().probe(), refused(enquiry(411), 11))
 
-    def test_identity(self):
+    def test_identify_reports_the_state(self):
         assert play(operations().identify(), asked(411, "0637")) == {"state": "operation enabled"}
         assert play(operations().identify(), asked(411, "0002")) == {"state": "0x0002"}
         assert play(operations().identify(), refused(enquiry(411), 11)) == {}

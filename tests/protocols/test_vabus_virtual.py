@@ -1,4 +1,4 @@
-"""A virtual VABus drive on a virtual line, commanded through the public face."""
+"""A virtual VABus drive on a virtual line, commanded through the public API."""
 
 from dataclasses import replace
 from decimal import Decimal
@@ -35,7 +35,7 @@ def ask(drive, message, now=0.0):
 
 
 @pytest.mark.parametrize(("trailing_eot", "closing"), [(True, b"\x04"), ("after writes", b""), (False, b"")])
-def test_reading_again_and_again_takes_the_time_of_its_telegrams(trailing_eot, closing):
+def test_repeated_reads_take_only_the_time_of_their_telegrams(trailing_eot, closing):
     line, _ = line_with(reply_delay_s=0.010)
     sent = []
     with drivecomm.open_bus(line.port, trace=lambda event: event.what == "sent" and sent.append(event)) as bus:
@@ -43,13 +43,13 @@ def test_reading_again_and_again_takes_the_time_of_its_telegrams(trailing_eot, c
         assert {drive.read("481").value for _ in range(10)} == {Decimal("10.00")}
     assert {event.data for event in sent} - {closing} == {bytes.fromhex("0441303034383105")}
     asked = [event.time for event in sent if event.data != closing]
-    # Enquiry and value, seven data bits with parity at 19200 baud; the drive's delay; 2 ms before the master speaks.
+    # Enquiry and value, seven data bits with parity at 19200 baud; the delay of the drive; the turnaround of 2 ms.
     expected = (8 + 19 + len(closing)) * 10 / 19200 + 0.010 + 0.002
     assert asked[-1] - asked[1] == pytest.approx(expected * (len(asked) - 2))
 
 
 class TestMotor:
-    def test_start_ramp_stop(self, virtual):
+    def test_motor_ramps_up_and_stops(self, virtual):
         line, _, drive = virtual
         drive.set_reference(hz=40)
         drive.start()
@@ -67,7 +67,7 @@ class TestMotor:
 
     @pytest.mark.parametrize("left_over", [-20, 20])
     @pytest.mark.parametrize("percentage", [-10, 0, 10])
-    def test_the_start_says_which_way_whatever_was_before(self, virtual, left_over, percentage):
+    def test_start_decides_the_direction_whatever_sign_the_references_have(self, virtual, left_over, percentage):
         line, _, drive = virtual
         for reverse in (False, True, False):
             drive.write("480", left_over)
@@ -78,14 +78,14 @@ class TestMotor:
             assert found < 0 if reverse else found > 0
 
     @pytest.mark.parametrize(("parameter", "least"), [("480", Decimal("-21474836.48")), ("520", Decimal("-327.68"))])
-    def test_the_least_reference_there_is_can_be_turned(self, virtual, parameter, least):
+    def test_lowest_possible_reference_can_be_reversed(self, virtual, parameter, least):
         line, _, drive = virtual
         drive.write(parameter, least)
         drive.start()
         line.advance(20)
         assert drive.read("stator_frequency").value > 0
 
-    def test_another_program_that_starts_forwards_turns_forwards(self, virtual):
+    def test_forward_start_by_another_program_turns_forwards(self, virtual):
         line, _, drive = virtual
         drive.set_reference(hz=10)
         drive.start(reverse=True)
@@ -95,7 +95,7 @@ class TestMotor:
         line.advance(10)
         assert drive.read("stator_frequency").value == 10
 
-    def test_references_do_not_add_up(self, virtual):
+    def test_references_in_percent_and_hertz_do_not_add_up(self, virtual):
         line, _, drive = virtual
         drive.start()
         for reference, expected in (
@@ -106,12 +106,12 @@ class TestMotor:
             line.advance(20)
             assert drive.read("stator_frequency").value == expected
 
-    def test_a_reference_that_the_drive_cannot_reach_is_not_taken_for_done(self, virtual):
+    def test_reference_above_the_maximum_frequency_is_refused(self, virtual):
         _, _, drive = virtual
         with pytest.raises(drivecomm.ValueRefusedError, match=r"above 50\.00 Hz, the maximum frequency of vabus:1"):
             drive.set_reference(hz=60)
 
-    def test_a_motor_turns_the_way_it_was_started_through_a_reference_of_zero(self, virtual):
+    def test_direction_is_kept_through_a_reference_of_zero(self, virtual):
         line, _, drive = virtual
         drive.set_reference(hz=0)
         drive.start(reverse=True)
@@ -120,7 +120,7 @@ class TestMotor:
             line.advance(20)
             assert abs(drive.read("stator_frequency").value + hz) <= Decimal("0.01")
 
-    def test_coast(self, virtual):
+    def test_coast_switches_the_output_off(self, virtual):
         line, _, drive = virtual
         drive.start()
         line.advance(10)
@@ -128,7 +128,7 @@ class TestMotor:
         assert drive.status().state is DriveState.NOT_READY
         assert drive.read("210").value == 0
 
-    def test_quick_stop_ends_in_disabled(self, virtual):
+    def test_quick_stop_ends_in_switch_on_disabled(self, virtual):
         line, _, drive = virtual
         drive.start()
         line.advance(10)
@@ -137,7 +137,7 @@ class TestMotor:
         line.advance(5)
         assert drive.status().flags[0] == "switch on disabled"
 
-    def test_trip_and_reset(self, virtual):
+    def test_trip_can_be_reset_after_15_seconds(self, virtual):
         line, virtual_one, drive = virtual
         drive.start()
         virtual_one.trip(0x0300, line.time)
@@ -153,14 +153,14 @@ class TestMotor:
         assert not virtual_one.motor.running
         drive.start()
 
-    def test_a_motor_that_trips_by_itself(self, virtual):
+    def test_trip_and_warning_of_the_motor_are_reported(self, virtual):
         line, virtual_one, drive = virtual
         virtual_one.motor.trip(5, line.time)
         virtual_one.motor.warning = True
         assert drive.status().fault_code == 5
         assert drive.status().warning
 
-    def test_remote_contacts(self, virtual):
+    def test_control_word_acts_as_contacts_in_mode_2(self, virtual):
         _, virtual_one, drive = virtual
         drive.write("412", 2)
         drive.call("control_word", word=3)
@@ -171,7 +171,7 @@ class TestMotor:
     @pytest.mark.parametrize("how", [Stop.RAMP, Stop.COAST, Stop.QUICK])
     @pytest.mark.parametrize("mode", [0, 1, 2, 3, 5, 65535])
     @pytest.mark.parametrize("words", [(), (6,), (6, 7), (6, 7, 15), (6, 7, 15, 2)])
-    def test_no_stop_starts_a_motor_and_every_stop_stops_one(self, how, mode, words):
+    def test_every_stop_stops_the_motor_in_every_mode_and_starts_none(self, how, mode, words):
         for everybody in (False, True):
             line, virtual_one = line_with()
             with drivecomm.open_bus(line.port) as bus:
@@ -187,7 +187,7 @@ class TestMotor:
                 drive.status()
                 assert not virtual_one.motor.running
 
-    def test_a_drive_in_remote_contacts_is_neither_started_nor_kept_in_hand_by_starting_it(self, virtual):
+    def test_start_in_remote_contacts_is_refused_even_while_kept(self, virtual):
         _, virtual_one, drive = virtual
         virtual_one.poke("412", 2)
         with pytest.raises(drivecomm.StateError, match="write 412 = 1"):
@@ -196,7 +196,7 @@ class TestMotor:
             assert not virtual_one.motor.running
         assert not virtual_one.motor.running
 
-    def test_broadcast_stops_and_nobody_answers(self):
+    def test_broadcast_stop_and_write_are_obeyed_without_a_reply(self):
         drives = [virtual_drive("vabus", node) for node in (1, 2)]
         line = VirtualLine(drives)
         with drivecomm.open_bus(line.port) as bus:
@@ -212,13 +212,13 @@ class TestMotor:
 
 
 class TestParameters:
-    def test_every_parameter_of_the_tables_can_be_read(self, virtual):
+    def test_every_readable_parameter_is_read_as_the_drive_holds_it(self, virtual):
         line, virtual_one, drive = virtual
         for address, info in drive.model.parameters.items():
             if "r" in info.access:
                 assert drive.read(address).raw == virtual_one.peek(address, line.time)
 
-    def test_ram_and_eeprom(self, virtual):
+    def test_power_cycle_clears_volatile_writes_only(self, virtual):
         _, virtual_one, drive = virtual
         drive.write("481", 20, store=True)
         drive.write("481", 30)
@@ -226,7 +226,7 @@ class TestParameters:
         virtual_one.store.power_cycle()
         assert drive.read("481").value == 20
 
-    def test_four_sets_that_differ(self, virtual):
+    def test_read_of_data_sets_that_differ_is_refused_with_code_9(self, virtual):
         _, _, drive = virtual
         drive.write("481[2]", 33)
         assert drive.read("481[2]").value == 33
@@ -245,7 +245,7 @@ class TestParameters:
             ("394[2]", 1, {"type": "uint"}, 2),
         ],
     )
-    def test_refusals(self, virtual, parameter, given, options, code):
+    def test_refused_write_has_its_code_and_leaves_no_lock(self, virtual, parameter, given, options, code):
         line, virtual_one, _ = virtual
         with drivecomm.open_bus(line.port) as bus:
             bare = bus.drive("vabus", 1)
@@ -255,14 +255,14 @@ class TestParameters:
             assert not virtual_one.locked
             bare.write("481", 1000, type="long")
 
-    def test_reads_that_are_refused(self, virtual):
+    def test_refused_read_has_its_code(self, virtual):
         _, _, drive = virtual
         for parameter, code in (("18", 3), ("394[1]", 2), ("999", 11)):
             with pytest.raises(drivecomm.RefusedError) as caught:
                 drive.read(parameter)
             assert caught.value.code == code
 
-    def test_not_while_running(self, tmp_path):
+    def test_some_parameters_cannot_be_written_while_the_motor_runs(self, tmp_path):
         path = tmp_path / "mine.toml"
         path.write_text(
             'format = 1\nprotocol = "vabus"\nname = "mine"\n'
@@ -282,14 +282,14 @@ class TestParameters:
             with pytest.raises(drivecomm.RefusedError, match="runs"):
                 drive.write("speed", 1400)
 
-    def test_without_ram_data_sets(self):
+    def test_write_to_a_ram_data_set_that_the_drive_lacks_is_refused(self):
         line, _ = line_with(model="act")
         with drivecomm.open_bus(line.port) as bus:
             with pytest.raises(drivecomm.RefusedError) as caught:
                 bus.drive("vabus", 1, model="agile").write("481", 1)
             assert caught.value.code == 2
 
-    def test_block_access(self, virtual):
+    def test_block_access_reads_and_writes_several_parameters(self, virtual):
         _, _, drive = virtual
         drive.write("481", 10)
         drive.write("17", "0048100372")
@@ -309,7 +309,7 @@ class TestParameters:
             drive.write("17", 17 * "00411")
         assert caught.value.code == 14
 
-    def test_what_a_block_writes_is_obeyed(self):
+    def test_control_words_written_by_a_block_are_obeyed(self):
         _, drive = line_with()
         for number, data in (
             (17, "004120041900410"),
@@ -330,24 +330,24 @@ class TestParameters:
         ],
     )
     @pytest.mark.parametrize("dataset", [1, 7])
-    def test_the_register_and_the_block_exist_once(self, message, dataset):
+    def test_error_register_and_block_parameters_have_no_data_sets(self, message, dataset):
         _, drive = line_with()
         assert ask(drive, Select(address=1, parameter=17, data="00481")).kind == "ack"
         assert ask(drive, replace(message, dataset=dataset)) == Nak(address=1)
         assert drive.error_register == 2
 
-    def test_lower_case_by_option(self):
+    def test_lower_case_data_are_accepted_with_the_option(self):
         _, drive = line_with(lower_case_hex=True)
         assert ask(drive, Select(address=1, parameter=481, data="000003e8")).kind == "ack"
         assert ask(drive, Enquiry(address=1, parameter=481)).data == "000003E8"
 
     @pytest.mark.parametrize("wrong", [12.5, -1.5, 2**40])
-    def test_what_is_no_number_of_a_type_is_refused_at_once(self, wrong):
+    def test_poke_refuses_a_number_outside_its_type(self, wrong):
         virtual_one = virtual_drive("vabus", 1)
         with pytest.raises(ValueError, match="is not a whole number from -2147483648 to 2147483647"):
             virtual_one.poke("210", wrong)
 
-    def test_peek_and_poke(self, virtual):
+    def test_poked_values_are_read_and_unknown_parameters_are_refused(self, virtual):
         line, virtual_one, drive = virtual
         virtual_one.poke("481", 777)
         assert drive.read("481").value * 100 == 777
@@ -358,7 +358,7 @@ class TestParameters:
         with pytest.raises(ParameterAddressError):
             virtual_one.peek("999", 0)
 
-    def test_what_is_measured_cannot_be_set(self, virtual):
+    def test_poked_measured_value_is_overwritten(self, virtual):
         line, virtual_one, drive = virtual
         drive.set_reference(hz=40)
         drive.start()
@@ -370,7 +370,7 @@ class TestParameters:
 
 
 class TestTelegrams:
-    def test_the_lock_keeps_the_first_code(self):
+    def test_write_lock_keeps_the_first_error_code(self):
         _, drive = line_with()
         assert ask(drive, Enquiry(address=1, parameter=999)) == Nak(address=1)
         assert ask(drive, Select(address=1, parameter=480, data="00000000")) == Nak(address=1)
@@ -380,12 +380,12 @@ class TestTelegrams:
         assert ask(drive, Enquiry(address=1, parameter=11)).data == "0000"
         assert ask(drive, Select(address=1, parameter=480, data="00000000")).kind == "ack"
 
-    def test_system_bus(self):
+    def test_request_to_an_unknown_system_bus_node_is_refused_with_code_20(self):
         _, drive = line_with()
         assert ask(drive, Enquiry(address=1, sys=3, parameter=480)) == Nak(address=1)
         assert drive.error_register == 20
 
-    def test_a_node_of_the_system_bus_is_unlocked_at_its_interface(self):
+    def test_system_bus_node_is_unlocked_by_its_error_register(self):
         line, _ = line_with(sys=5)
         with drivecomm.open_bus(line.port) as bus:
             drive = bus.drive("vabus", 1, model="agile", sys=5)
@@ -396,7 +396,7 @@ class TestTelegrams:
             drive.write("481", 20)
             assert drive.read("481").value == 20
 
-    def test_wrong_bcc_and_syntax_are_refused_structure_meets_silence(self):
+    def test_wrong_bcc_or_syntax_is_refused_and_wrong_structure_not_answered(self):
         _, drive = line_with()
         codec = telegrams()
         good = codec.encode(Select(address=1, parameter=480, data="00000000"))
@@ -414,21 +414,21 @@ class TestTelegrams:
             assert (reply is not None) is (code is not None), data
             assert drive.error_register == (code or 0)
 
-    def test_silence_instead_by_option(self):
+    def test_option_silent_on_suppresses_a_refusal(self):
         _, drive = line_with(silent_on=(11,))
         assert ask(drive, Enquiry(address=1, parameter=999)) is None
         assert drive.locked
 
-    def test_a_refused_broadcast_locks_in_silence(self):
+    def test_refused_broadcast_locks_the_drive_without_a_reply(self):
         _, drive = line_with()
         assert ask(drive, Select(address=BROADCAST, parameter=999, data="0000")) is None
         assert drive.locked
 
-    def test_others_are_ignored(self):
+    def test_request_to_another_address_is_ignored(self):
         _, drive = line_with()
         assert ask(drive, Enquiry(address=2, parameter=480)) is None
 
-    def test_options_are_checked(self):
+    def test_invalid_option_is_refused(self):
         with pytest.raises(drivecomm.UsageError):
             virtual_drive("vabus", 1, sys=64)
         with pytest.raises(drivecomm.UsageError):
@@ -436,7 +436,7 @@ class TestTelegrams:
 
 
 @pytest.mark.soak
-def test_no_wrong_value_and_no_foreign_error_under_faults():
+def test_disturbed_line_gives_right_values_or_errors():
     faults = FaultPlan(rate=0.1, seed=4711)
     line = VirtualLine([virtual_drive("vabus", 1), virtual_drive("vabus", 2)], faults=faults)
     choose = Random(1)

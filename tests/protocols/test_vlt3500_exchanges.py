@@ -1,4 +1,4 @@
-"""The conversations of a VLT master, played against scripts: what is sent, and what comes of the answer."""
+"""Conversations of a VLT master, played against scripts: the requests sent and the results of the replies."""
 
 from __future__ import annotations
 
@@ -62,31 +62,31 @@ def started(operations: VltOperations, control_word: int = 0x047F) -> VltOperati
 
 
 class TestReading:
-    def test_a_parameter(self) -> None:
+    def test_parameter_is_read_with_its_decimals(self) -> None:
         found = play(drive().read("0516"), [(Read(address=1, parameter=516), value("read", 516, "23.750"))])
         assert (found.parameter, found.value, found.raw) == ("516", Decimal("23.750"), "23.750")
 
-    def test_an_element_of_one_and_of_two_dimensions(self) -> None:
+    def test_array_element_is_read_by_one_or_two_indices(self) -> None:
         one = ReadIndex(address=1, parameter=502, index=(17,), decimals=0)
         assert play(drive().read("502[17]"), [(one, value("read_index", 502, "1584"))]).value == 1584
         two = ReadIndex(address=1, parameter=602, index=(13, 5), decimals=2)
         assert play(drive().read("602", index=(13, 5)), [(two, value("read_index", 602, "7"))]).parameter == "602[13,5]"
 
-    def test_with_another_idle_word(self) -> None:
+    def test_read_carries_the_idle_word_of_the_options(self) -> None:
         request = Read(address=1, control_word=0x000F, parameter=516)
         play(drive(idle_word=0x000F).read("516"), [(request, value("read", 516, "0"))])
 
     @pytest.mark.parametrize(("code", "words"), [(0, "unknown parameter"), (8, "99999"), (42, "unlisted cause 42")])
-    def test_refused(self, code: int, words: str) -> None:
+    def test_refused_read_has_code_and_reason(self, code: int, words: str) -> None:
         with pytest.raises(RefusedError, match=words) as caught:
             play(drive().read("999"), [(Read(address=1, parameter=999), refusal("read", 999, code))])
         assert (caught.value.parameter, caught.value.code) == ("999", code)
 
-    def test_no_address(self) -> None:
+    def test_malformed_address_is_refused(self) -> None:
         with pytest.raises(ParameterAddressError):
             drive().read("51x")
 
-    def test_every_request_waits_for_late_replies(self) -> None:
+    def test_reads_and_writes_are_nameless(self) -> None:
         operations = drive()
         for exchange in (operations.read("516"), operations.read("502[1]"), operations.write("516", 1)):
             command = next(exchange)
@@ -95,18 +95,18 @@ class TestReading:
 
 
 class TestWriting:
-    def test_returns_what_the_drive_reports(self) -> None:
+    def test_write_returns_the_value_that_the_drive_reports(self) -> None:
         found = play(drive().write("516", "23.75"), [(update(516, "23.75", 2), value("update", 516, "23.75"))])
         assert found is not None
         assert (found.value, found.note) == (Decimal("23.75"), "unit not known")
 
-    def test_a_rounded_value_is_told(self) -> None:
+    def test_rounded_value_is_noted(self) -> None:
         found = play(drive().write("516", "23.755"), [(update(516, "23.755", 3), value("update", 516, "23.76"))])
         assert found is not None
         assert found.value == Decimal("23.76")
         assert "reports 23.76 instead of 23.755" in found.note
 
-    def test_decimals_and_attempts_are_the_callers(self) -> None:
+    def test_write_uses_the_given_decimals_and_attempts(self) -> None:
         command = next(drive().write("516", "80", decimals=2, attempts=3))
         assert isinstance(command, Ask)
         assert (command.message, command.attempts, command.acts) == (update(516, "80.00", 2), 3, True)
@@ -114,11 +114,11 @@ class TestWriting:
         assert isinstance(command, Ask)
         assert command.attempts == 1
 
-    def test_refused_by_the_drive(self) -> None:
+    def test_refused_write_raises_refused_error(self) -> None:
         with pytest.raises(RefusedError, match="code 6"):
             play(drive().write("516", 500), [(update(516, "500", 0), refusal("update", 516, 6))])
 
-    def test_refused_before_anything_is_sent(self) -> None:
+    def test_invalid_write_is_refused_unsent(self) -> None:
         with pytest.raises(ValueRefusedError):
             drive().write("516", 100_000)
         with pytest.raises(ValueRefusedError):
@@ -132,7 +132,7 @@ class TestWriting:
         with pytest.raises(NotSupported, match="whether 516 is kept without mains is not known"):
             drive().write("516", 1, store=True)
 
-    def test_broadcast(self) -> None:
+    def test_broadcast_write_returns_no_reading(self) -> None:
         request = Update(address=0, parameter=516, value=Decimal(5), decimals=0)
         assert play(drive(address=0).write("516", 5), [(request, None)]) is None
 
@@ -151,11 +151,11 @@ class TestStatus:
             (0x0630, DriveState.NOT_READY),
         ],
     )
-    def test_states(self, status_word: int, state: DriveState) -> None:
+    def test_status_word_gives_the_drive_state(self, status_word: int, state: DriveState) -> None:
         found = play(drive().status(), [(word(0), status(status_word))])
         assert (found.word, found.state) == (status_word, state)
 
-    def test_the_worked_example(self) -> None:
+    def test_printed_status_word_gives_its_flags(self) -> None:
         found = play(drive().status(), [(word(0), status(0x0B87))])
         assert found.flags == (
             "control ready",
@@ -170,7 +170,7 @@ class TestStatus:
         assert found.at_reference
         assert found.remote
 
-    def test_the_fault_is_read_where_the_user_says_from(self) -> None:
+    def test_fault_code_is_read_from_the_configured_parameter(self) -> None:
         model = Model(
             protocol="vlt3500", name="", title="", source="", parameters={}, faults={14: "earth fault"}, options={}
         )
@@ -184,31 +184,31 @@ class TestStatus:
         assert play(drive(fault_parameter="502[18]").status(), script).fault_code is None
         assert play(drive(fault_parameter="502[18]").status(), [(word(0), status(READY))]).fault_code is None
 
-    def test_never_carries_a_command_even_after_a_start(self) -> None:
+    def test_status_and_read_carry_no_command_after_a_start(self) -> None:
         operations = started(drive())
         play(operations.status(), [(word(0), status(RUNNING))])
         play(operations.read("516"), [(Read(address=1, parameter=516), value("read", 516, "0"))])
 
 
 class TestStarting:
-    def test_forward_and_reverse(self) -> None:
+    def test_start_sends_the_forward_or_reverse_word(self) -> None:
         started(drive())
         started(drive(), 0x847F)
 
-    def test_is_sent_once(self) -> None:
+    def test_start_is_sent_once(self) -> None:
         exchange = drive().start()
         next(exchange)
         command = exchange.send(status(READY))
         assert isinstance(command, Ask)
         assert (command.attempts, command.acts) == (1, True)
 
-    def test_releases_the_start_inhibit(self) -> None:
+    def test_start_first_releases_the_start_inhibit(self) -> None:
         play(
             drive().start(),
             [(word(0), status(0x0647)), (word(0x047E), status(0x0600)), (word(0x047F), status(RUNNING))],
         )
 
-    def test_waits_until_the_drive_runs(self) -> None:
+    def test_start_waits_until_the_drive_runs(self) -> None:
         play(
             drive().start(),
             [
@@ -220,16 +220,16 @@ class TestStarting:
         )
 
     @pytest.mark.parametrize(("status_word", "why"), [(TRIPPED, "tripped"), (0x0407, "local")])
-    def test_is_not_sent_when_it_cannot_work(self, status_word: int, why: str) -> None:
+    def test_start_of_a_tripped_or_local_drive_is_refused_unsent(self, status_word: int, why: str) -> None:
         with pytest.raises(StateError, match=why):
             play(drive().start(), [(word(0), status(status_word))])
 
-    def test_is_taken_back_when_the_drive_does_not_run(self) -> None:
+    def test_start_is_taken_back_if_the_drive_does_not_run(self) -> None:
         script = [(word(0), status(READY)), (word(0x047F), status(READY)), (word(0x043F), status(READY))]
         with pytest.raises(StateError, match="taken back"):
             play(drive(state_timeout_s=0.0).start(), script)
 
-    def test_a_line_that_fails_after_the_start_is_told(self) -> None:
+    def test_missing_reply_after_a_start_mentions_the_start(self) -> None:
         script = [(word(0), status(READY)), (word(0x047F), status(READY)), (word(0), NoReplyError("silence"))]
         with pytest.raises(NoReplyError, match="had been told to run"):
             play(drive().start(), script)
@@ -240,15 +240,15 @@ class TestStopping:
         ("how", "control_word", "status_word"),
         [(Stop.RAMP, 0x043F, READY), (Stop.COAST, 0x047D, 0x0610), (Stop.QUICK, 0x047B, 0x0620)],
     )
-    def test_words(self, how: Stop, control_word: int, status_word: int) -> None:
+    def test_stop_sends_its_control_word(self, how: Stop, control_word: int, status_word: int) -> None:
         play(drive().stop(how), [(word(control_word), status(status_word))])
 
-    def test_may_be_repeated(self) -> None:
+    def test_stop_may_be_repeated(self) -> None:
         command = next(drive().stop())
         assert isinstance(command, Ask)
         assert (command.attempts, command.acts) == (None, True)
 
-    def test_dc_brake_only_where_the_drive_has_it(self) -> None:
+    def test_dc_brake_needs_its_option(self) -> None:
         with pytest.raises(NotSupported, match="514"):
             drive().stop(Stop.DC_BRAKE)
         assert Stop.DC_BRAKE not in drive().capabilities.stops
@@ -256,45 +256,45 @@ class TestStopping:
         assert Stop.DC_BRAKE in braking.capabilities.stops
         play(braking.stop(Stop.DC_BRAKE), [(word(0x046F), status(0x0E07))])
 
-    def test_the_drive_must_report_it(self) -> None:
+    def test_stop_that_the_drive_does_not_report_raises_state_error(self) -> None:
         with pytest.raises(StateError, match="does not report"):
             play(drive(state_timeout_s=0.0).stop(Stop.COAST), [(word(0x047D), status(RUNNING))])
         with pytest.raises(StateError, match="local"):
             play(drive().stop(), [(word(0x043F), status(0x0D07))])
         play(drive().stop(Stop.QUICK), [(word(0x047B), status(RUNNING)), (word(0), status(0x0E20))])
 
-    def test_broadcast(self) -> None:
+    def test_broadcast_stop_sends_one_control_telegram(self) -> None:
         play(drive(address=0).stop(), [(Control(address=0, control_word=0x043F), None)])
 
 
 class TestReset:
     EDGE = ((word(0x043F), status(TRIPPED)), (word(0x04BF), status(TRIPPED)), (word(0x043F), status(READY)))
 
-    def test_is_an_edge_that_starts_nothing(self) -> None:
+    def test_reset_sends_an_edge_without_a_start(self) -> None:
         play(drive().reset(), [(word(0), status(TRIPPED)), *self.EDGE])
 
-    def test_does_nothing_without_a_trip(self) -> None:
+    def test_reset_without_a_trip_sends_no_control_word(self) -> None:
         play(drive().reset(), [(word(0), status(RUNNING))])
 
-    def test_waits_for_the_trip_to_go(self) -> None:
+    def test_reset_waits_until_the_trip_is_cleared(self) -> None:
         slow = [*self.EDGE[:2], (word(0x043F), status(TRIPPED)), (word(0), status(READY))]
         play(drive().reset(), [(word(0), status(TRIPPED)), *slow])
 
-    def test_fails_when_the_trip_stays(self) -> None:
+    def test_reset_of_a_lasting_trip_raises_state_error(self) -> None:
         script = [(word(0), status(TRIPPED)), *self.EDGE[:2], (word(0x043F), status(TRIPPED))]
         with pytest.raises(StateError, match="still tripped"):
             play(drive(state_timeout_s=0.0).reset(), script)
 
 
 class TestReference:
-    def test_percent(self) -> None:
+    def test_reference_in_percent_is_written_to_516(self) -> None:
         play(drive().set_reference_percent("-12.5"), [(update(516, "-12.5", 1), value("update", 516, "-12.50"))])
 
-    def test_another_value_than_the_one_sent_is_an_error(self) -> None:
+    def test_reference_reported_with_another_value_raises_state_error(self) -> None:
         with pytest.raises(StateError, match="instead of -50"):
             play(drive().set_reference_percent(-50), [(update(516, "-50", 0), value("update", 516, "50"))])
 
-    def test_limits(self) -> None:
+    def test_reference_limit_is_an_option(self) -> None:
         for percent in ("100.01", -101):
             with pytest.raises(ValueRefusedError, match="100"):
                 drive().set_reference_percent(percent)
@@ -303,7 +303,7 @@ class TestReference:
             [(update(516, "110", 0), value("update", 516, "110"))],
         )
 
-    def test_hz_needs_the_maximum_frequency(self) -> None:
+    def test_reference_in_hz_needs_the_maximum_frequency(self) -> None:
         assert not drive().capabilities.reference_hz
         with pytest.raises(NotSupported, match="maximum_hz"):
             drive().set_reference_hz(40)
@@ -320,32 +320,32 @@ class TestReference:
             ({"maximum_hz": 62.5}, 0, "0"),
         ],
     )
-    def test_hz(self, options: dict[str, Any], hz: Any, percent: str) -> None:
+    def test_reference_in_hz_is_scaled_to_percent(self, options: dict[str, Any], hz: Any, percent: str) -> None:
         number = Decimal(percent)
         sent = update(516, percent, -int(number.as_tuple().exponent))
         play(drive(**options).set_reference_hz(hz), [(sent, value("update", 516, percent))])
 
-    def test_hz_that_do_not_fit(self) -> None:
+    def test_invalid_reference_in_hz_is_refused(self) -> None:
         for hz in (10, 61, "0.0001"):
             with pytest.raises(ValueRefusedError):
                 drive(maximum_hz=60).set_reference_hz(hz)
         with pytest.raises(ValueRefusedError, match="minimum"):
             drive(maximum_hz=50, minimum_hz=10, reference_span="span").set_reference_hz(5)
 
-    def test_broadcast(self) -> None:
+    def test_broadcast_reference_waits_for_no_reply(self) -> None:
         request = Update(address=0, parameter=516, value=Decimal(0), decimals=0)
         play(drive(address=0).set_reference_percent(0), [(request, None)])
 
 
 class TestScanning:
-    def test_probe_asks_once_and_commands_nothing(self) -> None:
+    def test_probe_is_sent_once_with_control_word_zero(self) -> None:
         exchange = drive().probe()
         command = next(exchange)
         assert isinstance(command, Ask)
         assert (command.message, command.attempts) == (word(0), 1)
         play(drive().probe(), [(word(0), status(READY))])
 
-    def test_identify(self) -> None:
+    def test_identify_reads_the_software_version(self) -> None:
         request = ReadIndex(address=1, parameter=502, index=(19,), decimals=0)
         script: list[Any] = [(word(0), status(READY)), (request, value("read_index", 502, "1.20"))]
         assert play(drive().identify(), script)["software"] == "1.20"
@@ -354,19 +354,19 @@ class TestScanning:
 
 
 class TestVerbsBeyondTheCommonOnes:
-    def test_they_are_all_listed(self) -> None:
+    def test_extra_lists_every_function(self) -> None:
         assert set(drive().extra) == {"jog", "slow_down", "catch_up", "hold", "select_setup", "control_word"}
 
     @pytest.mark.parametrize(("number", "control_word"), [(1, 0x053F), (2, 0x063F)])
-    def test_jog_without_the_start_bit(self, number: int, control_word: int) -> None:
+    def test_jog_sends_its_bit_without_the_start_bit(self, number: int, control_word: int) -> None:
         play(drive().extra["jog"](number=number), [(word(0), status(READY)), (word(control_word), status(0x0E07))])
 
-    def test_jog_3(self) -> None:
+    def test_jog_3_is_refused(self) -> None:
         with pytest.raises(UsageError):
             drive().jog(number=3)
 
     @pytest.mark.parametrize(("verb", "control_word"), [("slow_down", 0x0C7F), ("catch_up", 0x147F)])
-    def test_steps_take_their_bit_back(self, verb: str, control_word: int) -> None:
+    def test_catch_up_and_slow_down_clear_their_bit(self, verb: str, control_word: int) -> None:
         operations = started(drive())
         script: list[Any] = [
             (word(0), status(RUNNING)),
@@ -375,7 +375,7 @@ class TestVerbsBeyondTheCommonOnes:
         ]
         play(operations.extra[verb](), script)
 
-    def test_a_step_that_may_have_arrived_is_taken_back(self) -> None:
+    def test_catch_up_with_a_damaged_reply_clears_its_bit(self) -> None:
         operations = started(drive())
         script: list[Any] = [
             (word(0), status(RUNNING)),
@@ -390,23 +390,23 @@ class TestVerbsBeyondTheCommonOnes:
         play(operations.hold(), [(word(0), status(RUNNING)), (word(0x845F), status(RUNNING))])
 
     @pytest.mark.parametrize("verb", ["slow_down", "catch_up", "hold"])
-    def test_nothing_is_amended_that_this_program_has_not_commanded(self, verb: str) -> None:
+    def test_hold_and_steps_need_a_command_of_this_program(self, verb: str) -> None:
         with pytest.raises(StateError, match="start or stop"):
             play(drive().extra[verb](), [])
 
-    def test_a_word_that_may_not_have_arrived_is_not_amended(self) -> None:
+    def test_hold_after_an_unanswered_stop_is_refused(self) -> None:
         operations = started(drive())
         with pytest.raises(NoReplyError):
             play(operations.stop(), [(word(0x043F), NoReplyError("silence"))])
         with pytest.raises(StateError):
             play(operations.hold(), [])
 
-    def test_amending_never_starts_a_motor_that_has_stopped(self) -> None:
+    def test_slow_down_does_not_restart_a_stopped_motor(self) -> None:
         operations = started(drive())
         with pytest.raises(StateError, match="use start"):
             play(operations.slow_down(), [(word(0), status(READY))])
 
-    def test_a_set_up_stays_selected(self) -> None:
+    def test_selected_set_up_is_kept_in_each_control_word(self) -> None:
         operations = drive()
         play(operations.stop(), [(word(0x043F), status(READY))])
         play(operations.select_setup(number=3), [(word(0), status(READY)), (word(0x443F), status(READY))])
@@ -417,14 +417,14 @@ class TestVerbsBeyondTheCommonOnes:
         play(operations.stop(Stop.QUICK), [(word(0x447B), status(0x0620))])
         play(operations.select_setup(number=1), [(word(0), status(RUNNING)), (word(0x047B), status(RUNNING))])
 
-    def test_set_ups_that_the_drive_does_not_have(self) -> None:
+    def test_set_up_that_the_drive_lacks_is_refused(self) -> None:
         with pytest.raises(UsageError):
             drive().select_setup(number=5)
         vlt2000 = load_model("drivecomm_vlt3500", "vlt3500", "vlt2000")
         with pytest.raises(UsageError, match="1 to 2"):
             drive(**vlt2000.options).select_setup(number=3)
 
-    def test_any_control_word(self) -> None:
+    def test_raw_control_word_is_sent_and_remembered(self) -> None:
         operations = drive()
         found = play(operations.control_word(word=0x04FF), [(word(0x04FF), status(RUNNING))])
         assert found.running
@@ -435,7 +435,7 @@ class TestVerbsBeyondTheCommonOnes:
         play(operations.control_word(word=0x000F), [(word(0x000F), status(RUNNING))])
         play(operations.stop(), [(word(0x243F), status(READY))])
 
-    def test_held_groups_without_a_word_before_stay_unknown(self) -> None:
+    def test_hold_after_a_partial_control_word_only_is_refused(self) -> None:
         operations = drive()
         held = word(0x0400, control_mask=0x0F00)
         play(operations.control_word(word=0x0400, mask=0x0F00), [(held, status(RUNNING))])
@@ -446,12 +446,12 @@ class TestVerbsBeyondTheCommonOnes:
         ("control_word", "mask"),
         [(0x10000, None), ("start", None), (0, -1), (0x0400, 0x0F01), (0, 0xF0FF), (0x847F, 0x0FFF)],
     )
-    def test_words_that_no_telegram_carries(self, control_word: Any, mask: Any) -> None:
+    def test_invalid_control_word_or_mask_is_refused(self, control_word: Any, mask: Any) -> None:
         with pytest.raises(UsageError):
             drive().control_word(word=control_word, mask=mask)
 
 
-def test_what_needs_an_answer_is_no_broadcast() -> None:
+def test_broadcast_of_a_verb_that_needs_an_answer_is_refused() -> None:
     everybody = drive(address=0)
     for verb in (
         lambda: everybody.read("516"),
@@ -471,7 +471,7 @@ def test_what_needs_an_answer_is_no_broadcast() -> None:
             verb()
 
 
-def test_nothing_is_promised_that_is_not_known() -> None:
+def test_capabilities_contain_only_documented_abilities() -> None:
     known = drive().capabilities
     assert (known.stored_writes, known.volatile_writes) == (False, False)
     assert known.reverse
@@ -479,7 +479,7 @@ def test_nothing_is_promised_that_is_not_known() -> None:
     assert known.reference_percent
 
 
-def test_polling_pauses_between_questions() -> None:
+def test_start_pauses_between_status_polls() -> None:
     exchange = drive().start()
     next(exchange)
     exchange.send(status(READY))

@@ -1,4 +1,4 @@
-"""What the vectors cannot say: messages beside bytes, options of the codec, and what is refused before it is sent."""
+"""VLT 3500 telegrams beyond the vectors: messages, options of the codec, and requests refused before they are sent."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from drivecomm_vlt3500.telegrams import telegrams
 CODEC = telegrams()
 
 
-def test_every_schema_is_compiled() -> None:
+def test_every_telegram_form_is_compiled() -> None:
     for form in (*CODEC.forms.values(), *telegrams(lenient=True).forms.values()):
         assert form.parse_compiled != form.parse_declared
         assert form.build_compiled != form.build_declared
 
 
-def test_every_drawing_is_22_characters_long() -> None:
+def test_every_telegram_form_has_22_characters() -> None:
     assert {sum(int(size) for _, size, _ in form.describe()) for form in CODEC.forms.values()} == {22}
 
 
@@ -41,32 +41,32 @@ def test_every_drawing_is_22_characters_long() -> None:
         ("99999", 0, (99999, 0)),
     ],
 )
-def test_digits_and_byte_19(value: str, decimals: int | None, expected: tuple[int, int]) -> None:
+def test_value_is_packed_into_digits_and_decimals(value: str, decimals: int | None, expected: tuple[int, int]) -> None:
     assert packed(Decimal(value), decimals) == expected
 
 
 @pytest.mark.parametrize("value", ["100000", "1e40000", "-123456", "0.000001", "1.23456", "12345.6"])
-def test_a_value_with_too_many_digits_is_refused(value: str) -> None:
+def test_value_with_too_many_digits_is_refused(value: str) -> None:
     with pytest.raises(ValueError, match=r"digits|decimals"):
         packed(Decimal(value), None)
 
 
 @pytest.mark.parametrize("value", [True, 1.5, None, "x", "inf", "nan", b"1"])
-def test_what_is_no_exact_number_is_refused(value: Any) -> None:
+def test_inexact_or_invalid_number_is_refused(value: Any) -> None:
     with pytest.raises(ValueError, match="number"):
         number(value)
 
 
-def test_minus_zero_is_zero() -> None:
+def test_minus_zero_is_read_as_zero() -> None:
     assert str(unpacked(negative=True, digits="00000", decimals=2)) == "0.00"
 
 
-def test_digits_of_other_alphabets_are_no_digits() -> None:
+def test_digits_of_other_scripts_are_refused() -> None:
     with pytest.raises(ValueError, match="digits"):
         unpacked(negative=False, digits="1234\u0665", decimals=0)
 
 
-def test_update_takes_whole_numbers_text_and_decimals() -> None:
+def test_update_accepts_integers_texts_and_decimals() -> None:
     sent = {
         CODEC.encode(Update(address=1, parameter=516, value=value, decimals=1))  # type: ignore[arg-type]
         for value in (80, "80", Decimal("80.0"))
@@ -74,7 +74,7 @@ def test_update_takes_whole_numbers_text_and_decimals() -> None:
     assert sent == {b"<01U@@@@0516+00800182>"}
 
 
-def test_other_sign_characters_survive() -> None:
+def test_other_sign_character_is_kept_by_decode_and_encode() -> None:
     data = b"<01U@@@@0516 00080070>"
     message = CODEC.decode(data, "request")
     assert message == Update(address=1, parameter=516, value=Decimal(80), decimals=0, sign=" ")
@@ -82,13 +82,13 @@ def test_other_sign_characters_survive() -> None:
 
 
 @pytest.mark.parametrize(("value", "sign"), [("-1", "<"), ("1", "-"), ("1", "ab"), ("1", 5), ("1", "\u20ac")])
-def test_a_sign_that_contradicts_or_does_not_fit_is_refused(value: str, sign: Any) -> None:
+def test_contradicting_or_invalid_sign_is_refused(value: str, sign: Any) -> None:
     with pytest.raises(drivecomm.TelegramError) as caught:
         CODEC.encode(Update(address=1, parameter=516, value=Decimal(value), sign=sign))
     assert caught.value.category == "field"
 
 
-def test_unchecked_telegrams_are_built_only_when_asked_for() -> None:
+def test_unchecked_telegram_is_built_on_request() -> None:
     assert CODEC.encode(Read(address=1, parameter=516, unchecked=True)) == b"<01R@@@@0516+000000??>"
 
 
@@ -101,7 +101,7 @@ def test_unchecked_telegrams_are_built_only_when_asked_for() -> None:
         ControlReply(address=1, status_word=7, parameter=516, filler="0516+000800"),
     ],
 )
-def test_what_a_control_telegram_does_not_look_at_is_kept(message: Any) -> None:
+def test_unused_characters_of_a_control_telegram_are_kept(message: Any) -> None:
     direction: Any = "request" if isinstance(message, Control) else "reply"
     assert CODEC.encode(CODEC.decode(CODEC.encode(message), direction)) == CODEC.encode(message)
 
@@ -121,7 +121,7 @@ def test_what_a_control_telegram_does_not_look_at_is_kept(message: Any) -> None:
         {"control_mask": "FFFF"},
     ],
 )
-def test_fields_that_make_no_control_telegram(fields: dict[str, Any]) -> None:
+def test_invalid_fields_of_a_control_telegram_are_refused(fields: dict[str, Any]) -> None:
     with pytest.raises(drivecomm.TelegramError) as caught:
         CODEC.encode(message_from({"kind": "control", "address": 1, "control_word": 0, **fields}, "request"))
     assert caught.value.category == "field"
@@ -131,13 +131,13 @@ def test_fields_that_make_no_control_telegram(fields: dict[str, Any]) -> None:
     ("word", "mask"),
     [(0x10000, None), ("0", None), (0, 0x10000), (0x0400, 0x0F01), (0x007F, 0xF0FF), (0x847F, 0x0FFF)],
 )
-def test_control_words_that_no_telegram_carries(word: Any, mask: Any) -> None:
+def test_invalid_control_word_or_mask_is_refused(word: Any, mask: Any) -> None:
     with pytest.raises(drivecomm.TelegramError) as caught:
         CODEC.encode(Control(address=1, control_word=word, control_mask=mask))
     assert caught.value.field == "control_word"
 
 
-def test_messages_from_fields() -> None:
+def test_messages_are_built_from_fields() -> None:
     message = message_from({"kind": "read_index", "address": 1, "parameter": 602, "index": [13, 5]}, "request")
     assert message == ReadIndex(address=1, parameter=602, index=(13, 5))
     assert CODEC.encode(message) == b"<01I@@@@0602+01305268>"
@@ -150,7 +150,7 @@ def test_messages_from_fields() -> None:
             message_from(fields, "request")
 
 
-def test_what_no_drive_would_answer_or_answer_so() -> None:
+def test_message_that_no_drive_sends_or_answers_is_refused() -> None:
     for message in (
         Read(address=0, parameter=516),
         ReadIndex(address=0, parameter=502, index=(1,)),
@@ -163,13 +163,13 @@ def test_what_no_drive_would_answer_or_answer_so() -> None:
             CODEC.encode(message)
 
 
-def test_letters_in_an_index() -> None:
+def test_letter_in_an_index_is_refused_with_its_field() -> None:
     with pytest.raises(drivecomm.TelegramError) as caught:
         CODEC.decode(b"<01I@@@@0602+01a052??>", "request")
     assert caught.value.field == "index"
 
 
-def test_mismatches() -> None:
+def test_reply_must_match_address_kind_parameter_and_checksum() -> None:
     request = Read(address=1, parameter=516)
     reply = Reply(kind="read", address=1, status_word=7, parameter=516, value=Decimal(1), decimals=0)
     assert mismatch(request, reply) == ""
@@ -181,25 +181,25 @@ def test_mismatches() -> None:
 
 
 @pytest.mark.parametrize("index", [None, "13,5", (1.0,), (), [True]])
-def test_indices_that_are_none(index: Any) -> None:
+def test_invalid_index_is_refused(index: Any) -> None:
     with pytest.raises(drivecomm.TelegramError):
         CODEC.encode(ReadIndex(address=1, parameter=602, index=index))
 
 
 @pytest.mark.parametrize("status", [0x10000, -1, "7", None])
-def test_status_words_that_are_none(status: Any) -> None:
+def test_invalid_status_word_is_refused(status: Any) -> None:
     with pytest.raises(drivecomm.TelegramError):
         CODEC.encode(ControlReply(address=1, status_word=status))
 
 
-def test_decoding_knows_no_other_errors() -> None:
+def test_decoding_garbage_raises_only_telegram_errors() -> None:
     for data in (b"", b"<", b"x" * 22, b"<" * 22, b"<" + bytes(20) + b">", b"<" + b"\xff" * 20 + b">"):
         for direction in ("request", "reply"):
             with pytest.raises(drivecomm.TelegramError):
                 CODEC.decode(data, direction)  # type: ignore[arg-type]
 
 
-def test_the_first_fault_in_the_order_of_the_specification_is_named() -> None:
+def test_error_names_the_first_faulty_field_in_telegram_order() -> None:
     def field(data: bytes) -> str:
         with pytest.raises(drivecomm.TelegramError) as caught:
             CODEC.decode(data, "request")
@@ -213,7 +213,7 @@ def test_the_first_fault_in_the_order_of_the_specification_is_named() -> None:
     assert field(b"<01UOGD@0516+0x0800??>") == "value"
 
 
-def test_lenient_status_takes_the_low_four_bits() -> None:
+def test_lenient_codec_uses_the_low_four_bits_of_status_characters() -> None:
     lenient = telegrams(lenient=True)
     for data in (b"<01Rw0v`0516+000800??>", b"<01Rw0v`0516+000069??>", b"<01Cw0v`0516+000069??>"):
         message = lenient.decode(data, "reply")
@@ -224,7 +224,7 @@ def test_lenient_status_takes_the_low_four_bits() -> None:
         lenient.decode(b"<01Rw0v\xe00516+000800??>", "reply")
 
 
-def test_a_minus_that_lost_its_meaning_is_not_believed() -> None:
+def test_reply_with_a_damaged_sign_does_not_match() -> None:
     request = Read(address=1, parameter=516)
     minus = b"<01RG@F@0516-00080093>"
     assert mismatch(request, CODEC.decode(minus, "reply")) == ""
@@ -235,21 +235,21 @@ def test_a_minus_that_lost_its_meaning_is_not_believed() -> None:
         assert mismatch(request, message) == "sign"
 
 
-def test_no_status_answers_like_a_request_with_the_other_idle_word() -> None:
-    # Ready and tripped exclude each other, so bits 0 to 3 are never all 1.
+def test_idle_word_000f_distinguishes_a_reply_from_an_echo() -> None:
+    # Ready and tripped exclude each other, so bits 0 to 3 of a status word are never all 1.
     request = Read(address=1, control_word=0x000F, parameter=516)
     reply = Reply(kind="read", address=1, status_word=0, parameter=516, value=Decimal(0), decimals=0)
     assert mismatch(request, reply) == ""
     assert mismatch(Read(address=1, parameter=516), reply) == "echo"
 
 
-def test_a_request_is_no_reply() -> None:
+def test_request_does_not_match_as_a_reply() -> None:
     request = Read(address=1, parameter=516)
     assert mismatch(request, request) == "kind"
     assert mismatch(ControlReply(address=1, status_word=0), ControlReply(address=1, status_word=0)) == "kind"
 
 
-def test_a_single_wrong_bit_is_noticed_everywhere_but_without_a_checksum() -> None:
+def test_single_bit_error_is_noticed_outside_the_blind_spots() -> None:
     for data in (b"<01R@@@@0516+00000070>", b"<01R@@@@0516+000000??>"):
         unnoticed = set()
         for place in range(22):
@@ -279,6 +279,6 @@ def test_a_single_wrong_bit_is_noticed_everywhere_but_without_a_checksum() -> No
         {"maximum_hz": 50, "minimum_hz": -1},
     ],
 )
-def test_options_that_cannot_be(options: dict[str, Any]) -> None:
+def test_impossible_option_is_refused(options: dict[str, Any]) -> None:
     with pytest.raises(drivecomm.UsageError):
         protocol_options(installed["vlt3500"], options)

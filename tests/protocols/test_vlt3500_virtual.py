@@ -1,4 +1,4 @@
-"""A virtual VLT: what it answers, what its motor does over time, and 2,000 exchanges on a line that fails."""
+"""A virtual VLT: its replies, its motor over time, and 2,000 exchanges on a disturbed line."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def make(address: int = 1, **options: Any) -> VirtualVltDrive:
 
 
 def tell(drive: VirtualVltDrive, data: bytes, now: float = 0.0) -> Any:
-    """Let a drive hear bytes; return the decoded reply, or None."""
+    """Pass bytes to a drive; return the decoded reply, or None."""
     framer = Framer(drive.codec, "request")
     finds = [find for find in framer.feed(data) + framer.flush() if isinstance(find, Framed | Damaged)]
     answers = [drive.hear(find, now) for find in finds]
@@ -36,7 +36,7 @@ def tell(drive: VirtualVltDrive, data: bytes, now: float = 0.0) -> Any:
 
 
 def ask(drive: VirtualVltDrive, text: str, now: float = 0.0) -> Any:
-    """The same, for the characters between start and check characters."""
+    """Pass the characters between start and check characters to a drive; return the decoded reply, or None."""
     return tell(drive, b"<%s%02d>" % (text.encode(), sum(text.encode()) % 100), now)
 
 
@@ -56,7 +56,7 @@ def line_and_drives() -> Any:
 
 
 class TestMotor:
-    def test_start_ramp_reverse_stop(self, line_and_drives: Any) -> None:
+    def test_motor_ramps_up_reverses_and_stops(self, line_and_drives: Any) -> None:
         line, _, drive = line_and_drives
         assert drive.status().word == 0x0630
         drive.set_reference(percent=80)
@@ -74,7 +74,7 @@ class TestMotor:
         line.advance(10)
         assert drive.status().word == 0x0607
 
-    def test_the_printed_reply_comes_from_a_motor_outside_its_range(self) -> None:
+    def test_printed_reply_is_given_by_a_motor_outside_its_range(self) -> None:
         virtual = make(reference_decimals=0)
         virtual.poke("211", 30)
         tell(virtual, b"<01UOGD@0516+00080007>")
@@ -85,7 +85,7 @@ class TestMotor:
         assert reply.data == b"<01UGHK@0516+00080007>"
 
     @pytest.mark.parametrize(("how", "after"), [(Stop.COAST, 0x0610), (Stop.QUICK, 0x0620)])
-    def test_stops(self, line_and_drives: Any, how: Stop, after: int) -> None:
+    def test_coast_and_quick_stop_show_their_status_words(self, line_and_drives: Any, how: Stop, after: int) -> None:
         line, virtual, drive = line_and_drives
         drive.set_reference(percent=100)
         drive.start()
@@ -97,7 +97,7 @@ class TestMotor:
         assert virtual.motor.output_hz == 0
         drive.start()
 
-    def test_dc_brake(self) -> None:
+    def test_dc_brake_brakes_the_motor_with_its_option(self) -> None:
         virtual = make(dc_brake=True)
         line = VirtualLine([virtual])
         with drivecomm.open_bus(line.port) as bus:
@@ -108,7 +108,7 @@ class TestMotor:
             drive.stop(Stop.DC_BRAKE)
             assert virtual.motor.command.value == "dc_brake"
 
-    def test_bit_4_is_what_parameter_514_says(self) -> None:
+    def test_parameter_514_selects_the_meaning_of_bit_4(self) -> None:
         virtual = make()
         virtual.poke("516", 50)
         word(virtual, 0x047F)
@@ -119,14 +119,14 @@ class TestMotor:
         word(virtual, 0x046F, 30.0)
         assert virtual.motor.command.value == "dc_brake"
 
-    def test_off1_and_coast_bit(self) -> None:
+    def test_off1_and_coast_bit_show_their_status_words(self) -> None:
         virtual = make()
         virtual.poke("bus_reference", 50)
         word(virtual, 0x047F)
         assert word(virtual, 0x047E, 10.0) == 0x0E00
         assert word(virtual, 0x0477, 10.1) == 0x0603
 
-    def test_trip_and_reset(self, line_and_drives: Any) -> None:
+    def test_trip_is_logged_and_cleared_by_a_reset(self, line_and_drives: Any) -> None:
         line, virtual, drive = line_and_drives
         drive.set_reference(percent=50)
         drive.start()
@@ -141,7 +141,7 @@ class TestMotor:
         assert drive.read("602[0,1]").value == 2
         assert drive.read("502[18]").value == 9
 
-    def test_a_reset_bit_that_stays_is_no_edge(self) -> None:
+    def test_reset_bit_left_set_does_not_reset(self) -> None:
         virtual = make()
         assert word(virtual, 0x04FF) & 0x0800
         virtual.trip(3, 1.0)
@@ -149,12 +149,12 @@ class TestMotor:
         assert word(virtual, 0x047F, 3.0) & 0x0008
         assert not word(virtual, 0x04FF, 4.0) & 0x0008
 
-    def test_a_motor_that_trips_by_itself_shows_its_code(self) -> None:
+    def test_trip_of_the_motor_shows_its_code(self) -> None:
         virtual = make()
         virtual.motor.trip(12, 1.0)
         assert virtual.peek("502[18]", 2.0) == "12"
 
-    def test_start_inhibit(self) -> None:
+    def test_start_inhibit_blocks_starts_until_it_is_released(self) -> None:
         virtual = make(start_inhibit=True)
         line = VirtualLine([virtual])
         with drivecomm.open_bus(line.port) as bus:
@@ -177,7 +177,7 @@ class TestMotor:
             assert drive.status().word == 0x0607
 
     @pytest.mark.parametrize(("number", "hz"), [(1, 5.0), (2, 10.0)])
-    def test_jog(self, number: int, hz: float) -> None:
+    def test_jog_turns_the_motor_at_its_frequency(self, number: int, hz: float) -> None:
         virtual = make()
         assert word(virtual, 0x043F | 0x80 << number) & 0x0800
         virtual.machine.live(10.0)
@@ -185,7 +185,7 @@ class TestMotor:
         word(virtual, 0x043F, 10.0)
         assert not word(virtual, 0x043F, 20.0) & 0x0800
 
-    def test_hold_slow_down_catch_up_and_set_up(self) -> None:
+    def test_hold_step_and_set_up_bits_act_on_the_motor(self) -> None:
         virtual = make()
         virtual.poke("516", 50)
         word(virtual, 0x047F)
@@ -202,12 +202,12 @@ class TestMotor:
         word(virtual, 0x647F, 14.0)
         assert virtual.machine.setup == 4
 
-    def test_hold_before_the_start_starts_nothing(self) -> None:
+    def test_hold_without_a_start_does_not_run_the_motor(self) -> None:
         virtual = make()
         virtual.poke("516", 50)
         assert not word(virtual, 0x045F) & 0x0800
 
-    def test_verbs_beyond_the_common_ones(self, line_and_drives: Any) -> None:
+    def test_extra_functions_act_on_the_virtual_drive(self, line_and_drives: Any) -> None:
         line, virtual, drive = line_and_drives
         drive.set_reference(percent=50)
         drive.start()
@@ -225,7 +225,7 @@ class TestMotor:
         line.advance(10)
         assert drive.read("502[1]").value == 10
 
-    def test_local_operation_is_not_commanded(self, line_and_drives: Any) -> None:
+    def test_start_in_local_operation_is_refused(self, line_and_drives: Any) -> None:
         line, virtual, drive = line_and_drives
         drive.set_reference(percent=50)
         drive.start()
@@ -236,16 +236,16 @@ class TestMotor:
         line.advance(20)
         assert not drive.status().running
 
-    def test_an_answer_like_an_echo_is_a_timeout_that_says_so(self, line_and_drives: Any) -> None:
+    def test_reply_equal_to_an_echo_is_reported_with_the_option_idle_word(self, line_and_drives: Any) -> None:
         line, virtual, drive = line_and_drives
-        # Local operation, stopped by OFF1, outside its range, value 0: nothing but zeros.
+        # Local operation, stopped by OFF1, outside the range, value 0: the reply consists of zeros.
         virtual.machine.status = lambda: 0
         with pytest.raises(NoReplyError, match="idle_word=0x000F"):
             drive.read("001")
         with drivecomm.open_bus(line.port) as bus:
             assert bus.drive("vlt3500", 1, idle_word=0x000F).read("001").value == 0
 
-    def test_warnings(self) -> None:
+    def test_warnings_set_their_status_bits(self) -> None:
         virtual = make()
         virtual.motor.mains_v = 300
         assert word(virtual, 0x043F) == 0x2687
@@ -260,14 +260,14 @@ class TestMotor:
 
 
 class TestControlWord:
-    def test_idle_words_change_nothing(self) -> None:
+    def test_idle_words_do_not_change_the_control_word(self) -> None:
         virtual = make()
         word(virtual, 0x047F)
         for idle in (0x0000, 0x000F, 0x0020, 0xF0FF):
             assert word(virtual, idle, 1.0) & 0x0800
         assert virtual.machine.word == 0x047F
 
-    def test_held_groups_keep_the_last_valid_word(self) -> None:
+    def test_masked_groups_keep_the_last_valid_word(self) -> None:
         virtual = make()
         word(virtual, 0x847F)
         word(virtual, 0x0400, mask=0x0F00)
@@ -275,17 +275,17 @@ class TestControlWord:
         word(virtual, 0x2400, mask=0xFF00)
         assert virtual.machine.word == 0x247F
 
-    def test_p_in_byte_7_is_no_valid_word(self) -> None:
+    def test_control_word_with_p_in_byte_7_is_invalid(self) -> None:
         virtual = make()
         assert not ask(virtual, "01COGP@0000+000000").status_word & 0x0800
         assert virtual.machine.word == 0
 
-    def test_it_is_obeyed_even_when_the_parameter_is_refused(self) -> None:
+    def test_control_word_is_obeyed_even_if_the_parameter_is_refused(self) -> None:
         virtual = make()
         reply = ask(virtual, "01ROGD@0999+000000")
         assert (reply.fault_code, reply.status_word & 0x0800) == (0, 0x0800)
 
-    def test_a_broadcast_is_obeyed_by_all_and_answered_by_none(self) -> None:
+    def test_broadcast_is_obeyed_by_all_without_a_reply(self) -> None:
         drives = [make(1), make(31)]
         line = VirtualLine(drives)
         with drivecomm.open_bus(line.port) as bus:
@@ -322,16 +322,16 @@ class TestCauses:
             ("01I@@@@0502+000017", 7),
         ],
     )
-    def test_refusals(self, request_text: str, code: int) -> None:
+    def test_refusal_has_the_fault_code_of_its_cause(self, request_text: str, code: int) -> None:
         reply = ask(make(), request_text)
         assert isinstance(reply, Reply)
         assert (reply.fault_code, reply.kind[0].upper()) == (code, {"I": "R"}.get(request_text[2], request_text[2]))
 
-    def test_not_readable(self) -> None:
+    def test_unreadable_parameter_is_refused_with_cause_1(self) -> None:
         model = drivecomm_model('access = "w"')
         assert ask(make(model=model), "01R@@@@0777+000000").fault_code == 1
 
-    def test_not_while_running_and_not_in_the_factory_setup(self) -> None:
+    def test_write_while_running_or_in_factory_set_up_is_refused(self) -> None:
         virtual = make()
         assert ask(virtual, "01U@@@@0104+003800").value == 380
         word(virtual, 0x047F)
@@ -339,7 +339,7 @@ class TestCauses:
         virtual.store.factory_setup = True
         assert ask(virtual, "01U@@@@0516+000100").fault_code == 4
 
-    def test_too_long_to_be_sent(self, line_and_drives: Any) -> None:
+    def test_value_above_99999_cannot_be_read(self, line_and_drives: Any) -> None:
         _, virtual, drive = line_and_drives
         virtual.poke("606", 123456)
         with pytest.raises(RefusedError, match="99999"):
@@ -347,7 +347,7 @@ class TestCauses:
         with pytest.raises(ParameterAddressError):
             virtual.peek("606", 0.0)
 
-    def test_bad_byte_19_still_obeys_the_control_word(self) -> None:
+    def test_control_word_beside_an_invalid_byte_19_is_obeyed(self) -> None:
         virtual = make()
         assert ask(virtual, "01UOGD@0516+000806").status_word & 0x0800
         assert tell(virtual, b"<01U@@@@0516+000806??>").unchecked
@@ -364,10 +364,10 @@ class TestCauses:
             b"<01C@@@@0516+00080000>",
         ],
     )
-    def test_silence(self, data: bytes) -> None:
+    def test_malformed_or_foreign_telegram_is_not_answered(self, data: bytes) -> None:
         assert tell(make(), data) is None
 
-    def test_cause_99_for_broken_telegrams_where_that_is_set(self) -> None:
+    def test_damaged_telegram_is_refused_with_cause_99_by_option(self) -> None:
         virtual = make(answers_broken=True)
         for data in (b"<01R@@@@0516+00000071>", b"<01U@@@@0516+ 00000??>", b"<01U@@@@0516+000800??"):
             reply = tell(virtual, data + b"x" if len(data) == 21 else data)
@@ -379,17 +379,17 @@ class TestCauses:
 
 
 class TestStore:
-    def test_values_are_rounded_to_the_decimals_of_the_parameter(self, line_and_drives: Any) -> None:
+    def test_written_value_is_rounded_to_the_decimals_of_the_parameter(self, line_and_drives: Any) -> None:
         _, virtual, drive = line_and_drives
         assert "instead of 23.755" in drive.write("516", "23.755").note
         assert virtual.peek("516", 0.0) == "23.76" == drive.read("516").raw
         assert drive.write("516", "-0.001").raw == "0.00"
 
-    def test_decimals_of_the_reference(self) -> None:
+    def test_option_sets_the_decimals_of_the_reference(self) -> None:
         virtual = make(reference_decimals=0)
         assert virtual.peek("516", 0.0) == "0"
 
-    def test_address_by_parameter_500(self, line_and_drives: Any) -> None:
+    def test_parameter_500_changes_the_address(self, line_and_drives: Any) -> None:
         _, virtual, drive = line_and_drives
         with pytest.raises(ValueRefusedError):
             drive.write("500", 0)
@@ -401,7 +401,7 @@ class TestStore:
         with pytest.raises(NoReplyError):
             drive.read("516")
 
-    def test_poke_and_peek(self) -> None:
+    def test_poked_values_are_held_and_invalid_ones_refused(self) -> None:
         virtual = make()
         virtual.poke("516", 80)
         assert virtual.peek("bus_reference", 0.0) == "80.00"
@@ -422,7 +422,7 @@ class TestStore:
                 virtual.poke("516", raw)
 
     @pytest.mark.parametrize("model", ["vlt3500", "vlt3000", "vlt2000"])
-    def test_every_parameter_can_be_read_and_shows_what_the_drive_holds(self, model: str) -> None:
+    def test_every_parameter_is_read_as_the_drive_holds_it(self, model: str) -> None:
         virtual = make(model=model)
         line = VirtualLine([virtual])
         with drivecomm.open_bus(line.port) as bus:
@@ -432,7 +432,7 @@ class TestStore:
                     continue
                 assert drive.read(info.address).raw == virtual.peek(info.address, line.time), info.address
 
-    def test_a_small_model_is_enough(self) -> None:
+    def test_minimal_model_makes_a_working_drive(self) -> None:
         virtual = make(model=drivecomm_model(""))
         assert word(virtual, 0x047F) & 0x0800
         virtual.trip(1, 1.0)
@@ -440,17 +440,17 @@ class TestStore:
 
 
 class TestReplies:
-    def test_control_telegrams_come_back_as_a_copy(self) -> None:
+    def test_reply_to_a_control_telegram_copies_its_filler(self) -> None:
         assert ask(make(), "01C@@@@0516+000800").filler == "0516+000800"
 
-    def test_without_check_characters(self) -> None:
+    def test_unchecked_request_gets_an_unchecked_reply_unless_disabled(self) -> None:
         assert tell(make(), b"<01R@@@@0516+000000??>").unchecked
         assert not tell(make(copies_unchecked=False), b"<01R@@@@0516+000000??>").unchecked
 
-    def test_replies_of_others_are_not_heard_as_requests(self) -> None:
+    def test_reply_of_another_drive_is_not_answered(self) -> None:
         assert make().hear(Framed(b"", Reply(kind="read", address=1, status_word=0, parameter=1)), 0.0) is None
 
-    def test_an_index_of_any_form(self) -> None:
+    def test_index_may_have_any_sign_and_form(self) -> None:
         virtual = make()
         virtual.poke("602[10,2]", 8)
         data = CODEC.encode(ReadIndex(address=1, parameter=602, index=(10, 2)))
@@ -459,7 +459,7 @@ class TestReplies:
         assert ask(virtual, "01I@@@@0602+001021").value == 8
 
 
-def test_an_adapter_that_echoes_is_named_and_so_is_the_other_reason() -> None:
+def test_silence_after_an_echo_suggests_the_option_idle_word() -> None:
     line = VirtualLine([], echo=True)
     with drivecomm.open_bus(line.port) as bus:
         with pytest.raises(NoReplyError, match="idle_word=0x000F"):
@@ -469,7 +469,7 @@ def test_an_adapter_that_echoes_is_named_and_so_is_the_other_reason() -> None:
         assert "idle_word" not in str(caught.value)
 
 
-def test_the_echo_chain_of_vlt_2000_is_passed_over() -> None:
+def test_vlt_2000_is_read_and_started_over_an_echo() -> None:
     line = VirtualLine([make(model="vlt2000")], echo=True)
     with drivecomm.open_bus(line.port) as bus:
         drive = bus.drive("vlt3500", 1, model="vlt2000")
@@ -478,7 +478,7 @@ def test_the_echo_chain_of_vlt_2000_is_passed_over() -> None:
         assert drive.status().running
 
 
-def test_scanning_finds_drives_and_moves_nothing() -> None:
+def test_scan_finds_drives_and_commands_none() -> None:
     drives = [make(3), make(8)]
     line = VirtualLine(drives)
     with drivecomm.open_bus(line.port) as bus:
@@ -489,7 +489,7 @@ def test_scanning_finds_drives_and_moves_nothing() -> None:
 
 @pytest.mark.soak
 @pytest.mark.parametrize("seed", [1, 2])
-def test_on_a_line_that_fails_every_reading_is_what_the_drive_holds(seed: int) -> None:
+def test_readings_on_a_disturbed_line_are_right_or_errors(seed: int) -> None:
     chance = Random(seed)
     drives = [make(1), make(2)]
     for virtual in drives:
@@ -518,7 +518,7 @@ def test_on_a_line_that_fails_every_reading_is_what_the_drive_holds(seed: int) -
 
 
 @pytest.mark.parametrize("seed", [3, 4])
-def test_on_a_line_that_fails_a_motor_runs_only_after_a_start(seed: int) -> None:
+def test_motor_on_a_disturbed_line_runs_only_after_a_start(seed: int) -> None:
     chance = Random(seed)
     virtual = make()
     line = VirtualLine([virtual], faults=FaultPlan(rate=0.1, seed=seed))
@@ -548,7 +548,7 @@ def test_on_a_line_that_fails_a_motor_runs_only_after_a_start(seed: int) -> None
 
 
 def drivecomm_model(lines: str) -> Any:
-    """Return a model of one parameter, 777."""
+    """Return a model with parameter 777 and the address parameter 500."""
     from drivecomm.protocol import Model, ParameterInfo
 
     facts: dict[str, Any] = {"access": "w"} if 'access = "w"' in lines else {}

@@ -1,4 +1,4 @@
-"""The fault that a virtual drive trips with when its master falls silent is the one that its watchdog names."""
+"""Faults by which virtual drives trip when their master falls silent: they are those that the watchdogs name."""
 
 from dataclasses import replace
 from types import MappingProxyType
@@ -19,7 +19,7 @@ def models_that_trip(protocol):
 
 
 def tripped(model):
-    """Start a drive of a model, be silent for longer than its watchdog allows, and return its status then."""
+    """Start a drive of a model and stay silent for longer than its watchdog allows; return its status and its motor."""
     virtual = virtual_drive(model.protocol, 1, model=model)
     line = VirtualLine([virtual])
     with drivecomm.open_bus(line.port) as bus:
@@ -40,9 +40,9 @@ MODBUS = models_that_trip("modbus")
 
 
 @pytest.mark.parametrize("model", MODBUS, ids=lambda model: model.name)
-def test_modbus_drive_trips_with_the_fault_of_its_watchdog(model):
+def test_modbus_watchdog_trips_with_its_fault(model):
     assert model.watchdog.fault is not None
-    # Wherever the fault stands in the table.
+    # The order of the faults in the table must not matter.
     turned = replace(model, faults=MappingProxyType(dict(reversed(model.faults.items()))))
     status, _ = tripped(turned)
     assert status.fault
@@ -50,7 +50,7 @@ def test_modbus_drive_trips_with_the_fault_of_its_watchdog(model):
 
 
 @pytest.mark.parametrize("model", MODBUS, ids=lambda model: model.name)
-def test_modbus_drive_shows_a_trip_without_a_number_where_its_watchdog_names_none(model):
+def test_modbus_watchdog_without_a_fault_code_trips_without_one(model):
     status, motor = tripped(replace(model, watchdog=replace(model.watchdog, fault=None)))
     assert motor.fault
     assert not status.running
@@ -59,7 +59,7 @@ def test_modbus_drive_shows_a_trip_without_a_number_where_its_watchdog_names_non
 
 
 @pytest.mark.parametrize(("name", "code"), [("g120", 1910), ("s110", 1910), ("v20", 72), ("micromaster4", 70)])
-def test_uss_drive_trips_with_the_fault_of_its_watchdog(name, code):
+def test_uss_watchdog_trips_with_its_fault(name, code):
     model = load_model("drivecomm_uss", "uss", name)
     turned = replace(model, faults=MappingProxyType(dict(reversed(model.faults.items()))))
     status, motor = tripped(turned)

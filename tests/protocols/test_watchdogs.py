@@ -1,4 +1,4 @@
-"""What virtual drives do when their master falls silent, each as its series is said to, in virtual time."""
+"""Watchdogs of virtual drives: each series reacts to a silent master as documented, in virtual time."""
 
 import pytest
 
@@ -11,7 +11,7 @@ WATCHDOG_S = 4
 
 
 class Bench:
-    """A motor that runs at half its speed, with a watchdog set, on a line whose master then says nothing."""
+    """A motor at half speed with its watchdog set, on a line whose master then falls silent."""
 
     def __init__(self, protocol, model, values, *others):
         self.virtual = virtual_drive(protocol, 2, model=model)
@@ -32,7 +32,7 @@ class Bench:
         self.drive.status()
 
     def after(self, seconds):
-        """Let seconds pass in silence; return whether the motor runs, at what frequency, and the fault."""
+        """Pass seconds in silence; return whether the motor runs, its frequency in Hz, and the fault."""
         self.line.advance(seconds)
         self.virtual.follow(self.line.time)
         motor = self.virtual.motor
@@ -64,7 +64,7 @@ def bench_for(case, *others):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_nothing_happens_before_its_time(case):
+def test_watchdog_does_not_act_before_its_time(case):
     bench = bench_for(case)
     running, hz, fault = bench.after(WATCHDOG_S - 0.5)
     assert running
@@ -74,7 +74,7 @@ def test_nothing_happens_before_its_time(case):
 
 
 @pytest.mark.parametrize(("case", "code"), [("vabus trip", 0x2010), ("frenic trip", 38), ("vg trip", 38)], ids=str)
-def test_a_trip_comes_in_time_whoever_looks_when(case, code):
+def test_watchdog_trips_in_time_even_if_the_drive_is_read_late(case, code):
     bench = bench_for(case)
     assert bench.after(WATCHDOG_S + 0.5) == (False, 0, code)
     assert bench.drive.status().fault_code == code
@@ -86,13 +86,13 @@ def test_a_trip_comes_in_time_whoever_looks_when(case, code):
 
 
 @pytest.mark.parametrize("case", ["vabus off", "fc off", "frenic off", "frenic go on"])
-def test_without_a_watchdog_the_motor_goes_on(case):
+def test_motor_runs_on_without_a_watchdog(case):
     running, hz, fault = bench_for(case).after(1000)
     assert (running, fault) == (True, 0)
     assert hz > 20
 
 
-def test_fc_functions():
+def test_fc_timeout_functions_act_as_documented():
     assert bench_for("fc freeze").after(60)[:2] == (True, 25)
     assert bench_for("fc maximum").after(60)[:2] == (True, 65), "its output frequency high limit"
     assert bench_for("fc stop").after(60) == (False, 0, 0)
@@ -106,13 +106,13 @@ def test_fc_functions():
 
 
 @pytest.mark.parametrize("case", ["frenic run, then trip", "frenic trip if it lasts", "vg run, then trip"])
-def test_fuji_runs_for_its_timer_and_trips_then(case):
+def test_fuji_runs_until_its_timer_expires_and_then_trips(case):
     bench = bench_for(case)
     assert bench.after(WATCHDOG_S + 2)[0]
     assert bench.after(1.5) == (False, 0, 38)
 
 
-def test_fuji_a_silence_that_does_not_last():
+def test_fuji_trips_after_a_short_silence_by_action_1_only():
     lasting, ended = bench_for("frenic run, then trip"), bench_for("frenic trip if it lasts")
     for bench in (lasting, ended):
         assert bench.after(WATCHDOG_S + 1)[0]
@@ -121,7 +121,7 @@ def test_fuji_a_silence_that_does_not_last():
     assert ended.after(0)[0]
 
 
-def test_fuji_a_frame_to_another_station_counts_on_frenic_and_not_on_vg():
+def test_fuji_watchdog_is_fed_by_foreign_frames_on_frenic_but_not_on_vg():
     for case, goes_on in (("frenic trip", True), ("vg trip", False)):
         bench = bench_for(case, virtual_drive("fuji", 7))
         other = bench.bus.drive("fuji", 7)
@@ -131,13 +131,13 @@ def test_fuji_a_frame_to_another_station_counts_on_frenic_and_not_on_vg():
         assert bench.after(0)[0] is goes_on
 
 
-def test_fuji_silence_is_of_no_account_while_the_link_commands_nothing():
+def test_fuji_watchdog_is_inactive_while_the_link_has_no_control():
     bench = bench_for("frenic trip")
     bench.virtual.poke("H30", 0)
     assert bench.after(WATCHDOG_S + 10)[2] == 0
 
 
-def test_vabus_a_telegram_to_all_or_to_another_drive_does_not_count():
+def test_vabus_watchdog_is_not_fed_by_broadcasts_or_foreign_telegrams():
     bench = bench_for("vabus trip", virtual_drive("vabus", 7))
     other, everybody = bench.bus.drive("vabus", 7), bench.bus.broadcast("vabus")
     for _ in range(WATCHDOG_S + 1):
@@ -147,7 +147,7 @@ def test_vabus_a_telegram_to_all_or_to_another_drive_does_not_count():
     assert bench.after(0) == (False, 0, 0x2010)
 
 
-def test_vabus_what_is_refused_counts_and_a_fault_is_not_changed():
+def test_vabus_watchdog_is_fed_by_refused_reads_and_keeps_an_earlier_fault():
     bench = bench_for("vabus trip")
     for _ in range(WATCHDOG_S + 4):
         with pytest.raises(drivecomm.RefusedError):
@@ -158,7 +158,7 @@ def test_vabus_what_is_refused_counts_and_a_fault_is_not_changed():
     assert bench.after(60) == (False, 0, 0x0300)
 
 
-def test_fc_a_telegram_without_a_valid_control_word_does_not_count():
+def test_fc_watchdog_is_not_fed_by_telegrams_without_a_valid_control_word():
     bench = bench_for("fc stop")
     reader = bench.bus.drive("danfoss-fc", 2, model="fc300")
     for _ in range(20):
@@ -168,7 +168,7 @@ def test_fc_a_telegram_without_a_valid_control_word_does_not_count():
 
 
 @pytest.mark.parametrize("case", ["vabus trip", "fc stop", "frenic trip", "vg trip"])
-def test_nobody_is_missed_before_he_has_spoken_and_after_power_came_back(case):
+def test_watchdog_is_inactive_before_the_first_request_and_after_power_up(case):
     protocol, model, values = CASES[case]
     fresh = virtual_drive(protocol, 2, model=model)
     for parameter, raw in values.items():
@@ -182,7 +182,7 @@ def test_nobody_is_missed_before_he_has_spoken_and_after_power_came_back(case):
     assert bench.after(1000) == (False, 0, 0)
 
 
-def test_a_plant_shows_what_its_drives_did_in_silence_and_hears_of_others():
+def test_virtual_plant_shows_watchdog_trips_and_passes_on_foreign_frames():
     plant = VirtualPlant(
         Plant(
             lines=(PlantLine(name="hall"),),

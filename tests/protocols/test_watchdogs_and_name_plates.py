@@ -1,4 +1,4 @@
-"""What models say beyond their parameters: watchdogs that can be set, name plates that tell models apart."""
+"""Watchdogs of models, which can be set, and name plates, by which models are identified."""
 
 import pytest
 
@@ -18,7 +18,7 @@ TOLD = {title: (plugin, model) for title, (plugin, model) in MODELS.items() if m
 
 
 @pytest.mark.parametrize("model", WATCHED.values(), ids=WATCHED)
-def test_a_watchdog_is_made_of_parameters_that_can_be_set(model):
+def test_watchdog_consists_of_writable_parameters(model):
     watchdog = model.watchdog
     time = model.parameters[watchdog.time]
     assert (time.unit, "r" in time.access, "w" in time.access) == ("s", True, True)
@@ -34,7 +34,7 @@ def test_a_watchdog_is_made_of_parameters_that_can_be_set(model):
 
 
 @pytest.mark.parametrize("model", WATCHED.values(), ids=WATCHED)
-def test_the_time_until_silence_is_noticed_has_its_common_name_where_it_is_sure(model):
+def test_watchdog_time_is_mapped_as_link_timeout_unless_unconfirmed(model):
     time = model.parameters[model.watchdog.time]
     assert model.quantities.get("link_timeout") == (None if time.sure == "unconfirmed" else time.address)
 
@@ -46,7 +46,7 @@ PRINTED = {
     "invt": ("0x0E04", "0x0E05", {"trip": 0, "hold": 1}),
     # WEG CFW-08 manual p. 100
     "weg-cfw08": ("314", "313", {"ramp": 0, "coast": 1, "hold": 2}),
-    # WEG CFW-09 manual p. 312; what the numbers do: CFW-08 manual p. 100
+    # WEG CFW-09 manual p. 312; the meaning of the numbers: CFW-08 manual p. 100
     "weg-cfw09": ("314", "313", {"ramp": 0, "coast": 1, "hold": 2}),
     # windtunnel-control, docs/10_commissioning.md and its self-test, on an ACS550-U1
     "abb-acs550": ("43019", "43018", {"trip": 1, "hold": 0}),
@@ -54,13 +54,13 @@ PRINTED = {
 
 
 @pytest.mark.parametrize("name", PRINTED)
-def test_a_watchdog_is_at_the_numbers_that_its_manual_prints(name):
+def test_watchdog_has_the_printed_parameters_and_actions(name):
     watchdog = load_model("drivecomm_modbus", "modbus", name).watchdog
     assert (watchdog.time, watchdog.action, dict(watchdog.actions)) == PRINTED[name]
 
 
 @pytest.mark.parametrize(("name", "policy"), [(name, policy) for name in PRINTED for policy in PRINTED[name][2]])
-def test_what_was_set_is_read_back_and_done_in_a_silence(name, policy):
+def test_watchdog_setting_is_read_back_and_acts_in_silence(name, policy):
     virtual = virtual_drive("modbus", 1, model=name)
     line = VirtualLine([virtual])
     with drivecomm.open_bus(line.port) as bus:
@@ -100,21 +100,21 @@ def test_what_was_set_is_read_back_and_done_in_a_silence(name, policy):
         ({}, None),
     ],
 )
-def test_what_a_danfoss_drive_tells_of_itself_is_one_model(told, name):
+def test_danfoss_identity_matches_at_most_one_model(told, name):
     fitting = [model.name for plugin, model in MODELS.values() if plugin.name == "danfoss-fc" and model.matches(told)]
     assert fitting == ([] if name is None else [name])
 
 
-# The model of the whole series shows the drive whose parameter list was captured.
+# The virtual drive of the series model has the name plate of the drive whose parameter list was captured.
 SHOWN_AS = {"danfoss-fc-fc300": "danfoss-fc-fc302"}
 
 
 @pytest.mark.parametrize("title", TOLD)
-def test_a_drive_is_identified_by_its_own_name_plate_and_as_one_model(title):
+def test_name_plate_of_a_virtual_drive_matches_its_model_only(title):
     plugin, model = TOLD[title]
     virtual = virtual_drive(plugin.name, plugin.addresses[0], model=model)
     with drivecomm.open_bus(VirtualLine([virtual]).port) as bus:
-        # As a scan does it, which does not know the model yet; only the model knows of registers that name a series.
+        # A scan identifies without a model, except for series whose identity is in registers that only the model knows.
         told_by_registers = model.identified_by.keys() <= model.control.get("identity", {}).keys()
         known = {"model": model} if told_by_registers else {}
         identity = bus.drive(plugin.name, virtual.address, **known).identify()

@@ -1,4 +1,4 @@
-"""WEG drives on a virtual line: what is read and written, what a NAK leads to, and that nothing moves a motor."""
+"""WEG drives on a virtual line: reads and writes, the reason of a NAK, and refused commands."""
 
 from contextlib import suppress
 
@@ -28,7 +28,7 @@ NAK, ACK = b"A\x15", b"A\x06"
 
 
 class Talk:
-    """A drive, its line, and its master."""
+    """A virtual drive, its line and its master."""
 
     def __init__(self, model="cfw-08", **options):
         self.virtual = Overheard(virtual_drive("weg", 1, model=model))
@@ -42,7 +42,7 @@ class Talk:
             self.sent.append(event.data)
 
     def answer(self, start, *told, delay_s=0.01):
-        """Have what begins so answered by these, one after the other, and by nothing for None."""
+        """Answer requests that start with these bytes with each reply in turn, then as usual; None is silence."""
         left = list(told)
 
         def between(heard, reply):
@@ -111,7 +111,7 @@ def test_every_exchange_ends_with_eot(talk):
         (3, "cannot be read or written"),
     ],
 )
-def test_reason_of_a_nak_is_read_from_v02(talk, code, text):
+def test_reason_of_a_nak_is_read_from_v02_once(talk, code, text):
     talk.virtual.poke("V02.low", code)
     talk.answer(b"\x04A\x02", NAK)
     with pytest.raises(RefusedError, match=text):
@@ -120,20 +120,20 @@ def test_reason_of_a_nak_is_read_from_v02(talk, code, text):
     assert sum(each.startswith(b"\x04A\x02") for each in talk.sent) == 1
 
 
-def test_nak_is_a_refusal_though_v02_is_not_told(talk):
+def test_nak_without_a_readable_v02_is_a_refusal(talk):
     talk.answer(b"\x04A", NAK, None, None, None)
     with pytest.raises(RefusedError, match="cannot be read or written"):
         talk.drive.read("P003")
 
 
-def test_nak_to_v02_asks_for_no_reason(talk):
+def test_nak_to_a_read_of_v02_reads_no_reason(talk):
     talk.answer(STATE, NAK)
     with pytest.raises(RefusedError):
         talk.drive.read("V02.low")
     assert talk.sent == [STATE, END]
 
 
-def test_late_ack_confirms_no_other_write():
+def test_late_ack_does_not_confirm_another_write():
     talk = Talk(attempts=1)
     with talk.bus:
         talk.answer(b"\x04A\x0202733", ACK, delay_s=0.3)
@@ -146,7 +146,7 @@ def test_late_ack_confirms_no_other_write():
 
 @settings(max_examples=25, deadline=None)
 @given(delay_s=st.floats(0.08, 0.6), nexts=st.lists(st.sampled_from(["P133", "P313", "V00"]), min_size=1))
-def test_no_value_is_wrong_and_no_parameter_missing_however_late_a_nak_is(delay_s, nexts):
+def test_late_nak_is_not_taken_for_that_of_the_next_request(delay_s, nexts):
     talk = Talk(attempts=1)
     held = {"P133": 300, "P313": 1, "V00": 7}
     talk.virtual.between = lambda heard, reply: (
@@ -176,8 +176,8 @@ def test_no_value_is_wrong_and_no_parameter_missing_however_late_a_nak_is(delay_
         lambda drive: drive.write("V03", 0),
     ],
 )
-def test_nothing_that_moves_a_motor_is_sent(model, command):
-    """Where the mask of V03 stands is on no page."""
+def test_command_is_refused_unsent(model, command):
+    """No page gives the position of the mask of V03."""
     talk = Talk(model)
     with talk.bus:
         with pytest.raises(NotSupported, match="monitoring only"):
@@ -185,8 +185,8 @@ def test_nothing_that_moves_a_motor_is_sent(model, command):
         assert talk.sent == []
 
 
-def test_status_is_not_made_of_bits_from_memory(talk):
-    with pytest.raises(NotSupported, match="knows no status"):
+def test_status_is_refused_as_its_bits_are_unconfirmed(talk):
+    with pytest.raises(NotSupported, match="has no status, so"):
         talk.drive.status()
     for bit in range(8, 16):
         assert talk.drive.model.parameters[f"V02.{bit}"].sure == "unconfirmed"
@@ -198,7 +198,7 @@ def test_error_code_and_logical_state_are_halves_of_v02(talk):
     assert talk.drive.read("V02.high").raw == 3
 
 
-def test_series_is_told_by_its_type():
+def test_series_is_identified_by_its_type():
     talk = Talk("cfw-08")
     with talk.bus:
         assert talk.drive.identify() == {"drive_type": "7 (CFW-08)"}
@@ -211,24 +211,24 @@ def test_series_is_told_by_its_type():
 
 
 @pytest.mark.parametrize("equipment", [9, 6, "7", True, None])
-def test_equipment_that_cannot_be_asked_for_is_refused(equipment):
+def test_invalid_equipment_option_is_refused(equipment):
     with pytest.raises(UsageError):
         WEG.options(equipment=equipment)
 
 
 @pytest.mark.parametrize("parameter", ["003", "P3", "P700", "V100", "V2", "P0031", "p003", "V02.16", "P003.mid", ""])
-def test_what_is_no_variable_is_refused_with_how_to_write_one(talk, parameter):
+def test_malformed_variable_is_refused_with_the_right_form(talk, parameter):
     with pytest.raises(ParameterAddressError, match="P000 to P699"):
         talk.drive.read(parameter)
 
 
 @pytest.mark.parametrize("address", [0, 31])
-def test_address_beyond_its_range_is_that_of_no_drive(talk, address):
+def test_address_outside_its_range_is_refused(talk, address):
     with pytest.raises(AddressError):
         talk.bus.drive("weg", address)
 
 
-def test_scan_finds_the_series_that_it_asks_for():
+def test_scan_finds_drives_of_both_series():
     drives = [virtual_drive("weg", 1), virtual_drive("weg", 2, model="cfw-09"), virtual_drive("weg", 30)]
     line = VirtualLine(drives)
     with drivecomm.open_bus(line.port) as bus:
@@ -250,8 +250,8 @@ def test_scan_finds_the_series_that_it_asks_for():
         (b"\x04", None),
     ],
 )
-def test_drive_answers_as_the_manual_says(data, reply):
-    """CFW-08 manual p. 144, 180: silence for a wrong structure, NAK for a wrong BCC and for what there is not."""
+def test_drive_answers_as_documented(data, reply):
+    """CFW-08 manual p. 144, 180: silence for a wrong structure, NAK for a wrong BCC and for unknown variables."""
     drive = virtual_drive("weg", 1)
     found = Framer(drive.codec, "request")
     finds = [each for each in found.feed(data) if isinstance(each, Framed | Damaged)]
@@ -261,7 +261,7 @@ def test_drive_answers_as_the_manual_says(data, reply):
 
 
 @pytest.mark.parametrize("name", ["cfw-08", "cfw-09"])
-def test_link_loss_of_a_watched_drive_is_named(name):
+def test_watchdog_of_both_series_has_its_parameters(name):
     model = load_model("drivecomm_weg", "weg", name)
     assert (model.watchdog.time, model.watchdog.action, model.watchdog.off) == ("P314", "P313", 0)
     assert dict(model.watchdog.actions) == {"ramp": 0, "coast": 1, "hold": 2}

@@ -1,4 +1,4 @@
-"""Telegrams of WEG's serial protocol: the printed ones, and the traps of its manuals."""
+"""Telegrams of WEG's serial protocol: printed ones, and pitfalls of its manuals."""
 
 import pytest
 from hypothesis import given, strategies as st
@@ -24,20 +24,20 @@ def framed(stream, direction):
 
 
 @pytest.mark.parametrize(("letter", "code"), [(b"J", "01703"), (b"J", "01803"), (b"G", "02733"), (b"A", "00702")])
-def test_read_is_the_printed_one(letter, code):
+def test_read_request_is_the_printed_one(letter, code):
     """CFW-08 manual p. 181, CFW-09 manual p. 307: J is drive 10."""
     data = CODEC.encode(request(kind="read", address=letter[0] - 0x40, code=code))
     assert data == b"\x04" + letter + code.encode() + b"\x05"
 
 
-def test_check_byte_covers_what_stands_between_stx_and_etx_and_etx():
+def test_check_byte_covers_the_bytes_after_stx_up_to_and_with_etx():
     data = CODEC.encode(request(kind="write", address=7, code="02733", value=600))
     assert data == b"\x04G\x0202733=0258\x03\x04"
     assert CODEC.encode(request(kind="write", address=8, code="02733", value=600))[-1:] == data[-1:]
 
 
 @pytest.mark.parametrize("end", [0x02, 0x03, 0x04, 0x05, 0x06])
-def test_check_byte_that_looks_like_a_control_character_ends_no_telegram(end):
+def test_check_byte_equal_to_a_control_character_does_not_end_a_telegram(end):
     telegrams = (
         CODEC.encode(request(kind="write", address=7, code=f"027{number}", value=value))
         for number in (33, 34)
@@ -62,7 +62,7 @@ def test_check_byte_that_looks_like_a_control_character_ends_no_telegram(end):
         (b"\x04J01703\x06", "framing"),
     ],
 )
-def test_what_a_drive_leaves_unanswered_is_refused(data, category):
+def test_malformed_request_that_no_drive_answers_is_refused(data, category):
     """CFW-08 manual p. 144: a letter in a code, a separator other than `=`, wrong control characters."""
     with pytest.raises(TelegramError) as found:
         CODEC.decode(data, "request")
@@ -70,8 +70,8 @@ def test_what_a_drive_leaves_unanswered_is_refused(data, category):
 
 
 @pytest.mark.parametrize("value", ["030c", "03:<", "0 0C"])
-def test_digit_that_is_no_upper_case_one_is_not_guessed(value):
-    """Whether a drive could write letters as 3AH to 3FH is not known (MVW3000 manual p. 9-15)."""
+def test_invalid_hexadecimal_digit_in_a_value_is_refused(value):
+    """It is not known whether a drive could send letters as 3AH to 3FH (MVW3000 manual p. 9-15)."""
     covered = f"01703={value}\x03".encode()
     check = 0
     for byte in covered:
@@ -81,7 +81,7 @@ def test_digit_that_is_no_upper_case_one_is_not_guessed(value):
 
 
 @pytest.mark.parametrize("kind", ["read", "write"])
-def test_address_0_is_never_sent(kind):
+def test_request_to_address_0_is_decoded_and_never_encoded(kind):
     value = {"value": 1} if kind == "write" else {}
     with pytest.raises(TelegramError, match="address"):
         CODEC.encode(request(kind=kind, address=0, code="00702", **value))
@@ -99,18 +99,18 @@ def test_address_0_is_never_sent(kind):
         {"kind": "ack", "address": 1},
     ],
 )
-def test_fields_that_do_not_go_together_are_refused(fields):
+def test_fields_that_exclude_each_other_are_refused(fields):
     with pytest.raises(TelegramError):
         CODEC.encode(request(**fields))
 
 
-def test_answer_begins_with_the_address():
+def test_reply_starts_with_the_address():
     data = CODEC.encode(reply(kind="data", address=10, code="01703", value=780))
     assert data == b"J\x0201703=030C\x03{"
     assert framed(b"G\x06" + data + b"J\x15", "reply") == [b"G\x06", data, b"J\x15"]
 
 
-def test_only_data_names_what_was_asked():
+def test_only_a_data_reply_must_match_the_code():
     asked = request(kind="read", address=10, code="01703")
     assert WEG.mismatch(asked, reply(kind="data", address=10, code="01705", value=780)) == "code"
     assert WEG.mismatch(asked, reply(kind="data", address=10, code="01803", value=780)) == "code"
@@ -120,7 +120,7 @@ def test_only_data_names_what_was_asked():
 
 
 @given(st.integers(1, 30), CODES, st.integers(0, 0xFFFF))
-def test_what_is_written_is_read_again(address, code, value):
+def test_telegram_is_decoded_as_encoded(address, code, value):
     for message, direction in (
         (request(kind="write", address=address, code=code, value=value), "request"),
         (reply(kind="data", address=address, code=code, value=value), "reply"),

@@ -1,4 +1,4 @@
-"""What a drive does when its master falls silent is said in many places, and they all say the same."""
+"""Statements on the reaction of a drive to a silent master, which are made in several places and must agree."""
 
 import re
 from pathlib import Path
@@ -18,13 +18,13 @@ MODELS = {
     for name in model_names(plugin.package, plugin.name)
 }
 PAGE = (Path(__file__).parents[2] / "docs" / "how-to" / "link-loss-and-stopping.md").read_text(encoding="utf-8")
-# Of all that a series shares, and of what is known by reputation only; the page names the series themselves.
+# The page names series, so models shared by a whole series or known by reputation only are not on it.
 NOT_ON_THE_PAGE = {"vabus/family", "vabus/guesses", "fuji/family"}
 IN_WORDS = {"hold": "goes on", "ramp": "stops down its ramp", "coast": "coasts", "trip": "trips"}
 
 
 @pytest.mark.parametrize(("plugin", "model"), MODELS.values(), ids=MODELS)
-def test_a_drive_says_what_its_model_says(plugin, model):
+def test_link_loss_in_the_capabilities_is_that_of_the_model(plugin, model):
     address = plugin.addresses[0]
     with drivecomm.open_bus(VirtualLine([virtual_drive(plugin.name, address)]).port) as bus:
         said = bus.drive(plugin.name, address, model=model).capabilities.link_loss
@@ -38,7 +38,7 @@ def test_a_drive_says_what_its_model_says(plugin, model):
 
 
 @pytest.mark.parametrize("plugin", [*installed.working()], ids=lambda plugin: plugin.name)
-def test_without_a_model_nothing_is_claimed(plugin):
+def test_link_loss_without_a_model_is_unknown(plugin):
     address = plugin.addresses[0]
     assert not plugin.operations(address, plugin.options(), None).capabilities.link_loss
     with drivecomm.open_bus(VirtualLine([virtual_drive(plugin.name, address)]).port) as bus:
@@ -47,7 +47,7 @@ def test_without_a_model_nothing_is_claimed(plugin):
 
 
 @pytest.mark.parametrize("name", [name for name, (_, model) in MODELS.items() if model.watchdog])
-def test_the_values_that_go_on_are_those_that_the_parameter_calls_so(name):
+def test_option_texts_of_the_action_agree_with_the_link_loss_text(name):
     _, model = MODELS[name]
     if not model.watchdog.action:
         return
@@ -61,7 +61,7 @@ def test_the_values_that_go_on_are_those_that_the_parameter_calls_so(name):
 
 
 @pytest.mark.parametrize(("plugin", "model"), MODELS.values(), ids=MODELS)
-def test_the_page_has_a_row_that_says_the_same(plugin, model):
+def test_row_of_the_link_loss_page_agrees_with_the_model(plugin, model):
     if f"{plugin.name}/{model.name}" in NOT_ON_THE_PAGE:
         return
     (row,) = [line for line in PAGE.splitlines() if line.startswith("|") and f"`{model.name}`" in line]
@@ -76,7 +76,7 @@ def test_the_page_has_a_row_that_says_the_same(plugin, model):
 
 
 @pytest.mark.parametrize("name", ["fuji/g11s", "fuji/e11s", "danfoss-fc/vlt6000", "vlt3500/vlt3500"])
-def test_where_no_watchdog_can_be_set_the_refusal_and_the_command_line_say_what_is_known(name, capsys):
+def test_refusal_without_a_watchdog_and_models_show_state_the_link_loss(name, capsys):
     plugin, model = MODELS[name]
     address = plugin.addresses[0]
     with drivecomm.open_bus(VirtualLine([virtual_drive(plugin.name, address)]).port) as bus:
@@ -89,19 +89,19 @@ def test_where_no_watchdog_can_be_set_the_refusal_and_the_command_line_say_what_
     assert link_loss_of(model) in capsys.readouterr().out
 
 
-def test_the_g11s_trips_wherever_it_is_asked():
+def test_link_loss_of_a_g11s_is_a_trip_in_all_places():
     plugin, model = MODELS["fuji/g11s"]
     assert link_loss_of(model).startswith("it trips")
     with drivecomm.open_bus(VirtualLine([virtual_drive(plugin.name, 1)]).port) as bus:
         assert bus.drive(plugin.name, 1, model=model).capabilities.link_loss == link_loss_of(model)
 
 
-def test_a_vlt_6000_does_what_556_says():
+def test_link_loss_of_a_vlt_6000_refers_to_parameter_556():
     _, model = MODELS["danfoss-fc/vlt6000"]
     assert link_loss_of(model).startswith("what 556 says")
 
 
-def test_what_a_frenic_does_with_2_is_told_alike_of_both_generations():
+def test_action_2_of_frenic_and_vg_is_described_equally():
     for name, action, time in (("fuji/frenic", "y02", "y03"), ("fuji/vg", "H32", "H33")):
         _, model = MODELS[name]
         assert f"{action} = 2 trips only if the silence lasts longer than {time}" in link_loss_of(model)

@@ -38,12 +38,12 @@ async def test_server_accepts_a_reference_in_the_machine_unit(core, given):
 @pytest.mark.parametrize(
     ("drive", "arguments", "sentence"),
     [
-        ("pump", {"machine": "12.5 m/s"}, "no reference in m/min, the unit of this machine"),
+        ("pump", {"machine": "12.5 m/s"}, "not a reference in m/min, the unit of this machine"),
         ("pump", {"machine": "70 m/min"}, "above 50.00 Hz"),
         ("pump", {"machine": 10, "hz": 10}, "one of percent, hz, rpm and machine"),
         ("pump", {"machine": "-10 m/min"}, "add 'reverse' to network"),
-        ("pump", {"machine": [1, [1, 0], 0]}, "is no number"),
-        ("pump", {"hz": [1, [1, 0], 0]}, "is no number"),
+        ("pump", {"machine": [1, [1, 0], 0]}, "is not a number"),
+        ("pump", {"hz": [1, [1, 0], 0]}, "is not a number"),
         ("fan", {"machine": 10}, "write machine = { unit"),
     ],
 )

@@ -1,4 +1,4 @@
-"""What cohabit says of drives whose protocols declare their telegrams ambiguous, beyond what telegrams prove."""
+"""Advice of `cohabit` for drives whose protocols declare their telegrams ambiguous, beyond proofs by telegrams."""
 
 import pytest
 
@@ -7,7 +7,7 @@ from drivecomm.traffic.cohabitation import PairVerdict, Safety, check, check_lin
 
 
 @pytest.mark.parametrize(("address", "is_said"), [(1, True), (2, False)])
-def test_cohabit_says_what_is_known_and_what_is_not_of_the_same_number(monkeypatch, address, is_said):
+def test_cohabit_advises_on_ambiguous_telegrams_at_the_same_address(monkeypatch, address, is_said):
     def verdict(speaker, listener):
         return PairVerdict(speaker=speaker.name, listener=listener.name, outcome=Safety.TAKEN, reason="")
 

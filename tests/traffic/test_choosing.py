@@ -1,4 +1,4 @@
-"""Which of several readings of the same bytes are believed."""
+"""The choice among several readings of the same bytes."""
 
 from dataclasses import replace
 
@@ -17,33 +17,33 @@ def candidate(start, end, merit=0):
     return Candidate((Reading(start, end, FUJI, "request", bytes(end - start), object()),), merit)
 
 
-def test_more_telegrams_win_over_a_long_one():
+def test_more_telegrams_win_over_a_single_long_one():
     long, first, second = candidate(0, 60), candidate(2, 24), candidate(30, 52)
     assert choose([long, second, first]) == [first, second]
 
 
-def test_who_explains_all_bytes_wins_over_a_part():
+def test_reading_of_all_bytes_wins_over_a_partial_one():
     whole, part = candidate(0, 20), candidate(1, 20)
     assert choose([part, whole]) == [whole]
 
 
-def test_what_fits_the_conversation_wins():
+def test_reading_that_fits_the_conversation_wins():
     left, right = candidate(0, 20, merit=3), candidate(5, 25)
     assert choose([left, right]) == [left]
 
 
-def test_equally_good_ones_are_left_open():
+def test_equally_good_readings_are_left_open():
     assert choose([candidate(0, 20), candidate(5, 25)]) is None
     assert choose([candidate(0, 20), candidate(0, 20)]) is None
 
 
-def test_those_that_share_nothing_are_all_chosen():
+def test_disjoint_readings_are_all_chosen():
     parts = [candidate(0, 8), candidate(8, 16), candidate(20, 30)]
     assert choose(parts) == parts
 
 
 def test_two_protocols_that_read_the_same_bytes_are_both_named():
-    """A stranger's protocol may begin its telegrams as another one does."""
+    """The protocol of another package may begin its telegrams in the same way."""
     twin = replace(FUJI, name="twin")
     found = sniffed([Piece(time_s=0.0, data=REQUEST)], [*PROTOCOLS, twin])
     (both,) = found
@@ -52,7 +52,7 @@ def test_two_protocols_that_read_the_same_bytes_are_both_named():
 
 
 class Stranger:
-    """Reads replies of the Danfoss FC protocol as requests: those with a wrong check, and those with the value 7."""
+    """A codec that reads Danfoss FC replies as requests: those with a wrong check, and those with the value 7."""
 
     def __init__(self, codec):
         self.codec = codec
@@ -60,7 +60,7 @@ class Stranger:
     def measure(self, head, direction):
         return self.codec.measure(head, "reply") if direction == "request" else 0
 
-    def decode(self, data, direction):  # noqa: ARG002 - measured are requests only
+    def decode(self, data, direction):  # noqa: ARG002 - only requests are measured
         return self.codec.decode(data if data[10] == 7 else wrong(data), "reply")
 
 
@@ -73,7 +73,7 @@ def fc(direction, value, **words):
     return encode("danfoss-fc", {**fields, "ind": 0, "pwe": value, **words}, direction=direction)
 
 
-def test_a_reply_that_is_due_is_still_looked_at_by_another_protocol_that_is_spoken():
+def test_due_reply_is_also_read_by_another_protocol_on_the_line():
     known = installed["danfoss-fc"]
     twin = replace(known, name="twin", codec=lambda options: Stranger(known.codec(options)))
     request = fc("request", 0, control_word=0, reference=0)
@@ -86,7 +86,7 @@ def test_a_reply_that_is_due_is_still_looked_at_by_another_protocol_that_is_spok
     assert {protocol for protocol, _, _ in found[-1].readings} == {"danfoss-fc", "twin"}
 
 
-def test_a_telegram_is_found_behind_a_character_that_could_begin_a_longer_one():
-    """02H, and 30H as a length: a telegram of 50 bytes of the Danfoss FC protocol."""
+def test_telegram_is_found_after_the_possible_start_of_a_longer_one():
+    """02H, and 30H as a length: the start of a Danfoss FC telegram of 50 bytes."""
     found = sniffed([Piece(time_s=0.0, data=b"\x02\x30" + REQUEST), Piece(time_s=0.03, data=REPLY)])
     assert [one.data for one in found if isinstance(one, HeardTelegram)] == [REQUEST, REPLY]

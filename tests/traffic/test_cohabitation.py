@@ -1,4 +1,4 @@
-"""The cohabitation check: what it claims to be taken is taken, and what it calls safe stays silent."""
+"""The cohabitation check: a proof shows telegrams that the other drive really takes, and a safe drive stays silent."""
 
 import re
 import sys
@@ -94,7 +94,7 @@ def named(pair):
 
 @pytest.fixture(scope="module")
 def partner():
-    """Partners that share what is known of their protocols, as on one line."""
+    """Return a function that gives the partner of a drive; partners share their protocols' data, as on one line."""
     every = {id(each): each for pair in (*TAKEN, *UNHEARD, *SAFE) for each in pair}
     partners = dict(zip(every, partners_of(every.values()), strict=True))
     return lambda drive: partners[id(drive)]
@@ -106,7 +106,7 @@ def verdict(partner):
 
 
 class Bystander:
-    """A virtual drive alone on a virtual line, and what it takes for its own of what another one's traffic is."""
+    """A virtual drive alone on a virtual line, and the telegrams of foreign traffic that it takes for its own."""
 
     def __init__(self, drive, speaker):
         self.drive = virtual_drive(drive.protocol, drive.address, **drive.options)
@@ -134,7 +134,7 @@ class Bystander:
 
 
 @pytest.mark.parametrize("pair", TAKEN, ids=named)
-def test_a_proof_is_heard_by_the_virtual_drive(pair, partner, verdict):
+def test_telegrams_of_a_proof_are_taken_by_the_virtual_drive(pair, partner, verdict):
     speaker, listener = map(partner, pair)
     found = verdict(*pair)
     assert found.outcome is Safety.TAKEN
@@ -145,7 +145,7 @@ def test_a_proof_is_heard_by_the_virtual_drive(pair, partner, verdict):
 
 
 @pytest.mark.parametrize("pair", TAKEN, ids=named)
-def test_the_telegrams_of_a_proof_are_sound_and_the_speakers(pair, verdict):
+def test_telegrams_of_a_proof_are_sound_and_come_from_the_speaker(pair, verdict):
     for each in verdict(*pair).proof.telegrams:
         codec = installed[pair[0].protocol].codec(_options(pair[0]))
         message = codec.decode(each.data, each.direction)
@@ -166,7 +166,7 @@ def _options(drive):
     ids=lambda value: named(value) if isinstance(value, tuple) else "",
 )
 @extents(20, 100)
-def test_what_is_safe_stays_silent_under_attack(pair, outcome, partner, verdict, extent):
+def test_safe_drive_stays_silent_under_random_foreign_traffic(pair, outcome, partner, verdict, extent):
     speaker, listener = map(partner, pair)
     assert verdict(*pair).outcome is outcome
     related = pair[0].protocol == pair[1].protocol
@@ -183,7 +183,7 @@ def test_what_is_safe_stays_silent_under_attack(pair, outcome, partner, verdict,
 @pytest.mark.parametrize(
     "pair", [each for each in (*SAFE, *UNHEARD) if each[0].protocol != each[1].protocol], ids=named
 )
-def test_what_is_safe_stays_silent_at_the_vectors_of_the_other_protocol(pair, partner):
+def test_safe_drive_stays_silent_at_the_vectors_of_the_other_protocol(pair, partner):
     """These telegrams were not made from the forms."""
     speaker, listener = map(partner, pair)
     plugin = installed[pair[0].protocol]
@@ -195,8 +195,8 @@ def test_what_is_safe_stays_silent_at_the_vectors_of_the_other_protocol(pair, pa
 
 
 @pytest.mark.parametrize("drive", [VABUS, FC, FUJI, VLT], ids=lambda drive: drive.protocol)
-def test_the_places_of_the_forms_hold_every_vector(drive, partner):
-    """What is excluded by places is excluded for telegrams that somebody else has written too."""
+def test_places_of_the_forms_hold_every_vector(drive, partner):
+    """An exclusion by places also applies to telegrams of other programs."""
     plugin = installed[drive.protocol]
     dialect = partner(drive).dialect
     every = [*dialect.written, *dialect.read]
@@ -220,14 +220,14 @@ def _holds(outline, data):
     return len(allowed) == len(data) and all(code in each for code, each in zip(data, allowed, strict=True))
 
 
-def test_a_seven_bit_drive_hears_eight_bit_traffic_without_bit_7(verdict):
+def test_seven_bit_drive_receives_eight_bit_traffic_without_bit_7(verdict):
     proof = verdict(FC, VABUS).proof
     assert any(each.data != each.heard for each in proof.telegrams)
     assert all(each.heard == bytes(code & 0x7F for code in each.data) for each in proof.telegrams)
 
 
-def test_an_eight_bit_drive_hears_the_parity_of_seven_bit_traffic(partner, verdict):
-    """`>` has an odd number of ones, so that its parity bit turns it into another character: no VLT telegram ends."""
+def test_eight_bit_drive_receives_the_parity_of_seven_bit_traffic(partner, verdict):
+    """`>` has an odd number of ones, so its parity bit turns it into another character, and no VLT telegram ends."""
     hears = character_map(partner(VABUS).settings, partner(VLT).settings)
     assert hears[ord(">")] == ord(">") | 0x80
     assert all(code.bit_count() % 2 == 0 for code in hears)
@@ -235,13 +235,13 @@ def test_an_eight_bit_drive_hears_the_parity_of_seven_bit_traffic(partner, verdi
     assert verdict(VABUS_8, VLT).outcome is Safety.TAKEN
 
 
-def test_an_address_format_is_the_one_that_the_drive_is_asked_in(partner):
+def test_address_format_of_a_drive_is_the_one_of_its_requests(partner):
     short, long = ({each.places[2].allowed for each in partner(drive).spoken} for drive in (FC_8, FC_8_LONG))
     assert short == {frozenset([0x03]), frozenset([0x20])}
     assert long == {frozenset([0x83]), frozenset([0x80])}
 
 
-def test_other_baud_rates_are_tried_only_and_said_to_be():
+def test_drives_at_other_baud_rates_are_only_tried_and_reported_so():
     found = check_line([DriveConfig(protocol="vabus", address=1), VABUS_2])
     assert {each.outcome for each in found.drives} == {Safety.UNHEARD}
     assert found.safe
@@ -249,26 +249,26 @@ def test_other_baud_rates_are_tried_only_and_said_to_be():
     assert "as far as it was tried" in found.advice[0]
 
 
-def test_the_same_line_gives_the_same_result():
+def test_equal_lines_give_equal_results():
     line = [VABUS, DriveConfig(protocol="vabus", address=1, name="twin", options=SEVEN)]
     assert check_line(line) == check_line(line)
 
 
-def test_a_line_of_one_protocol_with_different_addresses_is_safe():
+def test_drives_of_one_protocol_with_different_addresses_are_safe():
     found = check_line([FUJI, FUJI_2])
     assert found.safe
     assert all(each.outcome is Safety.SAFE for each in (*found.drives, *found.master))
     assert found.advice == ("safe: these drives can share the line with these addresses and settings",)
 
 
-def test_two_drives_with_one_address_are_told_to_part():
+def test_two_drives_with_one_address_are_advised_to_change_it():
     found = check_line([VABUS, DriveConfig(protocol="vabus", address=1, name="twin", options=SEVEN)])
     assert not found.safe
     assert found.drives[0].proof.offset == 0
     assert "another address" in found.advice[0]
 
 
-def test_a_late_reply_that_the_master_would_believe_is_proved(partner):
+def test_late_reply_that_the_master_would_accept_is_proved(partner):
     found = wait_for(partner(VABUS_8), partner(VLT))
     assert found.outcome is Safety.TAKEN
     reply = b"".join(each.heard for each in found.proof.telegrams)
@@ -278,11 +278,11 @@ def test_a_late_reply_that_the_master_would_believe_is_proved(partner):
     assert codec.decode(found.proof.taken, "reply").address == 1
 
 
-def test_a_master_that_waits_for_a_drive_tells_another_one_of_its_protocol_apart(partner):
+def test_master_waiting_for_a_drive_rejects_replies_of_another(partner):
     assert wait_for(partner(VLT), partner(VLT_2)).outcome is Safety.SAFE
 
 
-def test_without_a_proof_what_is_not_excluded_stays_open(partner, monkeypatch):
+def test_pair_without_proof_or_exclusion_stays_open(partner, monkeypatch):
     monkeypatch.setattr(check, "find_proof", lambda *_: None)
     found = listen(partner(FC), partner(VABUS))
     assert found.outcome is Safety.OPEN
@@ -291,8 +291,8 @@ def test_without_a_proof_what_is_not_excluded_stays_open(partner, monkeypatch):
     assert "leave room for" in found.reason
 
 
-def test_a_trial_shows_what_was_taken_and_where(partner):
-    """A VABus drive reads EOT alone as a telegram, and FC telegrams that it cannot follow hold one now and then."""
+def test_trial_shows_the_telegram_taken_and_its_place(partner):
+    """A VABus drive reads EOT alone as a telegram, and FC telegrams that it cannot parse sometimes contain one."""
     speaker, listener = partner(FC), partner(VABUS)
     settings = LineSettings(baudrate=9600, bytesize=7, parity="N")
     assert character_map(speaker.settings, settings) is None
@@ -304,7 +304,7 @@ def test_a_trial_shows_what_was_taken_and_where(partner):
     assert proof.bits is None
 
 
-def test_wrong_drives_are_refused():
+def test_invalid_drives_are_refused():
     with pytest.raises(AddressError):
         check_line([VABUS, DriveConfig(protocol="vabus", address=99)])
     with pytest.raises(UnknownProtocolError):
@@ -321,7 +321,7 @@ SETTINGS = st.builds(
 
 
 @given(SETTINGS, SETTINGS, st.binary(min_size=1, max_size=12))
-def test_a_character_map_says_what_is_heard_of_any_text(sender, receiver, data):
+def test_character_map_predicts_the_characters_received(sender, receiver, data):
     known = character_map(sender, receiver)
     if known is not None:
         assert heard(data, sender, receiver) == data.translate(known)
@@ -329,7 +329,7 @@ def test_a_character_map_says_what_is_heard_of_any_text(sender, receiver, data):
 
 @pytest.fixture
 def toy(tmp_path, monkeypatch):
-    """The protocol of the page about writing one, which nobody here has seen."""
+    """Yield the protocol of the documentation page about writing one, which the check has never seen."""
     page = (ROOT / "docs" / "development" / "write-a-protocol.md").read_text(encoding="utf-8")
     for name, content in re.findall(
         r'^```\w+ title="(drivecomm_toy/[^"]+)"\n(.*?)^```$', page, re.MULTILINE | re.DOTALL
@@ -346,7 +346,7 @@ def toy(tmp_path, monkeypatch):
         del sys.modules[name]
 
 
-def test_a_strangers_protocol_is_checked_as_ours_are(toy):
+def test_protocol_of_another_package_is_checked_like_ours(toy):
     address, other = toy.addresses[0], toy.addresses[1]
     stranger = DriveConfig(protocol=toy.name, address=address, options=EIGHT)
     found = check_line([stranger, FC_8, DriveConfig(protocol=toy.name, address=other, options=EIGHT)])
@@ -360,11 +360,11 @@ def test_a_strangers_protocol_is_checked_as_ours_are(toy):
     assert proof.taken in bystander.took(listener)
 
 
-def test_a_constant_of_several_characters_reads_nothing_else():
+def test_constant_of_several_characters_matches_only_itself():
     assert readable(constant(b"\r\n")) == (frozenset(b"\r"), frozenset(b"\n"))
 
 
-def test_two_modbus_drives_of_one_series_may_share_a_line():
+def test_two_modbus_drives_of_one_series_can_share_a_line():
     drives = [replace(MODBUS, address=address, name=f"pump{address}") for address in (1, 2)]
     found = check_line(drives)
     assert found.safe

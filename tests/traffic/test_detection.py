@@ -1,4 +1,4 @@
-"""What is spoken on an unknown line: baud rate, parity and protocol, found by listening."""
+"""Detection of an unknown line: baud rate, parity and protocol, found by listening."""
 
 from dataclasses import replace
 from random import Random
@@ -21,7 +21,7 @@ FORMATS = {
 
 
 class Passing:
-    """Traffic that goes on whether or not anybody listens rightly, and never comes back."""
+    """Traffic that continues at any settings of the listener, and is never repeated."""
 
     def __init__(self, sent):
         self._left = iter(sent)
@@ -39,7 +39,7 @@ class Passing:
 
 
 def unknown_line(seed):
-    """Return what is spoken on a line that nobody has described, and its traffic."""
+    """Return the protocol, the line settings and the traffic of a random line."""
     random = Random(seed)
     protocol = random.choice(sorted(FORMATS))
     bytesize, parity = random.choice(FORMATS[protocol])
@@ -52,7 +52,7 @@ def unknown_line(seed):
 
 @pytest.mark.soak
 @extents(12, 50)
-def test_forty_nine_of_fifty_unknown_lines_are_identified_within_two_hundred_telegrams(extent):
+def test_unknown_lines_are_identified_within_two_hundred_telegrams(extent):
     failed = []
     for seed in range(extent):
         protocol, settings, sent = unknown_line(seed)
@@ -64,7 +64,7 @@ def test_forty_nine_of_fifty_unknown_lines_are_identified_within_two_hundred_tel
     assert len(failed) <= extent // 50, failed
 
 
-def test_all_protocols_of_a_line_are_named_and_the_stop_bits_stay_open():
+def test_all_protocols_of_a_line_are_named_and_stop_bits_stay_open():
     two_stop_bits = {"baudrate": 19200, "bytesize": 8, "parity": "N", "stopbits": 2}
     found = detect(Passing(plant(600, telegrams=210, seed=1, settings=two_stop_bits).sent), PROTOCOLS)
     assert set(found.protocols) == {"vabus", "danfoss-fc", "vlt3500", "fuji"}
@@ -74,7 +74,7 @@ def test_all_protocols_of_a_line_are_named_and_the_stop_bits_stay_open():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_noise_is_no_protocol(seed):
+def test_noise_is_not_detected_as_a_protocol(seed):
     random = Random(seed)
     sent = plant(600, telegrams=210, seed=seed, settings={"baudrate": 9600, "bytesize": 8, "parity": "N"}).sent
     noise = [replace(one, data=random.randbytes(len(one.data))) for one in sent]
@@ -83,7 +83,7 @@ def test_noise_is_no_protocol(seed):
     assert line.passed <= 200
 
 
-def test_one_telegram_may_be_chance():
+def test_single_telegram_is_not_enough_for_a_detection():
     enquiry = bytes.fromhex("0441303034383105")
 
     class Once:
@@ -98,7 +98,7 @@ def test_one_telegram_may_be_chance():
     assert detect(Twice(), PROTOCOLS).protocols == ("vabus",)
 
 
-def test_a_silent_line_is_not_understood():
+def test_silent_line_is_not_detected():
     class Silent:
         def listen(self, *_):
             return LineSample(pieces=[], spoilt=0)
@@ -108,7 +108,7 @@ def test_a_silent_line_is_not_understood():
 
 @pytest.mark.parametrize("sender", [LineSettings(parity="E"), LineSettings(bytesize=7, parity="O"), LineSettings()])
 @pytest.mark.parametrize("receiver", [LineSettings(parity="E"), LineSettings(parity="O"), LineSettings(baudrate=19200)])
-def test_a_receiver_that_looks_at_parity_hears_the_same_characters(sender, receiver):
+def test_receiver_with_parity_check_gets_the_same_characters(sender, receiver):
     data = bytes(range(16, 128, 7))
     characters = received(data, sender, receiver)
     assert bytes(character for character, _ in characters) == heard(data, sender, receiver)

@@ -1,4 +1,4 @@
-"""What the bytes of a telegram, and its time, say about who sent it."""
+"""The direction of a telegram, estimated from its bytes and its time."""
 
 from types import SimpleNamespace
 
@@ -14,7 +14,7 @@ PROTOCOL = SimpleNamespace(facts=SimpleNamespace(timing=TIMING), mismatch=lambda
 
 
 def either(data):
-    """A telegram that could be a request as well as a reply."""
+    """Return both readings of a telegram that could be a request or a reply."""
     return [Reading(0, len(data), PROTOCOL, direction, data, DRIVE) for direction in ("request", "reply")]
 
 
@@ -23,7 +23,7 @@ def heard(data, began_s, silence_s):
 
 
 def after(exchanges):
-    """The estimator after these exchanges, one second each, and the time."""
+    """Return the estimator after these exchanges, one second each, and the time."""
     estimator = DirectionEstimator(PROTOCOL)
     for number, (asked, answered) in enumerate(exchanges):
         request, reply = either(asked)[0], either(answered)[1]
@@ -33,7 +33,7 @@ def after(exchanges):
 
 
 @pytest.mark.parametrize(("again", "direction"), [(b"ab00", "request"), (b"ad00", "reply")])
-def test_what_may_be_late_and_was_heard_before_goes_the_same_way_again(again, direction):
+def test_possibly_late_telegram_heard_before_keeps_its_direction(again, direction):
     estimator, now = after([(b"ab00", b"ad00"), (b"cd00", b"cb00")])
     estimator.take(either(b"cd00")[0], now, now + 0.02)
     late_s = now + 0.02 + 5 * TIMEOUT_S
@@ -41,14 +41,14 @@ def test_what_may_be_late_and_was_heard_before_goes_the_same_way_again(again, di
 
 
 @pytest.mark.parametrize(("data", "direction"), [(b"QQQ9_", "request"), (b"PPP9_", "reply")])
-def test_what_comes_when_a_reply_is_due_is_one_unless_it_is_like_the_requests(data, direction):
+def test_telegram_due_as_a_reply_is_one_unless_it_resembles_requests(data, direction):
     estimator, now = after([(b"QQQ%d_" % number, b"PPP%d_" % number) for number in range(6)])
     estimator.take(either(b"QQQ0_")[0], now, now + 0.02)
     assert estimator.direction_of(heard(data, now + 0.03, 0.01)) == direction
 
 
 @pytest.mark.parametrize(("like_requests", "is_reply"), [(1, True), (2, False)])
-def test_two_bytes_that_only_requests_have_outweigh_that_a_reply_is_due(like_requests, is_reply):
+def test_two_bytes_typical_of_requests_outweigh_a_due_reply(like_requests, is_reply):
     asked, answered = b"__" + b"Q" * like_requests, b"__" + b"P" * like_requests
     estimator, now = after([(asked + b"%d_" % number, answered + b"%d_" % number) for number in range(6)])
     estimator.take(either(asked + b"0_")[0], now, now + 0.02)

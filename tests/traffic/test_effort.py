@@ -1,4 +1,4 @@
-"""However a line is flooded, each byte costs the same: what is counted are the lines of the sniffer that are run."""
+"""Any flood of bytes costs the same effort per byte; the effort is the number of sniffer lines executed."""
 
 import sys
 from contextlib import contextmanager
@@ -17,7 +17,7 @@ from drivecomm.traffic.sniffer import Candidate, HeardTelegram, Reading, Sniffer
 
 ROOM = str(Path(room.__file__).parent)
 SETTINGS = LineSettings(baudrate=115200)
-# At 115200 baud a character lasts 87 microseconds; an ordinary computer runs some 2000 lines in that time.
+# At 115200 baud a character lasts 87 microseconds; an ordinary computer executes some 2000 lines in that time.
 MOST_LINES = 60 * len(PROTOCOLS)
 
 ENQUIRY = bytes.fromhex("0441303034383105")
@@ -50,7 +50,7 @@ FLOODS = {
 
 @contextmanager
 def counted():
-    """Count the lines that the sniffer runs."""
+    """Count the lines that the sniffer executes."""
     lines = [0]
 
     def inside(_frame, event, _argument):
@@ -69,7 +69,7 @@ def counted():
 
 
 def effort(flood, size, chunk):
-    """Return how many lines are run for a flood that follows a conversation and never pauses."""
+    """Return the number of lines executed for a flood that follows a conversation and never pauses."""
     sniffer = Sniffer(PROTOCOLS, settings=SETTINGS)
     for number, data in enumerate((ENQUIRY, VALUE, WRITE)):
         sniffer.feed(Piece(time_s=0.1 * number, data=data))
@@ -87,13 +87,13 @@ def effort(flood, size, chunk):
 @pytest.mark.soak
 @pytest.mark.parametrize("chunk", [1, 64])
 @pytest.mark.parametrize("flood", every(2, FLOODS))
-def test_a_flood_costs_no_more_a_byte_when_it_lasts_longer(flood, chunk):
+def test_longer_flood_costs_no_more_per_byte(flood, chunk):
     short, long = (effort(FLOODS[flood], size, chunk) for size in (700, 2100))
     assert long <= MOST_LINES * 2100
     assert long <= 3.5 * short
 
 
-def test_behind_a_flood_telegrams_are_found_again():
+def test_telegrams_are_found_again_after_a_flood():
     sniffer = Sniffer(PROTOCOLS, settings=SETTINGS)
     found = sniffer.feed(Piece(time_s=1.0, data=b"<" * 10_000))
     found += sniffer.feed(Piece(time_s=2.0, data=ENQUIRY))
@@ -103,8 +103,8 @@ def test_behind_a_flood_telegrams_are_found_again():
 
 
 @pytest.mark.soak
-def test_many_readings_that_share_bytes_are_chosen_from_without_trying_all_choices():
-    """Of a chain of 200 there are more choices than could ever be tried."""
+def test_overlapping_readings_are_chosen_without_trying_all_combinations():
+    """A chain of 200 has more combinations than could ever be tried."""
     readings = [Reading(at, at + 9, PROTOCOLS[0], "request", bytes(9), object()) for at in range(0, 1600, 8)]
     chain = [Candidate((reading,), 0) for reading in readings]
     with counted() as lines:
@@ -114,19 +114,19 @@ def test_many_readings_that_share_bytes_are_chosen_from_without_trying_all_choic
 
 @cache
 def effort_of_noise():
-    """What others cost; the same for each flood that is compared with it."""
+    """Return the effort of the noise flood, to which other floods are compared."""
     return effort(FLOODS["noise"], 20_000, 512)
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("flood", ["start of VABus", "start of 7E1"])
-def test_a_flood_of_single_characters_costs_no_more_than_others(flood):
-    # 04 and 84 are function codes of Modbus besides.
+def test_flood_of_single_characters_costs_no_more_than_noise(flood):
+    # 04 and 84 are also function codes of Modbus.
     # An EOT begins telegrams of VABus, Control Techniques, WEG and EI Bisynch.
     assert effort(FLOODS[flood], 20_000, 512) < 3 * effort_of_noise()
 
 
-def test_a_single_character_said_a_few_times_is_still_taken_for_what_it_may_be():
+def test_single_character_repeated_a_few_times_counts_as_telegrams():
     def kinds(number):
         sniffer, found = Sniffer(PROTOCOLS, settings=SETTINGS), []
         for at, data in enumerate((ENQUIRY, VALUE, b"\x04" * number)):
@@ -139,7 +139,7 @@ def test_a_single_character_said_a_few_times_is_still_taken_for_what_it_may_be()
 
 
 def polled(sniffer):
-    """Hear a master that reads one VABus drive, each value a new one; return what is certain after each telegram."""
+    """Feed reads of one VABus drive with a new value each time; return the number of findings after each telegram."""
     certain, at_s = [], 0.0
     for number in range(200):
         reply = {"kind": "value", "address": 1, "parameter": 481, "data": f"{number:08X}"}
@@ -151,7 +151,7 @@ def polled(sniffer):
     return certain
 
 
-def test_protocols_that_nobody_speaks_cost_little_and_hold_nothing_up():
+def test_unspoken_protocols_cost_little_and_delay_nothing():
     """A Modbus telegram can begin with nearly any byte, and an EOT could begin a long one."""
     with counted() as alone:
         polled(Sniffer([each for each in PROTOCOLS if each.name == "vabus"], settings=SETTINGS))

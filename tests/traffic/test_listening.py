@@ -1,4 +1,4 @@
-"""Ports that only listen: what comes is heard, and nothing is ever sent."""
+"""Listening ports receive all bytes and never send."""
 
 import errno
 import fcntl
@@ -20,7 +20,7 @@ SETTINGS = LineSettings(baudrate=9600, bytesize=7, parity="E")
 
 @pytest.fixture
 def terminal():
-    """Both ends of a pseudo-terminal; the far one echoes until somebody sets it otherwise."""
+    """Yield both ends of a pseudo-terminal; the far one echoes until a program changes that."""
     near, far = os.openpty()
     yield near, os.ttyname(far)
     os.close(near)
@@ -31,7 +31,7 @@ def soon(port):
     return port.read(port.now() + 2)
 
 
-def test_a_terminal_is_heard_and_cannot_be_written_to(terminal):
+def test_listening_port_reads_a_terminal_and_cannot_write_to_it(terminal):
     near, name = terminal
     port = listening_port(name, SETTINGS)
     try:
@@ -50,7 +50,7 @@ def test_a_terminal_is_heard_and_cannot_be_written_to(terminal):
         port.close()
 
 
-def test_without_traffic_reading_ends_in_time(terminal):
+def test_read_without_traffic_ends_at_its_time(terminal):
     port = listening_port(terminal[1], SETTINGS)
     began = time.monotonic()
     assert port.read(port.now() + 0.03) == b""
@@ -58,7 +58,7 @@ def test_without_traffic_reading_ends_in_time(terminal):
     port.close()
 
 
-def test_a_terminal_that_goes_is_reported():
+def test_lost_terminal_is_reported():
     near, far = os.openpty()
     port = listening_port(os.ttyname(far), SETTINGS)
     os.close(far)
@@ -68,7 +68,7 @@ def test_a_terminal_that_goes_is_reported():
     port.close()
 
 
-def test_a_serial_server_is_heard_and_gets_nothing():
+def test_listening_port_reads_a_serial_server_and_sends_nothing():
     with socket.create_server(("127.0.0.1", 0)) as door:
         address = f"socket://127.0.0.1:{door.getsockname()[1]}"
         port = listening_port(address, SETTINGS)
@@ -79,11 +79,11 @@ def test_a_serial_server_is_heard_and_gets_nothing():
             assert soon(port) == b"<01R"
             assert select.select([server], [], [], 0.05) == ([], [], [])
             port.close()
-            # All that ever came from the listener is the end.
+            # The listener sends nothing but the end of the connection.
             assert server.recv(10) == b""
 
 
-def test_a_serial_server_that_hangs_up_is_reported():
+def test_serial_server_that_hangs_up_is_reported():
     with socket.create_server(("127.0.0.1", 0)) as door:
         port = listening_port(f"socket://127.0.0.1:{door.getsockname()[1]}", SETTINGS)
         door.accept()[0].close()
@@ -93,12 +93,12 @@ def test_a_serial_server_that_hangs_up_is_reported():
 
 
 @pytest.mark.parametrize("name", ["rfc2217://127.0.0.1:1", "loop://"])
-def test_what_cannot_be_heard_without_sending_is_refused(name):
+def test_url_that_needs_sending_is_refused_for_listening(name):
     with pytest.raises(UsageError, match="without sending"):
         listening_port(name, SETTINGS)
 
 
-def test_a_port_that_does_not_exist_or_is_no_terminal_is_refused(tmp_path):
+def test_missing_port_or_plain_file_is_refused(tmp_path):
     with pytest.raises(PortError, match="does not exist"):
         listening_port(str(tmp_path / "nothing"), SETTINGS)
     file = tmp_path / "file"
@@ -107,7 +107,7 @@ def test_a_port_that_does_not_exist_or_is_no_terminal_is_refused(tmp_path):
         listening_port(str(file), SETTINGS)
 
 
-def test_an_unusual_baud_rate_is_refused(terminal):
+def test_unusual_baud_rate_is_refused(terminal):
     with pytest.raises(UsageError, match="187500"):
         listening_port(terminal[1], LineSettings(baudrate=187500))
 
@@ -122,7 +122,7 @@ def test_an_unusual_baud_rate_is_refused(terminal):
         (b"\xff\x00\x00", b"\x00", 1),
     ],
 )
-def test_the_marks_of_spoilt_characters_are_taken_out(data, plain, spoilt):
+def test_marks_of_spoilt_characters_are_removed(data, plain, spoilt):
     assert MarkedCharacters().feed(data) == (plain, spoilt)
     marks = MarkedCharacters()
     parts = [marks.feed(data[place : place + 1]) for place in range(len(data))]

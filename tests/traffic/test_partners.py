@@ -1,4 +1,4 @@
-"""What a drive on a shared line takes for its own."""
+"""The telegrams that a drive on a shared line takes for its own."""
 
 import pytest
 from addressed_requests import ADDRESSED, framed
@@ -8,7 +8,7 @@ from drivecomm.traffic.cohabitation import partners_of
 
 
 @pytest.mark.parametrize(("protocol", "address", "fields"), ADDRESSED)
-def test_listener_of_a_line_takes_what_is_meant_for_it(protocol, address, fields):
+def test_partner_takes_only_messages_for_its_address(protocol, address, fields):
     message = framed(protocol, fields).message
     drives = (DriveConfig(protocol=protocol, address=at) for at in (address, installed[protocol].addresses[-1]))
     assert [partner.is_meant(message) for partner in partners_of(drives)] == [True, False]

@@ -1,4 +1,4 @@
-"""Replays: a capture answers, asks, and judges a program, as it was on the line."""
+"""Replays: a capture answers, sends requests, and judges a program by the recorded traffic."""
 
 import asyncio
 from dataclasses import replace
@@ -37,14 +37,14 @@ VALUE = drivecomm.encode(
 
 
 def pieces_of(*said):
-    """Make a capture of (time, source, bytes)."""
+    """Return a capture of (time, source, bytes)."""
     return Capture(
         provenance=Provenance(),
         pieces=[Piece(time_s=time_s, source=source, data=data) for time_s, source, data in said],
     )
 
 
-def test_requests_and_replies():
+def test_recorded_requests_are_paired_with_their_replies():
     found = recorded_exchanges(
         pieces_of(
             (0.0, "drive", b"late"),
@@ -61,14 +61,14 @@ def test_requests_and_replies():
     assert found[1].reply_s == 0
 
 
-def test_each_line_has_its_own_conversation():
+def test_exchanges_of_each_line_are_separate():
     said = [("one", "master", b"a"), ("two", "master", b"b"), ("one", "drive", b"A"), ("two", "drive", b"B")]
     pieces = [Piece(time_s=n, line=line, source=source, data=data) for n, (line, source, data) in enumerate(said)]
     found = recorded_exchanges(Capture(provenance=Provenance(), pieces=pieces))
     assert [(each.line, each.request, each.reply) for each in found] == [("one", b"a", b"A"), ("two", b"b", b"B")]
 
 
-def test_somebody_must_have_known_who_spoke():
+def test_capture_without_sources_is_refused():
     with pytest.raises(UsageError, match="who sent what"):
         recorded_exchanges(pieces_of((0, "unknown", b"a")))
     assert recorded_exchanges(pieces_of()) == []
@@ -77,7 +77,7 @@ def test_somebody_must_have_known_who_spoke():
 # As drives
 
 
-def test_the_drives_of_a_capture_answer_as_then():
+def test_drives_of_a_capture_give_the_recorded_replies():
     capture, values = record(read_everybody)
     line = VirtualLine(recorded_drives(capture))
     with drivecomm.open_bus(line.port) as bus:
@@ -85,7 +85,7 @@ def test_the_drives_of_a_capture_answer_as_then():
         assert read_everybody(bus) == values
 
 
-def test_answers_come_in_order_and_the_last_one_again_and_again():
+def test_recorded_replies_come_in_order_and_the_last_one_repeats():
     (drive,) = recorded_drives(
         pieces_of(
             (0.0, "master", b"ask"),
@@ -109,7 +109,7 @@ def test_answers_come_in_order_and_the_last_one_again_and_again():
     assert drive.hear(Damaged(b"x", TelegramError("framing", "wrong")), 0.0) is None
 
 
-def test_what_was_not_asked_then_is_not_answered():
+def test_request_missing_in_the_capture_is_not_answered():
     capture, _ = record(read_everybody)
     line = VirtualLine(recorded_drives(capture))
     with drivecomm.open_bus(line.port, attempts=1) as bus:
@@ -118,7 +118,7 @@ def test_what_was_not_asked_then_is_not_answered():
         assert bus.drive("vabus", 1).read("481").raw
 
 
-def test_a_recorded_drive_is_no_more_than_a_recording():
+def test_recorded_drive_has_no_parameters_or_motor():
     (drive,) = recorded_drives(pieces_of((0.0, "master", b"a")))
     for call in (lambda: drive.peek("481", 0), lambda: drive.poke("481", 1), lambda: drive.trip(1, 0)):
         with pytest.raises(NotSupported):
@@ -142,7 +142,7 @@ class Kind:
 )
 @settings(max_examples=300, deadline=None)
 def test_recorded_requests_are_found_in_any_pieces(requests, order):
-    """Where no request is the beginning of another, a stream of them is taken apart as it was put together."""
+    """If no request is the beginning of another, a stream of them is split into the original requests."""
     known = sorted(each for each in requests if not any(other != each and each.startswith(other) for other in requests))
     codec = RecordedCodec(known)
     said = [known[number % len(known)] for number in order]
@@ -154,7 +154,7 @@ def test_recorded_requests_are_found_in_any_pieces(requests, order):
         assert [find.data for find in found] == said
 
 
-def test_the_longer_of_two_requests_is_waited_for():
+def test_longer_of_two_possible_requests_is_waited_for():
     codec = RecordedCodec([b"ab", b"abcd"])
     framer = Framer(codec, "request")
     assert framer.feed(b"ab") == []
@@ -166,7 +166,7 @@ def test_the_longer_of_two_requests_is_waited_for():
 
 
 @pytest.mark.parametrize("program", [read_everybody, work_with_everybody])
-def test_the_same_program_gets_the_same(program, tmp_path):
+def test_same_program_gets_the_same_results_from_a_replay(program, tmp_path):
     capture, result = record(program)
     path = tmp_path / "session.pcapng"
     with CaptureWriter(path, capture.provenance) as writer:
@@ -178,7 +178,7 @@ def test_the_same_program_gets_the_same(program, tmp_path):
 
 
 @pytest.mark.soak
-def test_the_same_program_on_a_bad_line_gets_the_same():
+def test_same_program_gets_the_same_results_from_a_replay_of_a_bad_line():
     def program(bus):
         results = []
         for _ in range(40):
@@ -189,7 +189,7 @@ def test_the_same_program_on_a_bad_line_gets_the_same():
                     results.append(str(error))
         return results
 
-    # A reply that comes seconds late is met by whatever is asked then, which depends on the port's own pace.
+    # A reply that comes seconds late meets a later request, which depends on the timing of the port.
     kinds = [each for each in TRANSMISSION_FAULTS if each is not Fault.DELAY]
     for seed in range(5):
         capture, results = record(program, everybody(faults=FaultPlan(seed=seed, rate=0.3, kinds=kinds)))
@@ -198,7 +198,7 @@ def test_the_same_program_on_a_bad_line_gets_the_same():
             assert program(bus) == results
 
 
-def test_awaited_programs_are_judged_too():
+def test_async_program_gets_the_same_results_from_a_replay():
     capture, result = record(read_everybody)
 
     async def program(line):
@@ -209,7 +209,7 @@ def test_awaited_programs_are_judged_too():
         assert asyncio.run(program(line)) == result
 
 
-def test_the_first_difference_is_named():
+def test_first_difference_is_named():
     capture, _ = record(read_everybody)
     with (
         pytest.raises(
@@ -221,7 +221,7 @@ def test_the_first_difference_is_named():
         bus.drive("vabus", 2).read("481")
 
 
-def test_too_much_and_too_little_are_differences():
+def test_surplus_and_missing_requests_are_differences():
     capture, _ = record(read_everybody)
     with (
         pytest.raises(ReplayError, match="requests of the capture were not sent; the first is request 3"),
@@ -236,13 +236,13 @@ def test_too_much_and_too_little_are_differences():
             drive.read("481")
 
 
-def test_an_error_of_the_program_is_not_covered_up():
+def test_error_of_the_program_is_not_hidden_by_the_replay():
     capture, _ = record(read_everybody)
     with pytest.raises(ZeroDivisionError), replayed(capture):
         raise ZeroDivisionError
 
 
-def test_its_time_is_virtual_and_passes_as_then():
+def test_time_of_a_replay_is_virtual_and_equals_the_recorded_one():
     capture, _ = record(read_everybody)
     with replayed(capture) as line, drivecomm.open_bus(line.port) as bus:
         read_everybody(bus)
@@ -253,11 +253,11 @@ def test_its_time_is_virtual_and_passes_as_then():
 
 
 def asked(capture, line, **options):
-    """Ask on a virtual line what is in a capture."""
+    """Send the requests of a capture on a virtual line; return their outcomes."""
     return list(ReplayMaster(recorded_exchanges(capture), EVERYBODY, **options).on(line.port()))
 
 
-def test_the_same_drives_answer_the_same():
+def test_replayed_requests_get_the_same_replies_from_the_same_drives():
     capture, _ = record(read_everybody)
     outcomes = asked(capture, everybody())
     assert len(outcomes) == len(recorded_exchanges(capture))
@@ -265,7 +265,7 @@ def test_the_same_drives_answer_the_same():
 
 
 @pytest.mark.parametrize("faster", [0.5, 1.0, 4.0])
-def test_in_the_timing_of_then(faster):
+def test_replay_keeps_the_recorded_timing_times_a_factor(faster):
     said = []
     for n in range(5):
         said += [(n * 0.4, "master", READ), (n * 0.4 + 0.03, "drive", b"x")]
@@ -276,7 +276,7 @@ def test_in_the_timing_of_then(faster):
     assert [later - began[0] for later in began] == pytest.approx([n * 0.4 / faster for n in range(5)])
 
 
-def test_no_faster_than_drives_can_hear():
+def test_fast_replay_sends_no_faster_than_drives_can_receive():
     capture, _ = record(read_everybody)
     line = everybody()
     outcomes = asked(capture, line, faster=1e6)
@@ -284,7 +284,7 @@ def test_no_faster_than_drives_can_hear():
     assert line.time < capture.pieces[-1].time_s + 1
 
 
-def test_however_fast_each_drive_has_its_pause():
+def test_fast_replay_keeps_the_pause_of_each_drive():
     said = []
     for n in range(5):
         said += [(n * 0.4, "master", READ), (n * 0.4 + 0.04, "drive", VALUE)]
@@ -296,8 +296,8 @@ def test_however_fast_each_drive_has_its_pause():
     assert min(pauses) > 0.0099
 
 
-def test_commands_are_left_out():
-    """Whatever a program commanded, asking its questions again moves no motor and writes nothing."""
+def test_replay_leaves_commands_out():
+    """A replay of any program's requests moves no motor and writes nothing."""
     capture, _ = record(work_with_everybody)
     line = everybody()
     for _ in range(2):
@@ -309,7 +309,7 @@ def test_commands_are_left_out():
     assert not any(outcome.differs for outcome in outcomes if not outcome.sent)
 
 
-def test_commands_are_sent_when_they_are_wanted():
+def test_replay_sends_commands_with_sending_everything():
     def start(bus):
         drive = bus.drive("danfoss-fc", 3)
         drive.set_reference(percent=50)
@@ -322,7 +322,7 @@ def test_commands_are_sent_when_they_are_wanted():
     assert line.drives[1].motor.command is Command.RUN
 
 
-def test_differences_are_found_and_named():
+def test_changed_values_and_missing_replies_are_named():
     capture, _ = record(read_everybody)
     line = everybody()
     line.drives[0].poke("481", 2000)
@@ -335,7 +335,7 @@ def test_differences_are_found_and_named():
     assert [outcome.number for outcome in different] == [1, 4]
 
 
-def test_differences_for_people():
+def test_difference_text_shows_both_replies():
     then = RecordedExchange(asked_s=0, request=READ, parts=(ReplyPart(after_s=0.1, data=b"\x01\x02"),))
     assert difference(ReplayedRequest(number=1, then=then, came=b"\x03"), EVERYBODY) == "was 01 02, is 03"
     silent = replace(then, parts=())
@@ -343,14 +343,14 @@ def test_differences_for_people():
     assert not ReplayedRequest(number=1, then=silent).differs
 
 
-def test_who_was_silent_then_and_answers_now_is_found():
+def test_reply_to_a_formerly_unanswered_request_is_a_difference():
     line = VirtualLine([virtual_drive("vabus", 1)])
     outcomes = asked(pieces_of((0, "master", READ), (1, "master", READ)), line)
     assert [outcome.differs for outcome in outcomes] == [True, True]
 
 
-def test_more_than_then_is_found():
-    """A second drive with the same address answers behind the first one."""
+def test_surplus_bytes_after_a_reply_are_a_difference():
+    """A second drive with the same address answers after the first one."""
     line = VirtualLine([virtual_drive("vabus", 1)])
     capture, _ = record(lambda bus: bus.drive("vabus", 1).read("481"), line)
     line = VirtualLine([virtual_drive("vabus", 1)])
@@ -360,19 +360,19 @@ def test_more_than_then_is_found():
     assert outcomes[0].differs
 
 
-def test_an_echo_is_no_difference():
+def test_echo_is_not_a_difference():
     capture, _ = record(read_everybody)
     assert not any(outcome.differs for outcome in asked(capture, everybody(echo=True), echo="expect"))
     assert not any(outcome.differs for outcome in asked(capture, everybody(echo=True), echo="auto"))
 
 
-def test_line_settings_are_those_of_the_capture_or_others():
+def test_replay_uses_line_settings_of_the_capture_or_overrides():
     capture, _ = record(read_everybody)
     slow = {"baudrate": 4800}
     line = VirtualLine([virtual_drive(name, address, **slow) for name, address in ADDRESSES.items()])
     assert all(outcome.differs for outcome in asked(capture, line) if outcome.then.parts)
     assert not any(outcome.differs for outcome in asked(capture, line, overrides=slow))
-    # Of a capture that does not say: the usual ones of the protocol.
+    # Without settings in the capture, the usual ones of the protocol apply.
     bare = replace(capture, pieces=[replace(piece, settings=None) for piece in capture.pieces])
     assert not any(outcome.differs for outcome in asked(bare, everybody()))
     with pytest.raises(UsageError, match="line settings"):
@@ -380,10 +380,10 @@ def test_line_settings_are_those_of_the_capture_or_others():
 
 
 @pytest.mark.parametrize("faster", [0, -1, float("nan"), float("inf")])
-def test_speeds_that_are_none(faster):
+def test_invalid_speed_factor_is_refused(faster):
     with pytest.raises(UsageError, match="is not a valid speed factor"):
         ReplayMaster([], EVERYBODY, faster=faster)
 
 
-def test_nothing_to_ask():
+def test_replay_of_an_empty_capture_sends_nothing():
     assert asked(pieces_of(), everybody()) == []

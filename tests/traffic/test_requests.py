@@ -1,4 +1,4 @@
-"""Which requests only ask: what could command or write never counts as harmless."""
+"""Requests that only read: a request that could command or write never counts as harmless."""
 
 from contextlib import suppress
 from dataclasses import replace
@@ -75,7 +75,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("name", "message", "asks"), CASES, ids=str)
-def test_what_only_asks(name, message, asks):
+def test_only_asks_is_true_for_reads_alone(name, message, asks):
     plugin = installed[name]
     assert plugin.intent(message).only_asks is asks
 
@@ -91,7 +91,7 @@ def _asked(exchange):
 
 
 @pytest.mark.parametrize("plugin", EVERYBODY, ids=lambda plugin: plugin.name)
-def test_what_a_scan_sends_only_asks(plugin):
+def test_probes_and_reads_of_a_scan_only_ask(plugin):
     model = load_model(plugin.package, plugin.name, plugin.default_model)
     address = address_of(plugin.name)
     options = drive_type(plugin.name, address, model=model, options={}).options
@@ -99,7 +99,7 @@ def test_what_a_scan_sends_only_asks(plugin):
     for exchange in (operations.probe(), operations.read(plugin.parameter_examples[0])):
         for message in _asked(exchange):
             assert plugin.intent(message).only_asks, message
-    with suppress(NotSupported):  # a model may know no status
+    with suppress(NotSupported):  # a model may have no status
         for message in _asked(operations.status()):
             assert plugin.intent(message).only_asks, message
 
@@ -110,7 +110,7 @@ def test_every_command_has_a_telegram_that_commands(plugin, verb):
     address = address_of(plugin.name)
     line = VirtualLine([virtual_drive(plugin.name, address)])
     if verb == "reset":
-        # Who has not tripped is only asked.
+        # A drive without a trip gets only reads.
         line.drives[0].trip(FAULTS[plugin.name], 0.0)
         line.advance(20)
     sent = []
@@ -134,24 +134,24 @@ def _packaged_requests():
 
 
 @pytest.mark.parametrize(("plugin", "vector"), [*_packaged_requests()])
-def test_packaged_requests_are_known(plugin, vector):
+def test_packaged_requests_are_decoded_and_judged(plugin, vector):
     found = {each.name: message for each, message in meanings(vector.data, EVERYBODY)}
     assert plugin.name in found
     assert only_asks(vector.data, EVERYBODY) <= plugin.intent(found[plugin.name]).only_asks
 
 
-def test_what_is_no_request_does_not_only_ask():
+def test_bytes_that_are_not_a_request_do_not_only_ask():
     assert not only_asks(b"", EVERYBODY)
     assert not only_asks(b"hello", EVERYBODY)
     assert not only_asks(bytes.fromhex("04 41 30 30 34 38 31 05"), [])
 
 
-def test_a_protocol_that_does_not_say_so_is_not_trusted():
+def test_protocol_without_intent_is_not_trusted():
     silent = replace(installed["vabus"], intent=None)
     assert not only_asks(bytes.fromhex("04 41 30 30 34 38 31 05"), [silent])
 
 
-def test_requests_for_people():
+def test_described_shows_bytes_drive_and_kind_of_a_request():
     assert described(bytes.fromhex("04 41 30 30 34 38 31 05"), EVERYBODY) == "04 41 30 30 34 38 31 05 (vabus:1 enquiry)"
     assert described(bytes.fromhex("04"), EVERYBODY) == "04 (vabus eot)"
     assert described(b"?!", EVERYBODY) == "3F 21"

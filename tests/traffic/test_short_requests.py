@@ -1,4 +1,4 @@
-"""Requests of one character, which ask for what was asked before: heard only where the conversation has them."""
+"""Requests of one character, which repeat or continue the previous read: recognised only after such a read."""
 
 import pytest
 from traffic import sniffed, telegrams
@@ -16,7 +16,7 @@ OTHER = encode("vabus", {"kind": "enquiry", "address": 1, "parameter": 481}, dir
 
 
 def conversation(*parts):
-    """Return what is found of these bytes, a tenth of a second apart, behind reads of the usual kind."""
+    """Return the findings for these bytes, a tenth of a second apart, after a few ordinary reads."""
     before = [each for value in VALUES[:4] for each in (READ, value)]
     pieces = [Piece(time_s=0.1 * number, data=data) for number, data in enumerate([*before, *parts])]
     found = sniffed(pieces)
@@ -25,7 +25,7 @@ def conversation(*parts):
 
 
 @pytest.mark.parametrize(("character", "kind"), [(b"\x15", "repeat"), (b"\x06", "next"), (b"\x08", "previous")])
-def test_single_character_behind_an_answer_asks_again_and_is_answered(character, kind):
+def test_single_character_after_a_reply_is_a_request(character, kind):
     found = conversation(character, VALUES[5], character, VALUES[6])
     assert [(each.direction, each.data) for each in found] == [
         ("request", character),
@@ -36,18 +36,18 @@ def test_single_character_behind_an_answer_asks_again_and_is_answered(character,
     assert found[0].message.kind == kind
 
 
-def test_single_character_behind_another_protocol_is_no_request():
+def test_single_character_after_another_protocol_is_not_a_request():
     found = conversation(OTHER, b"\x15", READ, VALUES[5])
     assert [each.data for each in found if isinstance(each, HeardTelegram)] == [OTHER, READ, VALUES[5]]
 
 
-def test_single_character_that_nothing_asked_before_is_no_telegram():
+def test_single_character_without_an_earlier_read_is_not_a_telegram():
     found = sniffed([Piece(time_s=0.1 * number, data=b"\x15") for number in range(5)])
     assert not telegrams(found)
 
 
 @pytest.mark.parametrize("character", [b"\x06", b"\x15"])
-def test_single_character_behind_a_write_is_its_answer(character):
+def test_single_character_after_a_write_is_its_reply(character):
     write = encode(
         "ct-ansi",
         {"kind": "write", "group": 1, "unit": 1, "menu": 1, "parameter": 21, "data": "+1.0"},

@@ -1,4 +1,4 @@
-"""Telegrams out of one stream of bytes, of several protocols and both directions."""
+"""Telegrams of several protocols and both directions, found in one stream of bytes."""
 
 from collections import Counter
 from dataclasses import replace
@@ -26,7 +26,7 @@ def noisy():
 
 
 def characters(pieces, size):
-    """Cut pieces into smaller ones that come when their last character is there."""
+    """Cut pieces into smaller ones, each with the time of its last character."""
     for piece in pieces:
         length, character_s, at = len(piece.data), piece.settings.character_s, 0
         while at < length:
@@ -35,11 +35,11 @@ def characters(pieces, size):
             at = end
 
 
-# The mixed traffic of the issue
+# Mixed traffic
 
 
 @pytest.mark.soak
-def test_an_hour_of_mixed_traffic_with_noise_is_understood():
+def test_sniffer_finds_telegrams_in_an_hour_of_mixed_noisy_traffic():
     traffic = plant(3600, seed=1, rate=0.01, pauses=(0.0, 0.03, 0.4, 1.5, 3.0))
     found = sniffed(traffic.pieces())
     sound = heard(found)
@@ -48,35 +48,35 @@ def test_an_hour_of_mixed_traffic_with_noise_is_understood():
     assert {one.protocol for one in telegrams(found)} == {"vabus", "danfoss-fc", "vlt3500", "fuji"}
     assert (undamaged - sound).total() <= undamaged.total() * 0.0015
     assert not sound - traffic.on_the_wire
-    # What was changed on its way and still is a sound telegram is one that has no check, and says so.
+    # A changed telegram that is still sound has no check, and is marked so.
     changed = sound - undamaged
     assert not [
         one for one in telegrams(found) if one.guarded and changed[one.direction, one.data, round(one.time_s, 6)]
     ]
 
 
-def test_without_noise_nothing_is_missed(clean):
+def test_all_telegrams_are_found_without_noise(clean):
     found = sniffed(clean.pieces())
     assert heard(found) == clean.undamaged == clean.on_the_wire
     assert len(telegrams(found)) == len(found)
 
 
 @pytest.mark.parametrize(("rate", "seed"), [(0.1, 19), (0.2, 0), (0.2, 1), (0.2, 2), (0.3, 0), (0.3, 4), (0.3, 9)])
-def test_on_a_very_bad_line_nothing_is_reported_that_was_not_there(rate, seed):
+def test_very_bad_line_gives_no_invented_telegrams(rate, seed):
     traffic = plant(60, seed=seed, rate=rate, pauses=(0.0, 0.03, 0.4, 1.5, 3.0))
     found = sniffed(traffic.pieces())
     assert not heard(found) - traffic.on_the_wire
     assert (traffic.undamaged - heard(found)).total() <= 0.06 * traffic.undamaged.total()
 
 
-# What is left over from damage
+# Remains of damaged telegrams
 
 ENQUIRY = bytes.fromhex("0441303034383105")
 VALUE = encode("vabus", {"kind": "value", "address": 1, "parameter": 481, "data": "000003E8"}, direction="reply")
 
 
 def closing(*parts):
-    """Return what is found of these bytes, at these seconds behind conversations that all end with EOT."""
+    """Return the findings for these bytes, at these seconds after conversations that all end with EOT."""
     pieces = []
     for number in range(6):
         pieces += [
@@ -92,19 +92,19 @@ def closing(*parts):
     return found[len(known) :]
 
 
-def test_an_eot_closes_where_all_conversations_did():
+def test_eot_is_a_telegram_if_all_conversations_end_with_one():
     (found,) = closing((0.005, b"\x04"))
     assert isinstance(found, HeardTelegram)
 
 
-def test_an_eot_with_a_wrong_bit_7_is_none_of_seven_bits():
+def test_eot_with_a_wrong_bit_7_is_not_a_seven_bit_eot():
     (found,) = closing((0.005, b"\x84"))
     assert found.data == b"\x84"
     assert not isinstance(found, HeardTelegram)
 
 
 @pytest.mark.parametrize("request_", [b"\x04\xf900480\x05", b"\x04A>0411\x05"], ids=["address", "parameter"])
-def test_the_first_character_of_a_damaged_request_is_no_eot(request_):
+def test_first_character_of_a_damaged_request_is_not_an_eot(request_):
     found = closing((0.4, request_))
     assert b"".join(one.data for one in found) == request_
     assert not telegrams(found)
@@ -118,7 +118,7 @@ WORD = encode("danfoss-fc", {**FC, "ak": 2, "pwe": 0, "status_word": 0x607, "mai
 
 
 def known_line():
-    """A line on which it is known who speaks when, and from this drive no reply has been heard."""
+    """Return an exchange that settles the directions on the line; it holds no reply to a parameter request."""
     process = {"kind": "process", "address_format": "1-126", "address": 3}
     request = encode("danfoss-fc", {**process, "control_word": 0x47C, "reference": 0}, direction="request")
     reply = encode("danfoss-fc", {**process, "status_word": 0xF07, "main_actual": 0}, direction="reply")
@@ -126,21 +126,21 @@ def known_line():
 
 
 @pytest.mark.parametrize("late_s", [0.2, 0.4, 1.0])
-def test_what_may_be_a_late_reply_is_not_called_a_request(late_s):
+def test_possible_late_reply_is_not_called_a_request(late_s):
     pieces = [*known_line(), Piece(time_s=6.0, data=READ), Piece(time_s=6.0 + late_s, data=WORD)]
     asked, answered = sniffed(pieces)[2:]
     assert (asked.direction, asked.data) == ("request", READ)
     assert isinstance(answered, AmbiguousTelegram)
 
 
-def test_once_its_replies_are_known_a_late_one_is_told():
+def test_late_reply_is_recognised_once_the_replies_of_its_drive_are_known():
     usual = [(6.0, READ), (6.02, WORD)]
     late = encode("danfoss-fc", {**FC, "ak": 2, "pwe": 7, "status_word": 0x607, "main_actual": 0}, direction="reply")
     pieces = [*known_line(), *(Piece(time_s=time_s, data=data) for time_s, data in [*usual, (7.0, READ), (7.4, late)])]
     assert [one.direction for one in sniffed(pieces)[-2:]] == ["request", "reply"]
 
 
-def test_the_requests_to_a_drive_that_never_answers_are_told_before_long():
+def test_requests_to_an_absent_drive_are_soon_recognised():
     absent = {"kind": "process", "address_format": "1-126", "address": 9, "control_word": 0x47C}
     asked = [
         Piece(time_s=6 + number, data=encode("danfoss-fc", {**absent, "reference": number}, direction="request"))
@@ -151,7 +151,7 @@ def test_the_requests_to_a_drive_that_never_answers_are_told_before_long():
     assert all(isinstance(one, HeardTelegram) for one in found[-5:])
 
 
-# How the bytes come
+# Pieces of any size
 
 
 @pytest.mark.soak
@@ -164,7 +164,7 @@ def test_pieces_of_any_size_give_the_same_telegrams(noisy):
 
 
 @pytest.mark.soak
-def test_an_adapter_that_hands_over_every_sixteen_milliseconds_hides_no_telegram(clean):
+def test_adapter_that_delivers_every_16_ms_hides_no_telegram(clean):
     handed = {}
     for piece in sorted(characters(clean.pieces(), lambda: 1), key=lambda piece: piece.time_s):
         handed.setdefault(ceil(piece.time_s / 0.016) * 0.016, bytearray()).extend(piece.data)
@@ -178,31 +178,31 @@ def test_findings_come_in_the_order_of_the_line(noisy):
     assert [one.time_s for one in found] == sorted(one.time_s for one in found)
 
 
-def test_no_byte_is_lost_and_none_is_told_twice(noisy):
+def test_every_byte_is_in_exactly_one_finding(noisy):
     found = sniffed(noisy.pieces())
     assert b"".join(one.data for one in found) == b"".join(piece.data for piece in noisy.pieces())
 
 
-def test_who_sends_is_believed_where_a_capture_says_it(clean):
+def test_sources_of_a_capture_are_trusted(clean):
     pieces = [Piece(time_s=one.ended, data=one.data, settings=one.settings, source=one.source) for one in clean.sent]
-    # Beginning with a reply leaves nothing open.
+    # A capture that begins with a reply leaves nothing open.
     found = sniffed(pieces[1:])
     assert not heard(found) - clean.on_the_wire
     assert not [one for one in found if isinstance(one, AmbiguousTelegram) and one.data != b"\x04"]
 
 
 @pytest.mark.soak
-def test_beginning_in_the_middle_does_not_turn_requests_into_replies(clean):
+def test_start_in_the_middle_turns_no_request_into_a_reply(clean):
     for first in range(1, 12):
         rest = Traffic(clean.sent[first:])
         found = heard(sniffed(rest.pieces()))
         assert not found - rest.on_the_wire
-        # Its first telegrams may be ambiguous, or answer what was not heard.
+        # Its first telegrams may be ambiguous, or reply to a request that was not heard.
         assert (rest.undamaged - found).total() <= 3
 
 
 @pytest.mark.soak
-def test_a_drive_with_seven_data_bits_is_heard_among_others_with_eight():
+def test_seven_bit_drive_is_found_among_eight_bit_ones():
     listener = LineSettings()
     traffic = plant(20, seed=3, settings={"baudrate": 9600})
     pieces = [
@@ -217,17 +217,17 @@ def test_a_drive_with_seven_data_bits_is_heard_among_others_with_eight():
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_drives_that_each_have_their_own_line_settings_are_understood(seed):
-    """As a capture tells it that was taken by the master itself."""
+def test_drives_with_different_line_settings_are_understood(seed):
+    """The pieces have their own settings, as in a capture by the master itself."""
     traffic = plant(20, seed=seed, settings={})
     assert heard(sniffed(traffic.pieces())) == traffic.on_the_wire
 
 
-# What is not certain
+# Ambiguity
 
 
-def test_a_master_that_does_not_close_its_conversations_sends_no_single_characters():
-    """On such a line a single EOT is what came of a broken request."""
+def test_eot_is_ambiguous_if_no_conversation_ends_with_one():
+    """On such a line, a single EOT is the rest of a broken request."""
     enquiry = bytes.fromhex("0441303034383105")
     value = encode("vabus", {"kind": "value", "address": 1, "parameter": 481, "data": "000003E8"}, direction="reply")
     talk = [(number + part, data) for number in range(6) for part, data in ((0.0, enquiry), (0.05, value))]
@@ -238,7 +238,7 @@ def test_a_master_that_does_not_close_its_conversations_sends_no_single_characte
     assert len(telegrams(sniffed([Piece(time_s=time_s, data=data) for time_s, data in with_eot]))) == len(with_eot)
 
 
-def test_telegrams_that_could_go_either_way_are_called_ambiguous():
+def test_telegram_with_two_possible_directions_is_ambiguous():
     data = encode(
         "danfoss-fc",
         {"kind": "process", "address_format": "1-31", "address": 3, "control_word": 1, "reference": 0},
@@ -252,7 +252,7 @@ def test_telegrams_that_could_go_either_way_are_called_ambiguous():
     ]
 
 
-def test_after_a_long_silence_it_is_a_request():
+def test_telegram_after_a_long_silence_is_a_request():
     fields = {"kind": "process", "address_format": "1-31", "address": 3}
     request = encode("danfoss-fc", {**fields, "control_word": 0x47C, "reference": 0}, direction="request")
     reply = encode("danfoss-fc", {**fields, "status_word": 0xF07, "main_actual": 0}, direction="reply")
@@ -260,11 +260,11 @@ def test_after_a_long_silence_it_is_a_request():
     assert [one.direction for one in found] == ["request", "reply"]
 
 
-def test_an_acknowledge_that_nobody_waits_for_is_no_telegram():
+def test_acknowledge_without_a_request_is_not_a_telegram():
     assert sniffed([Piece(time_s=1.0, data=b"\x41\x06")]) == [UnknownBytes(time_s=1.0, data=b"\x41\x06")]
 
 
-def test_a_wrong_check_is_a_damaged_reply_of_the_drive_that_was_asked():
+def test_wrong_check_is_a_damaged_reply_of_the_drive_requested():
     enquiry = bytes.fromhex("0441303034383105")
     value = encode("vabus", {"kind": "value", "address": 1, "parameter": 481, "data": "000003E8"}, direction="reply")
     pieces = [Piece(time_s=0.0, data=enquiry), Piece(time_s=0.03, data=value[:-1] + bytes([value[-1] ^ 1]))]
@@ -275,11 +275,11 @@ def test_a_wrong_check_is_a_damaged_reply_of_the_drive_that_was_asked():
     assert damaged.error.category == "checksum"
 
 
-def test_damage_is_ascribed_to_no_protocol_that_is_not_spoken():
+def test_damage_is_not_ascribed_to_an_unspoken_protocol():
     assert isinstance(sniffed([Piece(time_s=0.0, data=b"<01R")])[0], UnknownBytes)
 
 
-def test_a_select_is_not_taken_for_the_reply_that_stands_in_it():
+def test_select_is_not_mistaken_for_the_reply_it_contains():
     fields = {"address": 1, "parameter": 480, "data": "00000BB8"}
     select = encode("vabus", {"kind": "select", **fields}, direction="request")
     assert select[1:] == encode("vabus", {"kind": "value", **fields}, direction="reply")
@@ -287,7 +287,7 @@ def test_a_select_is_not_taken_for_the_reply_that_stands_in_it():
     assert (found.direction, found.data) == ("request", select)
 
 
-def test_silence_ends_what_has_begun():
+def test_silence_ends_an_unfinished_telegram():
     sniffer = Sniffer(PROTOCOLS, settings=LineSettings())
     assert sniffer.feed(Piece(time_s=1.0, data=bytes.fromhex("04413030"))) == []
     assert sniffer.flush(1.01) == []
@@ -296,7 +296,7 @@ def test_silence_ends_what_has_begun():
     assert sniffer.finish() == []
 
 
-def test_a_broadcast_is_for_all_and_expects_nothing():
+def test_broadcast_is_for_all_drives_and_expects_no_reply():
     data = encode("vabus", {"kind": "select", "address": 32, "parameter": 480, "data": "00000BB8"}, direction="request")
     (found,) = sniffed([Piece(time_s=1.0, data=data)])
     assert (found.drive, found.broadcast, found.expects_reply, found.guarded) == ("vabus:all", True, False, False)
@@ -304,7 +304,7 @@ def test_a_broadcast_is_for_all_and_expects_nothing():
 
 @settings(deadline=None)
 @given(st.binary(max_size=400))
-def test_noise_is_never_a_checked_telegram_and_never_an_error(data):
+def test_noise_causes_no_error_and_loses_no_byte(data):
     found = sniffed([Piece(time_s=1.0, data=data)])
     assert b"".join(one.data for one in found) == data
 
@@ -312,7 +312,7 @@ def test_noise_is_never_a_checked_telegram_and_never_an_error(data):
 @pytest.mark.soak
 @settings(deadline=None)
 @given(st.lists(st.tuples(st.binary(min_size=1, max_size=30), st.floats(0, 0.2)), max_size=20))
-def test_bytes_at_any_time_are_all_told(parts):
+def test_bytes_at_any_time_are_all_in_a_finding(parts):
     pieces, now = [], 0.0
     for data, pause in parts:
         now += pause
@@ -320,19 +320,19 @@ def test_bytes_at_any_time_are_all_told(parts):
     assert b"".join(one.data for one in sniffed(pieces)) == b"".join(data for data, _ in parts)
 
 
-def test_a_protocol_that_is_not_looked_for_is_not_found(clean):
+def test_unselected_protocol_is_not_found(clean):
     only = [installed["fuji"]]
     assert {one.protocol for one in telegrams(sniffed(clean.pieces(), only))} == {"fuji"}
 
 
-def test_the_traffic_marks_what_happened_to_it():
+def test_virtual_traffic_marks_damaged_telegrams():
     traffic = plant(20, seed=3, rate=0.5, names=ALL[:1])
     spoilt = [one for one in traffic.sent if not isinstance(one.data, Meant)]
     assert spoilt
     assert {one.source for one in traffic.sent} == set(DIRECTIONS)
 
 
-# A reply that equals its request in everything
+# A reply that equals its request completely
 
 
 def fc(direction, ak, pnu, pwe, word):
@@ -349,7 +349,10 @@ ROUND = (*VOLTAGE, *CURRENT, *NOTHING)
 
 
 def said(*talk, pause_s=0.02):
-    """Let a master talk with its drive; None stands for what was missed. Returns the directions and the outcomes."""
+    """Feed the telegrams of a master and its drive; None is a missed telegram.
+
+    Return the directions and the outcomes.
+    """
     watch, now, events = LineMonitor(PROTOCOLS), 0.0, []
     for number, data in enumerate(talk):
         now += (0.01 if number % 2 else pause_s) + 16 * FC_SETTINGS.character_s
@@ -360,7 +363,7 @@ def said(*talk, pause_s=0.02):
     return directions, [event.pair.outcome for event in events if event.pair]
 
 
-def test_a_reply_that_equals_its_request_is_known_by_its_time():
+def test_reply_that_equals_its_request_is_recognised_by_its_time():
     assert NOTHING[0] == NOTHING[1]
     directions, outcomes = said(*ROUND * 4)
     assert directions == ["request", "reply"] * 12
@@ -368,7 +371,7 @@ def test_a_reply_that_equals_its_request_is_known_by_its_time():
 
 
 @pytest.mark.parametrize("missed", range(6))
-def test_also_after_an_exchange_of_which_one_half_was_missed(missed):
+def test_reply_that_equals_its_request_is_recognised_after_a_missed_half(missed):
     talk = [*ROUND, *ROUND, *ROUND, *ROUND, *ROUND]
     talk[12 + missed] = None
     directions, outcomes = said(*talk)
@@ -377,7 +380,7 @@ def test_also_after_an_exchange_of_which_one_half_was_missed(missed):
     assert directions[18:] == (["request", "reply"] * 15)[19:]
 
 
-def test_what_is_said_again_without_a_pause_or_after_the_time_of_a_reply_is_no_reply():
+def test_repetition_outside_the_reply_time_is_not_a_reply():
     again = [*ROUND, *ROUND, CURRENT[0]]
     watch, now, events = LineMonitor(PROTOCOLS), 0.0, []
     for number, data in enumerate(again):
@@ -391,7 +394,7 @@ def test_what_is_said_again_without_a_pause_or_after_the_time_of_a_reply_is_no_r
     assert [event.retries for event in events if event.item][-3:] == [0, 1, 2]
 
 
-def test_a_reply_unlike_the_few_before_it_still_answers_its_request():
+def test_unusual_reply_still_answers_its_request():
     said = ["U@@@@0516+00030076", "U@CF@0516+03000287", "C@@@@0000+00000043", "C@CF@0000+00000052"]
     said += ["COGD@0000+00000069", "CG@N@0000+00000064", "C@@@@0000+00000043", "CG@N@0000+00000064"]
     said += ["COCD@0000+00000065", "CG@N@0000+00000064"]

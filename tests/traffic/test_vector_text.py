@@ -1,4 +1,4 @@
-"""Vectors out of captures: the kit's strict reader takes them, and every check of the kit passes."""
+"""Vectors from captures: the strict reader of the kit accepts them, and every check of the kit passes."""
 
 import tomllib
 from dataclasses import replace
@@ -44,7 +44,7 @@ def test_captured_vectors_pass_every_check(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_tap_gives_the_same(tmp_path, name):
+def test_vectors_from_a_tap_equal_those_of_a_recording(tmp_path, name):
     line = VirtualLine([virtual_drive(name, 1)])
     capture, _ = record(lambda bus: [bus.drive(name, 1).start(), bus.drive(name, 1).status()], line)
     assert loaded(tmp_path, overheard(capture), name) == loaded(tmp_path, capture, name)
@@ -52,15 +52,15 @@ def test_a_tap_gives_the_same(tmp_path, name):
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("seen", [lambda capture: capture, overheard], ids=["recorded", "overheard"])
-def test_other_protocols_are_left_out(name, seen):
-    """Their telegrams hold bytes that are a telegram of another by chance, such as the EOT of VABus."""
+def test_telegrams_of_other_protocols_are_left_out(name, seen):
+    """Their telegrams may contain bytes that are a telegram of another protocol, such as the EOT of VABus."""
     line = VirtualLine([virtual_drive(name, 1)])
     capture, _ = record(lambda bus: [bus.drive(name, 1).start(), bus.drive(name, 1).stop()], line)
     for other in NAMES:
         assert bool(heard_telegrams(seen(capture), installed[other], {})) == (other == name)
 
 
-def test_where_they_come_from(tmp_path):
+def test_vector_names_the_origin_of_its_capture(tmp_path):
     about = Provenance(began=datetime(2026, 5, 4, 9, tzinfo=UTC), tool="tap 1", port="COM3", note="pumps")
     read = Piece(time_s=0, data=bytes.fromhex("04 41 30 30 34 38 31 05"), source="master")
     found = loaded(tmp_path, Capture(provenance=about, pieces=[read, read]), "vabus")
@@ -73,7 +73,7 @@ def test_where_they_come_from(tmp_path):
     assert vector.fields == {"kind": "enquiry", "address": 1, "sys": 0, "dataset": 0, "parameter": 481}
 
 
-def test_options_stand_in_each(tmp_path):
+def test_options_are_part_of_each_vector(tmp_path):
     old = {"model": "vlt5000", "pnu_bits": 11}
     line = VirtualLine([virtual_drive("danfoss-fc", 3, **old)])
     capture, _ = record(lambda bus: bus.drive("danfoss-fc", 3, **old).read("520"), line)
@@ -82,7 +82,7 @@ def test_options_stand_in_each(tmp_path):
     assert "spm" in found.vectors[0].fields
 
 
-def test_broadcasts_expect_no_reply(tmp_path):
+def test_broadcast_vectors_expect_no_reply(tmp_path):
     for name in NAMES:
         capture, _ = record(lambda bus, name=name: bus.broadcast(name).stop())
         found = loaded(tmp_path, capture, name)
@@ -92,8 +92,8 @@ def test_broadcasts_expect_no_reply(tmp_path):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_telegram_there_is(tmp_path, name):
-    """Whatever telegrams a line carries, the kit accepts what is made of them."""
+def test_every_packaged_telegram_can_become_a_vector(tmp_path, name):
+    """The kit accepts the vectors made from any telegrams on a line."""
     sources = {"request": "master", "reply": "drive"}
     shown = [vector for vector in packaged_vectors(installed[name]).vectors if vector.valid and not vector.options]
     pieces = [
@@ -110,7 +110,7 @@ def test_every_telegram_there_is(tmp_path, name):
 
 
 class Particular:
-    """A codec that reads what it would not write."""
+    """A codec that reads telegrams which it would write differently, or not at all."""
 
     def __init__(self, codec, written):
         self.measure, self.decode, self._written = codec.measure, codec.decode, written
@@ -122,8 +122,8 @@ class Particular:
 
 
 @pytest.mark.parametrize(("written", "canonical"), [(READ, True), (b"otherwise", False), (None, False)])
-def test_freedoms_of_the_sender_are_told(written, canonical):
-    """Bytes that our encoder would not write so are marked, not lost."""
+def test_telegram_with_another_encoding_is_marked_as_not_canonical(written, canonical):
+    """Bytes that our encoder would write differently are marked, and not dropped."""
     vabus = installed["vabus"]
     plugin = replace(vabus, codec=lambda options: Particular(vabus.codec(options), written))
     capture = Capture(provenance=Provenance(), pieces=[Piece(time_s=0, data=READ, source="master")])
@@ -131,14 +131,14 @@ def test_freedoms_of_the_sender_are_told(written, canonical):
     assert tomllib.loads(text)["vector"][0].get("canonical", True) is canonical
 
 
-def test_damage_makes_no_vector():
+def test_damaged_telegram_gives_no_vector():
     read = bytearray(bytes.fromhex("41 02 30 30 34 38 31 30 38 30 30 30 30 30 33 45 38 03 48"))
     read[-1] ^= 1
     capture = Capture(provenance=Provenance(), pieces=[Piece(time_s=0, data=bytes(read), source="drive")])
     assert heard_telegrams(capture, installed["vabus"], {}) == []
 
 
-def test_a_reply_to_something_else_has_no_request():
+def test_reply_to_another_request_has_no_request_in_its_vector():
     pieces = [
         Piece(time_s=0, data=bytes.fromhex("04 41 30 30 34 38 31 05"), source="master"),
         Piece(time_s=0.1, data=bytes.fromhex("42 06"), source="drive"),
@@ -147,7 +147,7 @@ def test_a_reply_to_something_else_has_no_request():
     assert [(each.direction, each.answers) for each in found] == [("request", b""), ("reply", b"")]
 
 
-def test_what_was_cut_off_does_not_go_on_later():
+def test_truncated_telegram_is_not_continued_later():
     reply = bytes.fromhex("41 02 30 30 34 38 31 30 38 30 30 30 30 30 33 45 38 03 48")
     pieces = [Piece(time_s=0.1, data=reply[:9], source="drive"), Piece(time_s=5, data=reply, source="drive")]
     found = heard_telegrams(Capture(provenance=Provenance(), pieces=pieces), installed["vabus"], {})

@@ -1,4 +1,4 @@
-"""What answers what, how quickly, how often in vain; the count of it; the names of parameters."""
+"""Pairs of requests and replies, their times and outcomes; counters; names of parameters."""
 
 import pytest
 from traffic import PROTOCOLS, model_of, plant, sniffed
@@ -28,7 +28,7 @@ def outcomes(events):
     return [event.pair.outcome for event in events if event.pair is not None]
 
 
-def test_a_reply_is_paired_with_its_request_and_timed():
+def test_reply_is_paired_with_its_request_and_timed():
     events, statistics = watched((0.01, ENQUIRY), (0.04, value()))
     assert outcomes(events) == ["answered"]
     assert events[1].pair.request is events[0].item
@@ -38,7 +38,7 @@ def test_a_reply_is_paired_with_its_request_and_timed():
     assert not any(event.wrong for event in events)
 
 
-def test_what_is_asked_again_is_a_retry_and_was_unanswered_before():
+def test_repeated_request_is_a_retry_after_an_unanswered_one():
     events, statistics = watched((0.0, ENQUIRY), (0.6, ENQUIRY), (1.2, ENQUIRY), (1.23, value()))
     assert outcomes(events) == ["unanswered", "unanswered", "answered"]
     assert [event.retries for event in events if isinstance(event.item, HeardTelegram)] == [0, 1, 2, 0]
@@ -47,7 +47,7 @@ def test_what_is_asked_again_is_a_retry_and_was_unanswered_before():
     assert statistics["vabus:1"].counters == {"requests": 1, "retries": 2, "replies": 1, "timeouts": 2}
 
 
-def test_a_late_reply_is_told_from_one_that_nobody_asked_for():
+def test_late_reply_is_distinguished_from_a_stray_one():
     events, statistics = watched((0.0, ENQUIRY), (0.6, OTHER), (0.8, value(481)), (0.85, value(480)), (9.0, value(480)))
     assert outcomes(events) == ["unanswered", "late", "answered", "stray"]
     late = next(event for event in events if event.pair and event.pair.outcome == "late")
@@ -56,12 +56,12 @@ def test_a_late_reply_is_told_from_one_that_nobody_asked_for():
     assert statistics["vabus:1"].counters["strays"] == 2
 
 
-def test_what_comes_long_after_a_question_does_not_answer_it():
+def test_reply_long_after_its_request_is_a_stray():
     events, _ = watched((0.0, ENQUIRY), (0.6, OTHER), (0.63, value(480)), (9.0, value(481)))
     assert outcomes(events) == ["unanswered", "answered", "stray"]
 
 
-def test_a_damaged_reply_is_no_timeout():
+def test_damaged_reply_is_not_a_timeout():
     damaged = value()[:-1] + b"\x00"
     _, statistics = watched((0.0, ENQUIRY), (0.03, damaged), (0.6, ENQUIRY), (0.63, value()))
     assert statistics["vabus:1"].counters == {
@@ -78,14 +78,14 @@ def test_unknown_bytes_are_counted_for_the_line():
     assert statistics["line"].counters == {"noise bytes": 5}
 
 
-def test_what_was_left_open_is_told_at_the_end():
+def test_unanswered_request_is_reported_at_the_end():
     events, statistics = watched((0.0, ENQUIRY))
     assert outcomes(events) == ["unanswered"]
     assert events[-1].drive == "vabus:1"
     assert statistics["vabus:1"].counters["timeouts"] == 1
 
 
-def test_broadcasts_are_counted_and_expect_nothing():
+def test_broadcasts_are_counted_and_expect_no_reply():
     data = encode("vabus", {"kind": "select", "address": 32, "parameter": 480, "data": "00000BB8"}, direction="request")
     events, statistics = watched((0.0, data), (1.0, ENQUIRY))
     assert statistics["vabus:all"].counters == {"requests": 1}
@@ -93,8 +93,8 @@ def test_broadcasts_are_counted_and_expect_nothing():
 
 
 @pytest.mark.soak
-def test_the_master_and_the_listener_count_the_same():
-    """Of every request that was sent, the listener knows the end; on a line without faults all are answered."""
+def test_listener_counts_the_same_as_the_master():
+    """The listener knows the outcome of every request; on a line without faults all are answered."""
     traffic = plant(20, seed=4)
     watch = LineMonitor(PROTOCOLS)
     for piece in traffic.pieces():
@@ -137,7 +137,7 @@ def test_parameters_have_names_and_values(protocol):
     assert WANTED[protocol] in named
 
 
-def test_a_write_is_named_and_a_refusal_is_told():
+def test_write_has_a_name_and_its_refusal_is_raised():
     plugin = installed["danfoss-fc"]
     names = ParameterNames(plugin, 3, model_of("danfoss-fc"), plugin.options())
     fields = {"kind": "parameter", "address_format": "1-126", "address": 3, "pnu": 341, "ind": 0}
@@ -148,7 +148,7 @@ def test_a_write_is_named_and_a_refusal_is_told():
         names.reading(write, refusal)
 
 
-def test_what_the_model_does_not_know_has_no_name():
+def test_parameter_missing_in_the_model_has_no_name():
     plugin = installed["vabus"]
     names = ParameterNames(plugin, 1, model_of("vabus"), plugin.options())
     request = plugin.message({"kind": "enquiry", "address": 1, "parameter": 999}, "request")

@@ -1,4 +1,4 @@
-"""Traffic of a virtual plant, and what was really sent there."""
+"""Traffic of a virtual plant, and the telegrams that were really sent."""
 
 from collections import Counter
 from contextlib import suppress
@@ -17,8 +17,10 @@ from drivecomm.virtual import VirtualLine, virtual_drive
 
 SETTINGS = {"baudrate": 9600, "bytesize": 8, "parity": "N"}
 PROTOCOLS = tuple(each for each in installed.working() if each.name not in ("movilink", "weg"))
-"""Without MOVILINK: a process block to Danfoss drive 3, which these lines have, is a sound telegram of it, too. Without
-WEG, whose drives acknowledge as those of VABus do."""
+"""Without MOVILINK: a process block to Danfoss drive 3 on these lines is also a sound telegram of MOVILINK.
+
+Without WEG: its drives acknowledge like those of VABus.
+"""
 MODELS = {
     "vabus": "agile",
     "danfoss-fc": "fc300",
@@ -31,11 +33,11 @@ DIRECTIONS = {"master": "request", "drive": "reply"}
 
 
 class Meant(bytes):
-    """Bytes that nothing has happened to on their way."""
+    """Bytes that arrive unchanged."""
 
 
 class Recorded(FaultPlan):
-    """Faults that leave a mark on what they spare."""
+    """Faults that mark the bytes that they leave unchanged."""
 
     def request(self, data):
         return marked(data, super().request(data))
@@ -50,13 +52,13 @@ def marked(data, arriving):
 
 @dataclass
 class Traffic:
-    """All transmissions that were on the wire."""
+    """All transmissions on the wire."""
 
     sent: list
 
     @property
     def undamaged(self):
-        """The telegrams that went over the wire as they were meant: direction, bytes, time."""
+        """Number of unchanged telegrams on the wire by direction, bytes and time."""
         return Counter(told(one) for one in self.sent if isinstance(one.data, Meant) and not one.garbled)
 
     @property
@@ -64,7 +66,7 @@ class Traffic:
         return Counter(told(one) for one in self.sent)
 
     def pieces(self):
-        """One piece for each transmission, without saying who sent it."""
+        """Return one piece for each transmission, without its source."""
         return [Piece(time_s=one.ended, data=one.data, settings=one.settings) for one in self.sent]
 
 
@@ -85,7 +87,7 @@ ALL = (("vabus", 1), ("vabus", 2), ("danfoss-fc", 3), ("vlt3500", 4), ("fuji", 5
 
 
 def actions(bus, names, random, **settings):
-    """What a plant does with its drives: it reads, writes, asks for the status and sets references."""
+    """Return actions on the drives of a plant: reads, writes, status requests and references."""
     read = {
         "vabus": ("481", "480", "10"),
         "danfoss-fc": ("16-30", "3-41", "16-14"),
@@ -103,7 +105,7 @@ def actions(bus, names, random, **settings):
             doing.append(lambda drive=drive, name=name: drive.write(name, random.randint(1, 40)))
         doing.append(lambda drive=drive: drive.status())
         if protocol == "danfoss-fc":
-            # With a reference it would be looked at first, and what a master sends here is one telegram.
+            # With a reference, the drive would be read first, but each action here sends one telegram.
             doing.append(lambda drive=drive: drive.call("control_word", word=0x043C | random.randint(0, 3)))
             continue
         name = reference.get(protocol)
@@ -112,7 +114,7 @@ def actions(bus, names, random, **settings):
 
 
 def _refer(drive, name, percent):
-    """One telegram there and one back, as a master sends it that looks at nothing else."""
+    """Set the reference with one request and one reply, as a master does that reads nothing before."""
     if name is None:
         drive.set_reference(percent=percent)
     else:
@@ -123,7 +125,7 @@ PAUSES = (0.0, 0.005, 0.03, 0.4)
 
 
 def plant(seconds, *, telegrams=10**9, rate=0.0, seed=0, names=ALL, pauses=PAUSES, settings=SETTINGS, **faults):
-    """Return the traffic of so long, at most so many telegrams and a few more."""
+    """Return the traffic of this time in seconds, of at most about `telegrams` telegrams."""
     random = Random(seed)
     plan = Recorded(rate=rate, seed=seed, **faults)
     line = VirtualLine(drives_of(names, **settings), faults=plan)

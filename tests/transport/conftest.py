@@ -1,4 +1,4 @@
-"""Virtual drives behind real ports, and terminals; no test leaves anything behind."""
+"""Virtual drives behind real ports, and terminals; no test leaves processes or open files behind."""
 
 from contextlib import closing
 
@@ -11,6 +11,6 @@ __all__ = ["example", "examples", "nothing_left_behind", "serving"]
 
 @pytest.fixture
 def terminal():
-    """The name of a pseudo-terminal that nobody serves."""
+    """Yield the name of a pseudo-terminal that no program serves."""
     with closing(Terminal()) as made:
         yield made.url

@@ -1,4 +1,4 @@
-"""What stands at the other end of a port: somebody who speaks, and goes away."""
+"""Other ends of a port, which send bytes and disconnect."""
 
 import contextlib
 import os

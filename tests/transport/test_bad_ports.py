@@ -1,4 +1,4 @@
-"""Ports that are missing, taken, lost in the middle or full of garbage; and that the next exchange works."""
+"""Ports that are missing, in use, lost during an exchange or full of garbage; the next exchange works."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def refusal(url):
 
 
 def hang_up(server, after=0):
-    """Let one master in, and out again when it has said something."""
+    """Accept one master, and disconnect it after its first bytes, or immediately if `after` is 0."""
     master, _ = server.accept()
     if after:
         master.recv(after)
@@ -33,34 +33,34 @@ def hang_up(server, after=0):
 
 
 class TestOpening:
-    def test_a_port_that_does_not_exist(self, tmp_path):
+    def test_missing_port_is_refused(self, tmp_path):
         assert "does not exist" in refusal(str(tmp_path / "ttyUSB7"))
 
     @pytest.mark.parametrize("what", ["folder", "file", "null"])
-    def test_something_that_is_no_port(self, tmp_path, what):
+    def test_folder_file_or_null_device_is_refused_as_a_port(self, tmp_path, what):
         path = {"folder": tmp_path, "file": tmp_path / "file", "null": "/dev/null"}[what]
         if what == "file":
             path.write_text("")
         assert "is not a serial port" in refusal(str(path))
 
-    def test_a_port_that_is_open_already(self, terminal):
+    def test_port_already_open_is_refused(self, terminal):
         with drivecomm.open_bus(terminal):
             assert "in use by another program" in refusal(terminal)
         drivecomm.open_bus(terminal).close()
 
     @pytest.mark.parametrize("scheme", ["socket", "rfc2217"])
-    def test_a_server_where_nothing_listens(self, scheme):
+    def test_server_address_without_a_listener_is_refused(self, scheme):
         with socket.create_server(("127.0.0.1", 0)) as server:
             number = server.getsockname()[1]
         assert "nothing listens there" in refusal(f"{scheme}://127.0.0.1:{number}")
 
     @pytest.mark.parametrize("scheme", ["socket", "rfc2217"])
     @pytest.mark.parametrize("rest", ["", "127.0.0.1", "127.0.0.1:many", "127.0.0.1:99999", "[::1"])
-    def test_a_url_without_host_or_port(self, scheme, rest):
+    def test_url_without_host_or_port_is_refused(self, scheme, rest):
         assert "lacks a host or a port number" in refusal(f"{scheme}://{rest}")
 
     @pytest.mark.parametrize("scheme", ["socket", "rfc2217"])
-    def test_a_host_that_nobody_knows(self, scheme, monkeypatch):
+    def test_unknown_host_is_refused(self, scheme, monkeypatch):
         def unknown(*_, **__):
             raise socket.gaierror(socket.EAI_NONAME, "Name or service not known")
 
@@ -68,23 +68,23 @@ class TestOpening:
         assert "the host name pump-house is not known" in refusal(f"{scheme}://pump-house:4001")
 
     @pytest.mark.parametrize("scheme", ["socket", "rfc2217"])
-    def test_a_host_that_does_not_answer(self, scheme, monkeypatch):
+    def test_host_that_does_not_answer_is_refused(self, scheme, monkeypatch):
         def silent(*_, **__):
             raise TimeoutError("timed out")
 
         monkeypatch.setattr(socket, "create_connection", silent)
         assert "192.0.2.1 does not answer" in refusal(f"{scheme}://192.0.2.1:4001")
 
-    def test_a_scheme_that_nobody_knows(self):
+    def test_unknown_url_scheme_is_refused(self):
         assert "unknown scheme" in refusal("gopher://127.0.0.1:70")
 
     @pytest.mark.soak
-    def test_a_server_that_does_not_speak_rfc_2217(self, serving):
+    def test_server_without_rfc_2217_is_refused(self, serving):
         with serving([], "tcp") as server:
             url = server.address.replace("socket", "rfc2217") + "?timeout=0.1"
             assert "does not speak RFC 2217" in refusal(url)
 
-    def test_a_server_that_hangs_up_at_once(self):
+    def test_server_that_hangs_up_immediately_is_refused(self):
         with socket.create_server(("127.0.0.1", 0)) as server:
             thread = threading.Thread(target=hang_up, args=(server,))
             thread.start()
@@ -95,7 +95,7 @@ class TestOpening:
 
 class TestVanishing:
     @pytest.mark.soak
-    def test_an_adapter_that_takes_no_more_bytes(self, monkeypatch, terminal):
+    def test_adapter_that_accepts_no_more_bytes_raises_link_down_error(self, monkeypatch, terminal):
         monkeypatch.setattr("drivecomm.transport.serial_port._STUCK_S", 0.05)
         port = SerialPort(terminal)
 
@@ -107,7 +107,7 @@ class TestVanishing:
             chatter()
         port.close()
 
-    def test_a_server_that_takes_no_more_bytes(self, monkeypatch):
+    def test_server_that_accepts_no_more_bytes_raises_link_down_error(self, monkeypatch):
         monkeypatch.setattr("drivecomm.transport.serial_port._STUCK_S", 0.05)
         monkeypatch.setattr("drivecomm.protocol.line.LineSettings.character_s", 0.0)
         with socket.create_server(("127.0.0.1", 0)) as server:
@@ -118,7 +118,7 @@ class TestVanishing:
 
     @pytest.mark.soak
     @pytest.mark.parametrize("kind", ["pty", "tcp", "rfc2217"])
-    def test_a_closed_port_stays_silent_about_being_closed_again(self, serving, kind):
+    def test_port_can_be_closed_twice(self, serving, kind):
         with serving([], kind) as server:
             port = SerialPort(server.address)
             port.close()
@@ -128,8 +128,8 @@ class TestVanishing:
 @pytest.mark.soak
 @pytest.mark.timeout(180, method="thread")  # the test itself has the timer
 @pytest.mark.parametrize("kind", ["pty", "tcp", "rfc2217"])
-def test_ctrl_c_in_the_middle_of_an_exchange(serving, kind):
-    """The late reply to the interrupted request must not become the answer to the next one."""
+def test_ctrl_c_during_an_exchange_leaves_the_next_reply_right(serving, kind):
+    """The late reply to the interrupted request must not answer the next one."""
     slow = virtual_drive("vabus", 1, reply_delay_s=0.15)
     with serving([slow], kind) as server, drivecomm.open_bus(server.address) as bus:
         drive = bus.drive("vabus", 1)
@@ -150,7 +150,7 @@ def test_ctrl_c_in_the_middle_of_an_exchange(serving, kind):
 
 
 def babble(make):
-    """Garbage without an end, to whoever connects."""
+    """Return a server function that sends endless garbage to its first client."""
 
     def speak(server, stop):
         master, _ = server.accept()
@@ -183,7 +183,7 @@ NOISE = random.Random(7)
     ],
     ids=["random", "ones", "beginnings", "damaged", "addresses"],
 )
-def test_a_drive_that_answers_garbage_for_ever(make):
+def test_endless_garbage_ends_with_an_error(make):
     stop = threading.Event()
     with socket.create_server(("127.0.0.1", 0)) as server:
         thread = threading.Thread(target=babble(make), args=(server, stop))

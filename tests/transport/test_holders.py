@@ -1,4 +1,4 @@
-"""Who holds a port: other programs are kept out of ours, and named where they keep us out of theirs."""
+"""Holders of a port: other programs are kept out of our ports, and named if they keep us out of theirs."""
 
 import contextlib
 import fcntl
@@ -38,7 +38,7 @@ linux = pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells who
 
 @contextlib.contextmanager
 def other_program(does, where):
-    """Run a program that holds something until the block ends; gives its process."""
+    """Run a program that holds something until the block ends; yield its process."""
     words = [sys.executable, "-c", HOLDS % does, str(where)]
     with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         process.stdout.readline()
@@ -54,7 +54,7 @@ def refused(open_port):
 
 @linux
 @pytest.mark.parametrize("opens", [SerialPort, lambda name: listening_port(name, SETTINGS)])
-def test_a_port_that_another_program_has_locked_is_refused_with_its_name(terminal, opens):
+def test_port_locked_by_another_program_is_refused_with_its_name(terminal, opens):
     with other_program(LOCKS, terminal) as process:
         text = refused(lambda: opens(terminal))
     assert text.startswith(f"port {terminal} is in use by python")
@@ -63,13 +63,13 @@ def test_a_port_that_another_program_has_locked_is_refused_with_its_name(termina
 
 
 @linux
-def test_listening_refuses_a_port_that_a_program_without_a_lock_has_open(terminal):
+def test_listening_is_refused_on_a_port_opened_without_a_lock(terminal):
     with other_program(OPENS, terminal) as process:
         assert f"(pid {process.pid})" in refused(lambda: listening_port(terminal, SETTINGS))
 
 
 @linux
-def test_the_program_that_serves_a_terminal_holds_it_not(terminal, tmp_path):
+def test_program_that_serves_a_terminal_is_not_its_holder(terminal, tmp_path):
     program = "near, far = os.openpty(); os.symlink(os.ttyname(far), sys.argv[1])"
     with other_program(program, tmp_path / "line") as process:
         assert holder_of_port(str(tmp_path / "line")) is None
@@ -78,7 +78,7 @@ def test_the_program_that_serves_a_terminal_holds_it_not(terminal, tmp_path):
     assert server_of_terminal(terminal) is None
 
 
-def test_who_listens_keeps_others_out_and_gives_the_port_back(terminal):
+def test_listening_port_keeps_others_out_until_it_is_closed(terminal):
     port = listening_port(terminal, SETTINGS)
     assert "in use" in refused(lambda: SerialPort(terminal))
     assert "in use" in refused(lambda: listening_port(terminal, SETTINGS))
@@ -86,7 +86,7 @@ def test_who_listens_keeps_others_out_and_gives_the_port_back(terminal):
     SerialPort(terminal).close()
 
 
-def test_a_line_shared_on_purpose_is_left_as_the_other_program_has_set_it(terminal):
+def test_shared_listening_leaves_the_line_settings_of_the_other_program(terminal):
     used = SerialPort(terminal)
     used.configure(LineSettings(baudrate=19200))
     looker = os.open(terminal, os.O_RDWR | os.O_NOCTTY)
@@ -100,13 +100,13 @@ def test_a_line_shared_on_purpose_is_left_as_the_other_program_has_set_it(termin
     os.close(looker)
 
 
-def test_only_a_port_of_this_machine_can_be_shared():
+def test_only_a_local_port_can_be_shared():
     with pytest.raises(drivecomm.UsageError, match="shared by its server"):
         shared_listening_port("socket://127.0.0.1:1", SETTINGS)
 
 
-def test_a_real_port_is_marked_for_the_kernel_as_long_as_it_is_open(terminal, monkeypatch):
-    """The kernel then refuses plain programs that look at no lock, unless they administrate the machine."""
+def test_open_real_port_is_marked_exclusive_in_the_kernel(terminal, monkeypatch):
+    """The kernel then refuses programs that check no lock, unless they run as root."""
     monkeypatch.setattr("drivecomm.transport.tty_channel.is_pseudo", lambda _: False)
     looker = os.open(terminal, os.O_RDWR | os.O_NOCTTY)
 
@@ -122,7 +122,7 @@ def test_a_real_port_is_marked_for_the_kernel_as_long_as_it_is_open(terminal, mo
     os.close(looker)
 
 
-def test_a_pseudo_terminal_is_not_marked_because_nobody_could_take_the_mark_off_again(terminal, monkeypatch):
+def test_pseudo_terminal_is_not_marked_exclusive(terminal, monkeypatch):
     asked = []
     monkeypatch.setattr(tty_channel.fcntl, "ioctl", lambda _, request: asked.append(request))
     descriptor = os.open(terminal, os.O_RDWR | os.O_NOCTTY)
@@ -132,7 +132,7 @@ def test_a_pseudo_terminal_is_not_marked_because_nobody_could_take_the_mark_off_
 
 
 @linux
-def test_a_program_without_rights_is_kept_out_by_the_mark(terminal, monkeypatch):
+def test_exclusive_mark_keeps_out_a_program_without_root_rights(terminal, monkeypatch):
     if os.getuid() != 0 or shutil.which("setpriv") is None:
         pytest.skip("needs somebody who may become somebody else")
     monkeypatch.setattr("drivecomm.transport.tty_channel.is_pseudo", lambda _: False)
@@ -152,7 +152,7 @@ def test_a_program_without_rights_is_kept_out_by_the_mark(terminal, monkeypatch)
 
 @contextlib.contextmanager
 def busy_server(says=b""):
-    """A server that serves somebody, and closes each further connection at once."""
+    """Run a server that serves its first client and closes each further connection immediately; yield its port."""
     with socket.create_server(("127.0.0.1", 0)) as door:
         first = threading.Event()
 
@@ -183,7 +183,7 @@ def busy_server(says=b""):
 
 @linux
 @pytest.mark.parametrize("scheme", ["socket", "rfc2217"])
-def test_a_server_that_serves_another_program_of_this_machine(scheme):
+def test_server_in_use_by_a_local_program_names_that_program(scheme):
     with busy_server() as number, other_program(CONNECTS, number) as process:
         began = time.monotonic()
         text = refused(lambda: SerialPort(f"{scheme}://127.0.0.1:{number}"))
@@ -195,7 +195,7 @@ def test_a_server_that_serves_another_program_of_this_machine(scheme):
 
 
 @pytest.mark.parametrize("scheme", ["socket", "rfc2217"])
-def test_a_server_that_serves_somebody_elsewhere(scheme):
+def test_server_in_use_from_elsewhere_is_refused_with_its_message(scheme):
     says = b"\xff\xfb\x01Port already in use\r\n"
     with busy_server(says) as number, socket.create_connection(("127.0.0.1", number)):
         text = refused(lambda: SerialPort(f"{scheme}://127.0.0.1:{number}"))
@@ -206,14 +206,14 @@ def test_a_server_that_serves_somebody_elsewhere(scheme):
 
 @pytest.mark.soak
 @pytest.mark.parametrize("kind", ["tcp", "rfc2217"])
-def test_our_own_simulator_that_serves_somebody_else(serving, kind):
+def test_own_simulator_in_use_refuses_a_second_client(serving, kind):
     with serving([virtual_drive("vabus", 1)], kind) as server, drivecomm.open_bus(server.address):
         began = time.monotonic()
         assert "in use by another program or machine" in refused(lambda: drivecomm.open_bus(server.address))
         assert time.monotonic() - began < 1.5
 
 
-def test_nothing_is_sent_into_a_connection_that_the_server_has_closed():
+def test_nothing_is_sent_into_a_connection_closed_by_the_server():
     with socket.create_server(("127.0.0.1", 0)) as door:
         port = SerialPort(f"socket://127.0.0.1:{door.getsockname()[1]}")
         door.accept()[0].close()
@@ -223,7 +223,7 @@ def test_nothing_is_sent_into_a_connection_that_the_server_has_closed():
         port.close()
 
 
-def test_what_a_server_sends_at_once_is_heard():
+def test_bytes_sent_immediately_by_a_server_are_received():
     with socket.create_server(("127.0.0.1", 0)) as door:
         sender = threading.Thread(target=lambda: clients.append(door.accept()[0]) or clients[0].sendall(b"first"))
         clients = []
@@ -235,7 +235,7 @@ def test_what_a_server_sends_at_once_is_heard():
         clients[0].close()
 
 
-def test_where_the_system_tells_nothing_nobody_is_known(tmp_path, monkeypatch, terminal):
+def test_holder_is_unknown_without_proc(tmp_path, monkeypatch, terminal):
     monkeypatch.setattr("drivecomm.transport.holders._PROC", tmp_path / "nothing")
     assert holder_of_port(terminal) is None
     assert holder_of_port("socket://127.0.0.1:1") is None
@@ -243,5 +243,5 @@ def test_where_the_system_tells_nothing_nobody_is_known(tmp_path, monkeypatch, t
     assert server_of_terminal(terminal) is None
 
 
-def test_how_a_holder_is_called():
+def test_str_of_a_holder_is_its_name_and_pid():
     assert str(Holder(name="minicom", pid=7)) == "minicom (pid 7)"

@@ -1,4 +1,4 @@
-"""Bytes are held back until a whole telegram is there, and never lost, whatever was held back before."""
+"""Bytes are held back until a whole telegram has arrived, and are never lost after any earlier holding back."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def peer(request):
 def port(peer):
     opened = SerialPort(peer.url)
     if isinstance(peer, Terminal):
-        # However slowly this machine does it today.
+        # Force holding back, which a slow machine would switch off.
         opened._channel._holds_back = sys.platform == "linux"
     opened.configure(LineSettings())
     peer.send(b"")
@@ -46,7 +46,7 @@ def readable(port, wait_s=0.05):
 
 @linux
 class TestHoldingBack:
-    def test_the_descriptor_wakes_for_so_many(self, port, peer):
+    def test_descriptor_wakes_for_the_requested_number_of_bytes(self, port, peer):
         port.hold_back(5)
         peer.send(b"abc")
         assert not readable(port)
@@ -55,7 +55,7 @@ class TestHoldingBack:
         assert port.take() == b"abcde"
         assert not readable(port)
 
-    def test_bytes_that_are_there_already_count_when_more_are_asked_for(self, port, peer):
+    def test_bytes_already_there_count_when_more_are_requested(self, port, peer):
         peer.send(b"abc")
         assert readable(port, 1)
         port.hold_back(5)
@@ -64,7 +64,7 @@ class TestHoldingBack:
         assert readable(port, 1)
         assert port.take() == b"abcde"
 
-    def test_bytes_that_are_there_already_count_when_fewer_are_asked_for(self, port, peer):
+    def test_bytes_already_there_count_when_fewer_are_requested(self, port, peer):
         port.hold_back(5)
         peer.send(b"abc")
         assert not readable(port)
@@ -72,7 +72,7 @@ class TestHoldingBack:
         assert readable(port, 1)
         assert port.take() == b"abc"
 
-    def test_a_loop_is_woken_when_fewer_are_asked_for(self, port, peer):
+    def test_epoll_loop_wakes_when_fewer_bytes_are_requested(self, port, peer):
         with select.epoll() as loop:
             loop.register(port.descriptor, select.EPOLLIN)
             port.hold_back(5)
@@ -81,28 +81,28 @@ class TestHoldingBack:
             port.hold_back(3)
             assert [descriptor for descriptor, _ in loop.poll(1)] == [port.descriptor]
 
-    def test_what_is_held_back_can_be_taken(self, port, peer):
+    def test_bytes_held_back_can_be_taken(self, port, peer):
         port.hold_back(200)
         peer.send(b"abc")
         assert not readable(port)
         assert port.take() == b"abc"
         assert port.take() == b""
 
-    def test_what_is_held_back_is_stale_at_the_next_exchange(self, port, peer):
+    def test_bytes_held_back_are_read_as_stale_at_the_next_exchange(self, port, peer):
         port.hold_back(200)
         peer.send(b"abc")
         assert not readable(port)
         assert port.read(0.0, 1) == b"abc"
         assert port.read(0.0, 1) == b""
 
-    def test_more_than_can_be_held_back(self, port, peer):
+    def test_read_returns_more_bytes_than_can_be_held_back(self, port, peer):
         whole = bytes(range(256)) * 4
         thread = threading.Thread(target=lambda: [peer.send(whole[at : at + 100]) for at in range(0, 1024, 100)])
         thread.start()
         assert port.read(port.now() + 5, 1024) == whole
         thread.join()
 
-    def test_more_than_can_be_held_back_in_pieces(self, port, peer):
+    def test_read_returns_more_bytes_than_can_be_held_back_in_pieces(self, port, peer):
         def speak():
             for _ in range(4):
                 peer.send(b"x" * 256)
@@ -113,7 +113,7 @@ class TestHoldingBack:
         assert port.read(port.now() + 5, 1024) == b"x" * 1024
         thread.join()
 
-    def test_every_length_after_every_other(self, port, peer):
+    def test_reads_of_any_lengths_follow_each_other(self, port, peer):
         for first in (1, 2, 14, 254, 255, 256, 300):
             for second in (1, 13, 255, 256):
                 peer.send(b"x" * first)
@@ -121,13 +121,13 @@ class TestHoldingBack:
                 peer.send(b"y" * second)
                 assert port.read(port.now() + 5, second) == b"y" * second
 
-    def test_a_short_telegram_comes_at_its_time(self, port, peer):
+    def test_short_telegram_is_returned_at_the_end_of_the_wait(self, port, peer):
         peer.send(b"abc")
         until = port.now() + 0.03
         assert port.read(until, 14) == b"abc"
         assert port.now() >= until
 
-    def test_a_byte_at_a_time(self, port, peer):
+    def test_read_collects_single_bytes(self, port, peer):
         def speak():
             for byte in b"a telegram of 26 characters":
                 peer.send(bytes([byte]))
@@ -148,7 +148,7 @@ class TestTerminals:
         made.close()
 
     @pytest.mark.parametrize("baudrate", [9600, 12345])
-    def test_holding_back_keeps_the_line_settings_and_the_other_way_round(self, port, baudrate):
+    def test_holding_back_and_line_settings_do_not_change_each_other(self, port, baudrate):
         settings = LineSettings(baudrate=baudrate, stopbits=2)
         before = termios.tcgetattr(port.descriptor)[6][termios.VMIN]
         assert before == 1
@@ -165,14 +165,14 @@ class TestTerminals:
         port.hold_back(14)
         assert termios.tcgetattr(port.descriptor)[6][termios.VMIN] == 14
 
-    def test_bytes_in_waiting_survive_a_change_of_settings(self, port, peer):
+    def test_waiting_bytes_survive_a_change_of_settings(self, port, peer):
         port.hold_back(14)
         peer.send(b"abc")
         port.configure(LineSettings(baudrate=115200))
         assert port.read(port.now() + 1, 3) == b"abc"
 
-    def test_a_reader_sleeps_through_a_telegram(self, port, peer, monkeypatch):
-        """One wake for a telegram that comes byte by byte: that is what all this is for."""
+    def test_reader_sleeps_through_a_telegram(self, port, peer, monkeypatch):
+        """Holding back exists for this: a single wake for a telegram that comes byte by byte."""
         reads = []
         read = os.read
         monkeypatch.setattr(tty_channel.os, "read", lambda *given: reads.append(given) or read(*given))
@@ -188,8 +188,8 @@ class TestTerminals:
         thread.join()
         assert len(reads) == 1
 
-    def test_a_change_is_one_system_call(self, port, monkeypatch):
-        """It is made several times in each exchange, and `tcsetattr` is four."""
+    def test_change_of_the_held_number_is_one_system_call(self, port, monkeypatch):
+        """The change is made several times in each exchange, and `tcsetattr` needs four system calls."""
         calls = []
         call = fcntl.ioctl
         monkeypatch.setattr(tty_channel.fcntl, "ioctl", lambda *given: calls.append(given[1]) or call(*given))
@@ -198,7 +198,7 @@ class TestTerminals:
         assert calls == [termios.TCSETS]
         assert termios.tcgetattr(port.descriptor)[6][termios.VMIN] == 14
 
-    def test_where_a_change_is_dear_any_byte_wakes(self, peer, monkeypatch):
+    def test_port_with_slow_changes_wakes_for_any_byte(self, peer, monkeypatch):
         """With ftdi_sio each change of a terminal's settings is a message on the USB."""
         set_attributes = termios.tcsetattr
         changes = []
@@ -223,7 +223,7 @@ class TestTerminals:
         port.close()
 
 
-def test_a_connection_sends_at_once_and_asks_whether_the_other_end_is_there():
+def test_socket_sends_immediately_and_checks_its_peer():
     with socket.create_server(("127.0.0.1", 0)) as server:
         channel = SocketChannel(f"socket://127.0.0.1:{server.getsockname()[1]}")
         with socket.socket(fileno=os.dup(channel.descriptor)) as same:
@@ -235,7 +235,7 @@ def test_a_connection_sends_at_once_and_asks_whether_the_other_end_is_there():
 
 
 def kernel_speed(descriptor):
-    """The output speed in struct termios2, which knows more speeds than termios."""
+    """Return the output speed in struct termios2, which has more speeds than termios."""
     words = array.array("i", [0] * 16)
     fcntl.ioctl(descriptor, 0x802C542A, words)
     return words[10]

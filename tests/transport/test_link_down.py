@@ -1,4 +1,4 @@
-"""A port that goes away is noticed at once, also in the middle of a wait, and whatever is held back."""
+"""A port that disappears is noticed immediately, also during a wait, with any bytes held back."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def noticed_at_once(line, use):
 
 
 @pytest.mark.parametrize("before", [b"", b"abc"], ids=["silence", "half a telegram"])
-def test_in_the_middle_of_a_wait(line, before):
+def test_lost_port_is_noticed_during_a_wait(line, before):
     line.send(before)
     timer = threading.Timer(0.05, line.end)
     timer.start()
@@ -43,26 +43,26 @@ def test_in_the_middle_of_a_wait(line, before):
     timer.join()
 
 
-def test_before_a_wait(line):
+def test_lost_port_is_noticed_before_a_wait(line):
     line.end()
     noticed_at_once(line, lambda: line.port.read(line.port.now() + LONG_S, 14))
 
 
-def test_when_stale_bytes_are_looked_for(line):
+def test_lost_port_is_noticed_when_stale_bytes_are_read(line):
     line.end()
     select.select([line.port.descriptor], [], [], AT_ONCE_S)
     noticed_at_once(line, lambda: line.port.read(0.0, 1))
 
 
-def test_when_bytes_are_taken(line):
+def test_lost_port_is_noticed_when_bytes_are_taken(line):
     line.port.hold_back(14)
     line.end()
     assert select.select([line.port.descriptor], [], [], AT_ONCE_S)[0]
     noticed_at_once(line, line.port.take)
 
 
-def test_when_bytes_are_held_back_from_a_port_that_has_gone(line):
-    """A socket need not notice here, but the next read does."""
+def test_lost_port_is_noticed_after_a_change_of_the_held_number(line):
+    """A socket may miss the loss at the change, but the next read notices it."""
     line.end()
     select.select([line.port.descriptor], [], [], AT_ONCE_S)
 
@@ -73,7 +73,7 @@ def test_when_bytes_are_held_back_from_a_port_that_has_gone(line):
     noticed_at_once(line, hold_and_take)
 
 
-def test_when_a_telegram_is_sent(line):
+def test_lost_port_is_noticed_after_a_telegram_is_sent(line):
     line.end()
 
     def send_and_wait():
@@ -83,8 +83,8 @@ def test_when_a_telegram_is_sent(line):
     noticed_at_once(line, send_and_wait)
 
 
-def test_in_the_middle_of_traffic(line):
-    """Telegrams pass until the end, and then the next read says so."""
+def test_lost_port_is_noticed_during_traffic(line):
+    """Telegrams arrive until the end, and the next read raises the error."""
 
     def speak():
         for _ in range(30):

@@ -1,4 +1,4 @@
-"""What an operating system or pyserial may say, without the hardware that makes it say so."""
+"""Errors of an operating system or of pyserial, without the hardware that causes them."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ from drivecomm.virtual import PretendedPort
         (errno.ENOMEM, "cannot be opened"),
     ],
 )
-def test_an_error_number_becomes_a_sentence(number, words):
+def test_error_number_becomes_a_sentence(number, words):
     text = str(cannot_open("/dev/ttyUSB0", serial.SerialException(number, os.strerror(number))))
     assert "/dev/ttyUSB0" in text
     assert words in text
@@ -60,11 +60,11 @@ def test_an_error_number_becomes_a_sentence(number, words):
         ("could not open port 'COM3': PermissionError(13, 'Access is denied.', None, 5)", "in use by another program"),
     ],
 )
-def test_windows_says_it_in_words(said, words):
+def test_windows_error_text_becomes_a_sentence(said, words):
     assert words in str(cannot_open("COM3", serial.SerialException(said)))
 
 
-def test_the_group_of_a_port_is_named(monkeypatch):
+def test_refusal_names_the_group_of_the_port(monkeypatch):
     def stat(_):
         return types.SimpleNamespace(st_gid=20, st_mode=0o20660)
 
@@ -76,7 +76,7 @@ def test_the_group_of_a_port_is_named(monkeypatch):
     assert "group root, so ask" in str(cannot_open("/dev/ttyUSB0", serial.SerialException(errno.EACCES, "no")))
 
 
-def test_the_ports_that_exist_are_named(monkeypatch):
+def test_refusal_names_the_existing_ports(monkeypatch):
     found = [types.SimpleNamespace(device="/dev/ttyUSB1"), types.SimpleNamespace(device="/dev/ttyUSB0")]
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: found)
     missing = serial.SerialException(errno.ENOENT, "no")
@@ -92,30 +92,30 @@ def test_the_ports_that_exist_are_named(monkeypatch):
         (OSError(errno.EHOSTUNREACH, "No route to host"), "cannot be reached"),
     ],
 )
-def test_a_network_error_becomes_a_sentence(error, words):
+def test_network_error_becomes_a_sentence(error, words):
     assert words in str(cannot_open("socket://10.0.0.9:4001", error))
 
 
-def test_other_urls_of_pyserial():
+def test_other_pyserial_url_is_refused_with_a_port_error():
     with pytest.raises(PortError, match=r"hwgrep://no-such-adapter cannot be opened"):
         SerialPort("hwgrep://no-such-adapter")
 
 
-def test_the_number_behind_an_exception():
+def test_error_number_is_found_in_an_exception():
     assert error_number(termios.error(22, "Invalid argument")) == 22
     assert error_number(ValueError("words")) is None
 
 
 @pytest.fixture
 def real_terminal(terminal):
-    """A pseudo-terminal that is taken for a real port."""
+    """Yield a channel on a pseudo-terminal that counts as a real port."""
     channel = tty_channel.TtyChannel(serial.Serial(terminal))
     channel._pseudo = False
     yield channel
     channel.close()
 
 
-def test_spoilt_characters_are_dropped(real_terminal):
+def test_damaged_characters_are_dropped_by_the_terminal(real_terminal):
     real_terminal.apply(LineSettings(baudrate=19200))
     flags = termios.tcgetattr(real_terminal.descriptor)[0]
     assert flags & termios.INPCK
@@ -123,7 +123,7 @@ def test_spoilt_characters_are_dropped(real_terminal):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux refuses 7E1 on a pseudo-terminal")
-def test_an_adapter_that_refuses_a_format(real_terminal, monkeypatch):
+def test_adapter_that_refuses_a_format_raises_port_error(real_terminal, monkeypatch):
     with pytest.raises(SettingsRefusedError):
         real_terminal.apply(LineSettings(bytesize=7, parity="E"))
     monkeypatch.setattr("drivecomm.transport.serial_port._open", lambda *_, **__: (None, real_terminal))
@@ -132,7 +132,7 @@ def test_an_adapter_that_refuses_a_format(real_terminal, monkeypatch):
     assert real_terminal.apply(LineSettings(baudrate=19200)) == ""
 
 
-def test_an_adapter_that_vanishes_while_it_is_configured():
+def test_adapter_lost_during_configuration_raises_link_down_error():
     with closing(Terminal()) as made:
         port = SerialPort(made.url)
         made.end()
@@ -142,13 +142,13 @@ def test_an_adapter_that_vanishes_while_it_is_configured():
 
 
 class AlwaysReadable:
-    """A descriptor that has bytes, or whose other end has gone."""
+    """A descriptor that is always readable, as one with bytes or with a closed peer."""
 
     now = staticmethod(lambda: True)
     wait = staticmethod(lambda until: time.monotonic() < until)
 
 
-def test_a_spurious_wake_is_no_end(real_terminal, monkeypatch):
+def test_spurious_wake_is_not_the_end_of_a_port(real_terminal, monkeypatch):
     def nothing(*_):
         raise BlockingIOError
 
@@ -158,7 +158,7 @@ def test_a_spurious_wake_is_no_end(real_terminal, monkeypatch):
     assert real_terminal.take() == b""
 
 
-def test_an_unknown_failure_of_a_terminal_ends_in_our_own_error(real_terminal, monkeypatch):
+def test_unknown_terminal_error_raises_channel_gone_error(real_terminal, monkeypatch):
     def fail(*_):
         raise OSError(errno.ENOMEM, "Cannot allocate memory")
 
@@ -172,8 +172,8 @@ def test_an_unknown_failure_of_a_terminal_ends_in_our_own_error(real_terminal, m
         real_terminal.receive(time.monotonic() + 5, 1)
 
 
-def test_the_end_of_a_terminal_without_an_error(real_terminal, monkeypatch):
-    """So some systems report an adapter that was pulled out: always readable, and nothing to read."""
+def test_readable_terminal_without_bytes_is_gone(real_terminal, monkeypatch):
+    """Some systems report an unplugged adapter like this: always readable, and nothing to read."""
     monkeypatch.setattr(real_terminal, "_readable", AlwaysReadable)
     monkeypatch.setattr(tty_channel.os, "read", lambda *_: b"")
     with pytest.raises(ChannelGoneError, match="unplugged"):
@@ -183,13 +183,13 @@ def test_the_end_of_a_terminal_without_an_error(real_terminal, monkeypatch):
 @pytest.mark.parametrize(
     ("name", "pseudo"), [("/dev/ttys003", True), ("/dev/pts/4", True), ("/dev/cu.usbserial-1", False)]
 )
-def test_pseudo_terminals_elsewhere_go_by_their_names(name, pseudo, monkeypatch):
+def test_pseudo_terminals_on_other_systems_are_recognised_by_name(name, pseudo, monkeypatch):
     monkeypatch.setattr(sys, "platform", "darwin")
     monkeypatch.setattr(port_names.os, "ttyname", lambda _: name)
     assert port_names.is_pseudo(0) is pseudo
 
 
-def test_a_terminal_without_a_name_is_taken_for_a_real_one(monkeypatch):
+def test_terminal_without_a_name_counts_as_real(monkeypatch):
     def nameless(_):
         raise OSError(errno.ENODEV, "no name")
 
@@ -198,7 +198,7 @@ def test_a_terminal_without_a_name_is_taken_for_a_real_one(monkeypatch):
     assert port_names.is_pseudo(0) is False
 
 
-def test_the_last_words_arrive_although_nobody_reads_the_answer():
+def test_last_bytes_are_delivered_although_replies_are_unread():
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = SerialPort(f"socket://127.0.0.1:{server.getsockname()[1]}")
         master, _ = server.accept()
@@ -212,7 +212,7 @@ def test_the_last_words_arrive_although_nobody_reads_the_answer():
         master.close()
 
 
-def test_ctrl_c_while_a_port_is_opened(monkeypatch):
+def test_ctrl_c_while_a_port_is_opened_is_raised(monkeypatch):
     def interrupted(_):
         raise KeyboardInterrupt
 
@@ -222,7 +222,7 @@ def test_ctrl_c_while_a_port_is_opened(monkeypatch):
 
 
 class Broken:
-    """A port of pyserial whose every call fails."""
+    """A pyserial port with a failure in each call."""
 
     def __init__(self, error):
         self._error = error
@@ -236,7 +236,7 @@ class Broken:
 
 class TestPyserialChannel:
     @pytest.mark.parametrize("error", [serial.SerialException("reader died"), OSError(errno.EIO, "gone")])
-    def test_no_foreign_exception_escapes(self, error):
+    def test_foreign_exceptions_become_channel_gone_error(self, error):
         channel = PyserialChannel(Broken(error))
         with pytest.raises(ChannelGoneError):
             channel.apply(LineSettings())
@@ -248,7 +248,7 @@ class TestPyserialChannel:
             channel.take()
         channel.close()
 
-    def test_a_refusal_of_a_port_that_is_there(self):
+    def test_refused_setting_of_a_present_port_raises_settings_refused_error(self):
         port = Broken(ValueError("Invalid baud rate"))
         channel = PyserialChannel(types.SimpleNamespace(in_waiting=0, _reconfigure_port=port._fail))
         with pytest.raises(SettingsRefusedError, match="Invalid baud rate"):
@@ -256,8 +256,8 @@ class TestPyserialChannel:
 
 
 @pytest.mark.soak
-def test_a_server_that_refuses_a_setting(serving, monkeypatch):
-    """RFC 2217 refuses by answering with what it has instead."""
+def test_rfc_2217_server_that_refuses_a_setting_raises_port_error(serving, monkeypatch):
+    """An RFC 2217 server refuses a setting by a reply with its present setting."""
 
     def refuse(_, baudrate):
         if baudrate == 600:
@@ -275,7 +275,7 @@ def test_a_server_that_refuses_a_setting(serving, monkeypatch):
 
 
 @pytest.mark.soak
-def test_a_server_without_control_lines(serving, monkeypatch):
+def test_rfc_2217_server_without_control_lines_is_noted(serving, monkeypatch):
     answer = PortManager._telnet_process_subnegotiation
 
     def answer_all_but_control(manager, request):
@@ -291,7 +291,7 @@ def test_a_server_without_control_lines(serving, monkeypatch):
 
 
 @pytest.mark.soak
-def test_a_server_that_stops_answering(serving, monkeypatch):
+def test_rfc_2217_server_that_stops_answering_raises_port_error(serving, monkeypatch):
     with serving([], "rfc2217") as server:
         port = SerialPort(server.address + "?timeout=0.2")
         monkeypatch.setattr(PortManager, "_telnet_process_subnegotiation", lambda *_: None)
@@ -300,7 +300,7 @@ def test_a_server_that_stops_answering(serving, monkeypatch):
         port.close()
 
 
-def test_a_connection_that_breaks_leaves_no_traceback(monkeypatch):
+def test_broken_connection_leaves_no_traceback(monkeypatch):
     def broken(_):
         raise BrokenPipeError
 
@@ -312,7 +312,7 @@ def test_a_connection_that_breaks_leaves_no_traceback(monkeypatch):
     assert ended == [None]
 
 
-def test_importing_drivecomm_loads_no_pyserial():
+def test_importing_drivecomm_does_not_load_pyserial():
     code = "import sys, drivecomm, drivecomm.virtual.serving; sys.exit('serial' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
@@ -341,7 +341,7 @@ with socket.create_server(("127.0.0.1", 0)) as server:
 """
 
 
-def test_what_needs_a_posix_system_is_left_alone_elsewhere():
+def test_posix_functions_are_not_used_on_other_systems():
     ran = subprocess.run([sys.executable, "-c", LIKE_WINDOWS], check=False, capture_output=True, text=True)
     assert ran.stderr == ""
     assert ran.returncode == 0

@@ -1,4 +1,4 @@
-"""Low latency, RS-485 direction control and what is told of a port, without the hardware."""
+"""Low latency, RS-485 direction control and the report of a port, without the hardware."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FTDI = types.SimpleNamespace(
 
 
 class Driver:
-    """A kernel's driver behind a port of pyserial: answers the requests of TIOCxSERIAL and TIOCxRS485."""
+    """A kernel driver behind a pyserial port, which answers the requests TIOCxSERIAL and TIOCxRS485."""
 
     def __init__(self, monkeypatch, *, flags=None, follows=True, rs485=None):
         self.flags = flags
@@ -63,7 +63,7 @@ class Driver:
 
 @pytest.fixture
 def sysfs(tmp_path):
-    """ttyUSB0 with a latency timer, ttyS0 without."""
+    """Return a sysfs folder with ttyUSB0, which has a latency timer, and ttyS0, which has none."""
     for name, driver in (("ttyUSB0", "ftdi_sio"), ("ttyS0", "serial8250")):
         (tmp_path / "drivers" / driver).mkdir(parents=True)
         (tmp_path / name / "device").mkdir(parents=True)
@@ -74,14 +74,14 @@ def sysfs(tmp_path):
 
 @linux
 class TestLowLatency:
-    def test_by_the_flag(self, monkeypatch, sysfs):
+    def test_low_latency_is_set_by_the_flag(self, monkeypatch, sysfs):
         driver = Driver(monkeypatch, flags=0)
         assert latency.low_latency(driver, "/dev/ttyS0", sysfs) == "off"
         assert latency.make_low(driver, "/dev/ttyS0", sysfs)
         assert driver.flags == 0x2000
         assert latency.low_latency(driver, "/dev/ttyS0", sysfs) == "on"
 
-    def test_by_the_file_where_the_flag_is_not_known(self, monkeypatch, sysfs):
+    def test_low_latency_is_set_by_the_file_if_the_flag_is_unknown(self, monkeypatch, sysfs):
         driver = Driver(monkeypatch)
         assert latency.low_latency(driver, "/dev/ttyUSB0", sysfs) == "off"
         assert latency.make_low(driver, "/dev/ttyUSB0", sysfs)
@@ -89,11 +89,11 @@ class TestLowLatency:
         assert latency.low_latency(driver, "/dev/ttyUSB0", sysfs) == "on"
 
     @pytest.mark.parametrize(("timer_ms", "is_low"), [(0, "on"), (1, "on"), (2, "off"), (8, "off")])
-    def test_only_a_timer_of_a_millisecond_is_low(self, sysfs, monkeypatch, timer_ms, is_low):
+    def test_latency_timer_is_low_up_to_one_millisecond(self, sysfs, monkeypatch, timer_ms, is_low):
         (sysfs / "ttyUSB0" / "device" / "latency_timer").write_text(f"{timer_ms}\n")
         assert latency.low_latency(Driver(monkeypatch), "/dev/ttyUSB0", sysfs) == is_low
 
-    def test_a_driver_that_takes_the_flag_and_forgets_it(self, monkeypatch, sysfs):
+    def test_driver_that_ignores_the_low_latency_flag_is_detected(self, monkeypatch, sysfs):
         driver = Driver(monkeypatch, flags=0, follows=False)
         assert not latency.make_low(driver, "/dev/ttyS0", sysfs)
         with pytest.raises(
@@ -101,19 +101,19 @@ class TestLowLatency:
         ):
             latency.require_low(driver, "/dev/ttyS0", sysfs)
 
-    def test_a_file_that_may_not_be_written(self, monkeypatch, sysfs):
+    def test_latency_file_without_write_permission_leaves_latency_unchanged(self, monkeypatch, sysfs):
         def refuse(*_):
             raise PermissionError
 
         monkeypatch.setattr("pathlib.Path.write_text", refuse)
         assert not latency.make_low(Driver(monkeypatch), "/dev/ttyUSB0", sysfs)
 
-    def test_neither_flag_nor_file(self, monkeypatch, sysfs):
+    def test_low_latency_is_unknown_without_flag_and_file(self, monkeypatch, sysfs):
         driver = Driver(monkeypatch)
         assert not latency.make_low(driver, "/dev/ttyS0", sysfs)
         assert latency.low_latency(driver, "/dev/ttyS0", sysfs) == "unknown"
 
-    def test_other_systems_do_not_tell(self, monkeypatch, sysfs):
+    def test_low_latency_is_unknown_on_other_systems(self, monkeypatch, sysfs):
         driver = Driver(monkeypatch, flags=0x2000)
         monkeypatch.setattr(sys, "platform", "darwin")
         assert latency.low_latency(driver, "/dev/ttyS0", sysfs) == "unknown"
@@ -121,13 +121,13 @@ class TestLowLatency:
 
 @linux
 class TestDirection:
-    def test_a_driver_that_can(self, monkeypatch):
+    def test_rs485_is_switched_on_by_a_capable_driver(self, monkeypatch):
         driver = Driver(monkeypatch, rs485=0)
         assert direction.direction(driver) == "off"
         direction.switch_on(driver, "/dev/ttyS0")
         assert direction.direction(driver) == "on"
 
-    def test_a_driver_that_cannot(self, monkeypatch):
+    def test_rs485_is_refused_by_a_driver_without_it(self, monkeypatch):
         driver = Driver(monkeypatch)
         assert direction.direction(driver) == "unsupported"
         with pytest.raises(
@@ -135,11 +135,11 @@ class TestDirection:
         ):
             direction.switch_on(driver, "/dev/ttyS0")
 
-    def test_a_driver_that_pretends(self, monkeypatch):
+    def test_driver_that_ignores_the_rs485_request_is_detected(self, monkeypatch):
         with pytest.raises(drivecomm.PortError, match="it ignores the request"):
             direction.switch_on(Driver(monkeypatch, rs485=0, follows=False), "/dev/ttyS0")
 
-    def test_other_systems_have_none(self, monkeypatch):
+    def test_rs485_is_unsupported_on_other_systems(self, monkeypatch):
         driver = Driver(monkeypatch, rs485=1)
         monkeypatch.setattr(sys, "platform", "win32")
         assert direction.direction(driver) == "unsupported"
@@ -147,19 +147,19 @@ class TestDirection:
 
 class TestOptions:
     @pytest.mark.parametrize("option", [{"rs485": True}, {"low_latency": True}], ids=["rs485", "low_latency"])
-    def test_what_a_port_has_not_is_refused_and_the_port_free_again(self, terminal, option):
+    def test_unsupported_option_is_refused_and_the_port_closed(self, terminal, option):
         with pytest.raises(drivecomm.PortError, match=f"{terminal}.*without {next(iter(option))}"):
             SerialPort(terminal, **option)
         SerialPort(terminal, low_latency=False).close()
 
     @pytest.mark.parametrize("option", ["rs485", "low_latency"])
     @pytest.mark.parametrize("url", ["socket://127.0.0.1:1", "rfc2217://127.0.0.1:1", "loop://"])
-    def test_a_port_elsewhere_has_neither(self, url, option):
+    def test_remote_port_refuses_rs485_and_low_latency(self, url, option):
         with pytest.raises(drivecomm.UsageError, match=f"{option} is for ports of this machine, and {url} is none"):
             SerialPort(url, **{option: True})
 
     @pytest.mark.parametrize(("wanted", "asked"), [(None, [True]), (True, [True]), (False, [])])
-    def test_low_latency_is_asked_for_unless_it_is_refused(self, terminal, monkeypatch, wanted, asked):
+    def test_low_latency_is_requested_unless_it_is_switched_off(self, terminal, monkeypatch, wanted, asked):
         requests = []
         monkeypatch.setattr(serial.Serial, "set_low_latency_mode", lambda _, on: requests.append(on))
         monkeypatch.setattr(latency, "low_latency", lambda *_: "on")
@@ -169,7 +169,7 @@ class TestOptions:
 
 @linux
 class TestReport:
-    def test_an_adapter(self, monkeypatch, sysfs):
+    def test_report_describes_an_adapter(self, monkeypatch, sysfs):
         monkeypatch.setattr(port_report.list_ports, "comports", lambda: [FTDI])
         monkeypatch.setattr(port_report, "stable_name", lambda _: "/dev/serial/by-id/usb-FTDI-A1")
         report = local_report(Driver(monkeypatch), "/dev/ttyUSB0", pseudo=False, sysfs=sysfs)
@@ -185,7 +185,7 @@ class TestReport:
         )
         assert str(report.usb) == "0403:6001 FTDI FT232R A1"
 
-    def test_an_adapter_that_looks_like_all_others(self, monkeypatch, sysfs):
+    def test_report_of_an_adapter_without_a_serial_number_notes_it(self, monkeypatch, sysfs):
         nameless = types.SimpleNamespace(
             device="/dev/ttyUSB0", vid=0x1A86, pid=0x7523, manufacturer=None, product="USB Serial", serial_number=None
         )
@@ -194,21 +194,21 @@ class TestReport:
         assert str(report.usb) == "1a86:7523 USB Serial"
         assert "no serial number" in report.notes[-1]
 
-    def test_a_port_of_the_board(self, monkeypatch, sysfs):
+    def test_report_describes_an_on_board_port(self, monkeypatch, sysfs):
         monkeypatch.setattr(port_report.list_ports, "comports", lambda: [FTDI])
         report = local_report(Driver(monkeypatch, flags=0x2000, rs485=1), "/dev/ttyS0", pseudo=False, sysfs=sysfs)
         assert (report.driver, report.usb, report.low_latency, report.rs485) == ("serial8250", None, "on", "on")
         assert report.notes == ()
 
     @pytest.mark.parametrize(("written", "notes"), [("Y\n", 1), ("N\n", 0)])
-    def test_a_port_that_the_kernel_writes_to(self, monkeypatch, sysfs, written, notes):
+    def test_report_notes_a_port_used_as_kernel_console(self, monkeypatch, sysfs, written, notes):
         (sysfs / "ttyS0" / "console").write_text(written)
         monkeypatch.setattr(port_report.list_ports, "comports", list)
         report = local_report(Driver(monkeypatch), "/dev/ttyS0", pseudo=False, sysfs=sysfs)
         assert [note for note in report.notes if "the kernel writes its messages" in note] == list(report.notes)
         assert len(report.notes) == notes
 
-    def test_a_port_that_sysfs_does_not_have(self, monkeypatch, tmp_path):
+    def test_port_missing_in_sysfs_has_a_report_with_unknowns(self, monkeypatch, tmp_path):
         monkeypatch.setattr(port_report.list_ports, "comports", list)
         report = local_report(Driver(monkeypatch), "/dev/ttyS9", pseudo=False, sysfs=tmp_path)
         assert (report.driver, report.low_latency, report.latency_timer_ms) == ("", "unknown", None)
@@ -218,7 +218,7 @@ class TestReport:
 @pytest.mark.parametrize(
     ("kind", "told"), [("pty", "pseudo-terminal"), ("tcp", "raw TCP"), ("rfc2217", "RFC 2217"), ("loop", "other")]
 )
-def test_every_kind_of_port_reports(kind, told, serving):
+def test_every_kind_of_port_has_a_report(kind, told, serving):
     if kind == "loop":
         port = SerialPort("loop://")
         assert port.report().kind == told

@@ -1,4 +1,4 @@
-"""Waiting for a descriptor, on systems with and without poll and with many descriptors open."""
+"""Waiting for a descriptor, on systems with and without poll and with many open descriptors."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def pair(request, monkeypatch):
     os.close(theirs)
 
 
-def test_it_waits_until_then(pair):
+def test_wait_ends_at_its_time(pair):
     readable, _, _ = pair
     for wait_s in (0.0003, 0.0015, 0.03):
         until = readiness._monotonic() + wait_s
@@ -37,7 +37,7 @@ def test_it_waits_until_then(pair):
     assert not readable.now()
 
 
-def test_it_wakes_for_a_byte(pair):
+def test_wait_ends_with_a_byte(pair):
     readable, ours, _ = pair
     timer = threading.Timer(0.02, os.write, [ours, b"x"])
     timer.start()
@@ -49,7 +49,7 @@ def test_it_wakes_for_a_byte(pair):
     timer.join()
 
 
-def test_the_longest_wait_is_repeated(pair, monkeypatch):
+def test_wait_beyond_the_longest_one_is_repeated(pair, monkeypatch):
     readable, _, _ = pair
     monkeypatch.setattr(readiness, "_LONGEST_S", 0.005)
     until = readiness._monotonic() + 0.03
@@ -57,7 +57,7 @@ def test_the_longest_wait_is_repeated(pair, monkeypatch):
     assert readiness._monotonic() >= until
 
 
-def test_what_does_not_fit_waits_for_room(pair):
+def test_send_all_waits_for_room_in_a_full_pipe(pair):
     _, ours, theirs = pair
     os.set_blocking(ours, False)
     data = bytes(range(256)) * 4096

@@ -1,4 +1,4 @@
-"""Every protocol over real ports: pseudo-terminal, TCP, RFC 2217, and a serial server that is not ours."""
+"""Every protocol over real ports: pseudo-terminal, TCP, RFC 2217, and ser2net as a foreign serial server."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ KINDS = ("pty", "tcp", "rfc2217")
 @pytest.mark.soak
 @each_face
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_drive_is_read(face, example, kind, serving):
+def test_drive_is_read_over_every_kind_of_port(face, example, kind, serving):
     virtual = example.virtual()
     with serving([virtual], kind) as server, open_on(face, server.address) as bus:
         drive = example.on(bus)
@@ -34,7 +34,7 @@ def test_a_drive_is_read(face, example, kind, serving):
 
 
 @pytest.mark.soak
-def test_a_serial_server_is_asked_only_for_what_changes(serving, monkeypatch):
+def test_rfc_2217_server_is_sent_only_changed_settings(serving, monkeypatch):
     asked, confirmed = [], Rfc2217Client._confirmed
 
     def note(self, items, limit_s):
@@ -54,8 +54,8 @@ def test_a_serial_server_is_asked_only_for_what_changes(serving, monkeypatch):
 @pytest.mark.soak
 @each_face
 @pytest.mark.parametrize("kind", KINDS)
-def test_drives_of_all_protocols_share_a_line(face, examples, kind, serving):
-    """Each has its own line settings; over RFC 2217 the server really changes them between two exchanges."""
+def test_drives_of_all_protocols_share_a_real_line(face, examples, kind, serving):
+    """Each drive has its own line settings; over RFC 2217 the server really changes them between two exchanges."""
     drives = [example.virtual() for example in examples]
     with serving(drives, kind) as server, open_on(face, server.address) as bus:
         for example, virtual in list(zip(examples, drives, strict=True)) * 3:
@@ -63,7 +63,7 @@ def test_drives_of_all_protocols_share_a_line(face, examples, kind, serving):
             assert reading.raw == virtual.peek(example.parameter, server.now())
 
 
-def test_a_drive_is_commanded_and_a_silent_one_is_not_heard(serving):
+def test_present_drive_is_written_and_a_silent_one_raises_no_reply_error(serving):
     with serving([virtual_drive("vabus", 3)]) as server, drivecomm.open_bus(server.address) as bus:
         drive = bus.drive("vabus", 3, model="agile")
         drive.write("fixed_frequency_2", "12.34")
@@ -74,7 +74,7 @@ def test_a_drive_is_commanded_and_a_silent_one_is_not_heard(serving):
 
 
 @each_face
-def test_a_short_reply_time_is_kept_behind_a_long_one(face, serving):
+def test_short_reply_timeout_is_kept_after_a_long_one(face, serving):
     with serving([virtual_drive("vabus", 1)]) as server, open_on(face, server.address) as bus:
         bus.drive("vabus", 1, reply_timeout_s=20.0).probe()
         began = time.monotonic()
@@ -91,7 +91,7 @@ def notes_of(address, **options):
 
 
 @pytest.mark.soak
-def test_what_a_port_cannot_carry_is_noted(serving):
+def test_settings_that_a_port_cannot_carry_are_noted(serving):
     with serving([virtual_drive("vabus", 1)], "pty") as server:
         assert notes_of(server.address) == ["pseudo-terminal: 7E1 is not carried, characters pass as they are"]
         assert notes_of(server.address, bytesize=8, parity="N") == []
@@ -103,7 +103,7 @@ def test_what_a_port_cannot_carry_is_noted(serving):
 
 @pytest.mark.soak
 @pytest.mark.parametrize("wrong", [{"baudrate": 9600}, {"bytesize": 8, "parity": "N"}], ids=["baud", "format"])
-def test_line_settings_arrive_over_rfc_2217(serving, wrong):
+def test_line_settings_are_applied_over_rfc_2217(serving, wrong):
     with serving([virtual_drive("vabus", 1)], "rfc2217") as server, drivecomm.open_bus(server.address) as bus:
         right = bus.drive("vabus", 1)
         assert right.read("481", type="long").raw == "000003E8"
@@ -112,7 +112,7 @@ def test_line_settings_arrive_over_rfc_2217(serving, wrong):
         assert right.read("481", type="long").raw == "000003E8"
 
 
-def test_settings_change_without_closing():
+def test_line_settings_change_without_reopening_the_port():
     port = SerialPort("loop://")
     for settings in (LineSettings(), LineSettings(baudrate=19200, bytesize=7, parity="E", stopbits=2)):
         assert port.configure(settings) == ""
@@ -122,7 +122,7 @@ def test_settings_change_without_closing():
 
 
 @each_face
-def test_loop_is_a_line_with_echo_and_nobody_on_it(face):
+def test_loop_port_is_a_line_with_echo_and_no_drive(face):
     with open_on(face, "loop://", echo=True, reply_timeout_s=0.02, attempts=2) as bus:
         drive = bus.drive("vabus", 1)
         with pytest.raises(drivecomm.NoReplyError):
@@ -130,25 +130,25 @@ def test_loop_is_a_line_with_echo_and_nobody_on_it(face):
         assert bus.counters[drive.name]["echo bytes"] == 16
 
 
-def test_an_echoing_adapter(serving):
+def test_drive_is_read_through_an_echoing_adapter(serving):
     with serving([virtual_drive("vabus", 1)], "tcp", echo=True) as server:
         bus = drivecomm.open_bus(server.address, echo=True)
         assert bus.drive("vabus", 1).read("481", type="long").raw == "000003E8"
         bus.close()
 
 
-def test_a_paced_line_takes_its_time(serving):
+def test_paced_line_takes_its_wire_time(serving):
     with serving([virtual_drive("vabus", 1)], "tcp", paced=True) as server, drivecomm.open_bus(server.address) as bus:
         drive = bus.drive("vabus", 1, baudrate=19200)
         drive.read("481", type="long")
         began = time.monotonic()
         drive.read("481", type="long")
-        # 8 characters there, 10 ms to think, 20 characters back.
+        # 8 characters of the request, a reply delay of 10 ms, and 20 characters of the reply.
         assert time.monotonic() - began >= drive.facts.settings.wire_s(28) + 0.010
 
 
 class TestReading:
-    """What the link relies on: at_least, until, and a time in the past."""
+    """The read contract that the link relies on: at_least, until, and a time in the past."""
 
     @pytest.fixture(params=["pty", "tcp", "rfc2217", "loop"])
     def port(self, request, serving):
@@ -163,19 +163,19 @@ class TestReading:
             yield port
             port.close()
 
-    def test_returns_as_soon_as_there_is_enough(self, port):
+    def test_read_returns_as_soon_as_enough_bytes_have_arrived(self, port):
         port.write(b"abcde")
         began = port.now()
         assert port.read(began + 5, 5) == b"abcde"
         assert port.now() - began < 1
 
-    def test_returns_at_its_time_with_what_there_is(self, port):
+    def test_read_returns_at_its_time_with_the_bytes_so_far(self, port):
         port.write(b"abc")
         until = port.now() + 0.06
         assert port.read(until, 10) == b"abc"
         assert until <= port.now() < until + 0.2
 
-    def test_a_time_in_the_past_does_not_wait(self, port):
+    def test_read_until_a_past_time_does_not_wait(self, port):
         began = port.now()
         assert port.read(began - 1, 10) == b""
         assert port.read(began, 10) == b""
@@ -193,7 +193,7 @@ class TestReading:
             got += piece
         assert got == every
 
-    def test_waiting_is_exact(self, port):
+    def test_wait_ends_at_its_time_on_a_real_port(self, port):
         until = port.now() + 0.02
         port.wait(until)
         assert until <= port.now() < until + 0.2
@@ -202,7 +202,7 @@ class TestReading:
 
 @pytest.fixture
 def ser2net(tmp_path):
-    """Start ser2net in front of a terminal; gives the URLs of a raw and an RFC 2217 port."""
+    """Yield a function that starts ser2net in front of a terminal and returns the URL of its raw or RFC 2217 port."""
     if SER2NET is None:
         pytest.skip("ser2net is not installed (apt-get install ser2net)")
     running = []
@@ -245,7 +245,7 @@ def opened_when_it_listens(url, **options):
 
 @pytest.mark.soak
 @pytest.mark.parametrize("kind", ["socket", "rfc2217"])
-def test_ser2net_in_between(kind, examples, serving, ser2net):
+def test_drives_are_read_through_ser2net(kind, examples, serving, ser2net):
     drives = [example.virtual() for example in examples]
     with serving(drives) as server:
         url = ser2net(server.address, kind)
@@ -257,7 +257,7 @@ def test_ser2net_in_between(kind, examples, serving, ser2net):
 
 @pytest.mark.soak
 @pytest.mark.parametrize("kind", ["socket", "rfc2217"])
-def test_ser2net_serves_one_client_and_says_so_to_the_next(kind, serving, ser2net):
+def test_ser2net_in_use_refuses_a_second_client(kind, serving, ser2net):
     with serving([virtual_drive("vabus", 1)]) as virtual:
         url = ser2net(virtual.address, kind)
         with opened_when_it_listens(url) as bus:

@@ -27,7 +27,7 @@ BEGINNING, END = 1_795_872_728.0, 1_795_873_400.0
 
 @pytest.fixture
 def file(tmp_path):
-    """Return a function that copies a file of 0.1 into an empty folder, as the private file that it was."""
+    """Return a function that copies a file of 0.1 into an empty folder and restores its private permissions."""
 
     def copied(name):
         path = Path(shutil.copy(FROM_0_1 / name, tmp_path / name))
@@ -112,7 +112,7 @@ def test_plant_file_of_0_1_is_read(file):
     assert checked.returncode == 0, checked.stderr
 
 
-def test_parameter_set_of_0_1_is_read_and_differs_from_itself_in_nothing():
+def test_parameter_set_of_0_1_is_read_and_equals_itself():
     assert len(read_set(FROM_0_1 / "pump.toml").entries) == 84
     compared = drivecomm("compare", FROM_0_1 / "pump.toml", FROM_0_1 / "pump.toml")
     assert compared.returncode == 0, compared.stderr
@@ -137,7 +137,7 @@ def test_capture_of_0_1_is_read_and_decoded(name):
     assert "vabus:1" in sniffed.stdout
 
 
-def test_users_of_0_1_may_do_what_they_might(file):
+def test_users_of_0_1_keep_their_roles(file):
     listed = drivecomm("users", "list", "--file", file("users.toml"))
     assert listed.returncode == 0, listed.stderr
     assert "anna" in listed.stdout

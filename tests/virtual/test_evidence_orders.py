@@ -1,4 +1,4 @@
-"""What a running plant tells of its lines: telegrams, violations, counters, states."""
+"""Control orders for evidence about a running plant: telegrams, violations, counters, states."""
 
 import json
 
@@ -36,7 +36,7 @@ def ask(plant, name, times=1):
     line.advance(1)
 
 
-def test_telegrams_are_told_since_a_number():
+def test_telegrams_are_returned_from_a_number_on():
     plant = plant_of("hall")
     ask(plant, "hall")
     first = order(plant, "telegrams")
@@ -48,7 +48,7 @@ def test_telegrams_are_told_since_a_number():
     assert [each["number"] for each in order(plant, "telegrams", since=2)["telegrams"]] == [3, 4]
 
 
-def test_many_telegrams_are_told_in_several_answers_and_lost_ones_are_counted():
+def test_many_telegrams_come_in_several_answers_and_lost_ones_are_counted():
     plant = plant_of("hall")
     ask(plant, "hall", times=3000)
     since, numbers, missing = 0, [], 0
@@ -64,7 +64,7 @@ def test_many_telegrams_are_told_in_several_answers_and_lost_ones_are_counted():
     assert missing == 1000
 
 
-def test_telegram_that_may_go_on_is_told_when_it_is_whole():
+def test_unfinished_telegram_is_returned_when_it_is_whole():
     plant = plant_of("hall")
     port = plant.line("hall").port()
     port.configure(plant.drive("pump of hall").settings)
@@ -77,7 +77,7 @@ def test_telegram_that_may_go_on_is_told_when_it_is_whole():
     assert [each["telegram"].split()[0] for each in told] == ["enquiry", "value"]
 
 
-def test_line_is_named_where_there_are_several():
+def test_order_must_name_one_of_several_lines():
     plant = plant_of("hall", "yard")
     ask(plant, "yard")
     assert "name one of hall, yard" in order(plant, "telegrams")["error"]
@@ -88,7 +88,7 @@ def test_line_is_named_where_there_are_several():
     assert order(plant, "counters", line="yard")["ok"] is False
 
 
-def test_violations_are_told_with_rule_and_source():
+def test_violations_have_a_rule_and_a_source():
     plant = plant_of("hall")
     port = plant.line("hall").port()
     port.configure(plant.drive("pump of hall").settings)
@@ -115,7 +115,7 @@ def test_counters_count_requests_replies_and_faults():
     assert line["script"] == ["fault: drop of reply to a read, every 3; happened: 1 of 4"]
 
 
-def test_state_tells_motor_and_line_settings():
+def test_state_contains_motor_and_line_settings():
     plant = plant_of("hall")
     with drivecomm.open_bus(plant.line("hall").port) as bus:
         drive = bus.drive("vabus", 1, model="agile")
@@ -128,7 +128,7 @@ def test_state_tells_motor_and_line_settings():
 
 
 @pytest.mark.parametrize("name", ["telegrams", "violations", "counters", "state"])
-def test_looking_changes_nothing(name):
+def test_evidence_order_changes_nothing(name):
     plant = plant_of("hall")
     ask(plant, "hall")
     before = order(plant, "show")

@@ -1,4 +1,4 @@
-"""Forecasts: what they say beforehand is what then happens on a line."""
+"""Forecasts agree with the later behaviour of a line."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -62,7 +62,7 @@ def plan_of(*parameters, period_s=1.0, one=None, **facts):
 
 
 def mixed_plan(period_s):
-    """Forty parameters of eight drives of four protocols, no two neighbours with the same line settings."""
+    """Return a plan of forty parameters of eight drives, in which neighbours have different line settings."""
     return Plan(
         reads=tuple(
             PollItem(drive=drive(protocol, address, options=options), parameter=parameter, period_s=period_s)
@@ -73,11 +73,11 @@ def mixed_plan(period_s):
 
 
 def mixed_line():
-    """The line as a user would set it up, by itself: nothing of it comes from the forecast."""
+    """Return the line for this plan, built without the forecast."""
     return VirtualLine([virtual_drive(protocol, address, **options) for protocol, address, options in DRIVES])
 
 
-def test_a_mixed_line_does_what_the_forecast_says():
+def test_forecast_of_a_mixed_line_matches_its_cycle():
     plan = mixed_plan(period_s=0.0)
     expected = forecast(plan)
     with drivecomm.open_bus(mixed_line().port) as bus:
@@ -88,13 +88,13 @@ def test_a_mixed_line_does_what_the_forecast_says():
     for began, ended in pairwise(rounds[1:]):
         assert ended - began == pytest.approx(expected.cycle_s, rel=1e-9)
     for number, item in enumerate(expected.items):
-        # An item's time ends with its last character, which may go out after its result is there.
+        # An item ends with its last character, which may be sent after its result is there.
         assert asked[81 + number] - asked[80 + number] == pytest.approx(item.seconds, abs=0.002)
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("period_s", [1.5, 2.2])
-def test_a_plan_with_periods_goes_as_the_forecast_says(period_s):
+def test_forecast_of_a_plan_with_periods_matches_its_load(period_s):
     plan = mixed_plan(period_s)
     expected = forecast(plan)
     with drivecomm.open_bus(mixed_line().port) as bus:
@@ -102,13 +102,13 @@ def test_a_plan_with_periods_goes_as_the_forecast_says(period_s):
     later = [result for result in results if result.due_s > 2 * period_s]
     assert expected.fits == (period_s == 2.2)
     assert expected.fits == all(not result.missed and result.late_s < period_s for result in later)
-    # Each read once a period, or on a line that is too slow once a round.
+    # Each item is read once a period, or on a line that is too slow once a round.
     every = max(period_s, expected.cycle_s)
     assert len(results) == pytest.approx(40 * 8 * period_s / every, rel=0.04)
     assert expected.utilisation == pytest.approx(expected.cycle_s / period_s)
 
 
-def test_the_parts_of_a_read():
+def test_forecast_of_a_read_has_wire_delay_and_pause_times():
     (item,) = forecast(plan_of("481", one=drive(options={"model": "agile"})), reply_delay_s=0.004).items
     character_s = 10 / 19200
     # Enquiry and reply of a long value, and the EOT that closes: short description, section 5.
@@ -120,7 +120,7 @@ def test_the_parts_of_a_read():
 
 
 @pytest.mark.parametrize("protocol", PARAMETERS)
-def test_reply_delays(protocol):
+def test_forecast_uses_the_reply_delay_of_call_or_drive(protocol):
     def delays(**facts):
         plan = plan_of(*PARAMETERS[protocol][:2], one=drive(protocol, **facts.pop("drive", {})))
         return [item.delay_s for item in forecast(plan, **facts).items]
@@ -130,7 +130,7 @@ def test_reply_delays(protocol):
     assert all(0 < delay < 0.02 for delay in delays())
 
 
-def test_line_facts_of_drive_and_of_call():
+def test_forecast_uses_line_facts_of_drive_and_call():
     slow = forecast(plan_of("481", one=drive(options={"baudrate": 2400})))
     assert slow.drives[0].settings == "2400 7E1"
     assert slow.items[0].wire_s == pytest.approx(8 * forecast(plan_of("481")).items[0].wire_s)
@@ -138,7 +138,7 @@ def test_line_facts_of_drive_and_of_call():
     assert forecast(plan_of("481"), turnaround_s=0.05).items[0].pause_s == pytest.approx(0.05)
 
 
-def test_guard_time_is_counted_where_settings_change():
+def test_forecast_includes_guard_time_at_changes_of_settings():
     alternating = Plan(
         reads=tuple(
             PollItem(drive=drive("vabus", 1 + number % 2, options={"baudrate": 9600 * (1 + number % 2)}), parameter=p)
@@ -149,7 +149,7 @@ def test_guard_time_is_counted_where_settings_change():
     assert slow.cycle_s - quick.cycle_s == pytest.approx(4 * 0.040)
 
 
-def test_a_parameter_that_the_model_does_not_know_has_the_length_of_its_type():
+def test_forecast_of_an_unknown_parameter_uses_the_length_of_its_type():
     plan = Plan(
         reads=(
             PollItem(drive=drive(), parameter="481"),
@@ -163,7 +163,7 @@ def test_a_parameter_that_the_model_does_not_know_has_the_length_of_its_type():
     assert long.wire_s - short.wire_s == pytest.approx(4 * 10 / 19200)
 
 
-def test_what_cannot_be_read_is_said_and_does_not_disturb_the_rest():
+def test_forecast_reports_unreadable_parameters_and_continues():
     found = forecast(plan_of("48x", "481", "1999"))
     assert found.fits
     assert [bool(item.cause) for item in found.items] == [True, False, True]
@@ -172,7 +172,7 @@ def test_what_cannot_be_read_is_said_and_does_not_disturb_the_rest():
     )
 
 
-def test_a_drive_that_is_slower_than_its_reply_time():
+def test_forecast_reports_a_drive_slower_than_its_reply_timeout():
     found = forecast(plan_of("481"), reply_delay_s=0.2, reply_timeout_s=0.1, attempts=2)
     (item,) = found.items
     assert "did not answer within 100 ms" in item.cause
@@ -187,23 +187,23 @@ def forecast_of_reads(number, period_s, **options):
     return forecast(plan_of(*parameters, period_s=period_s, one=drive(options={"model": "agile", **options})))
 
 
-def test_a_plan_that_fits_needs_no_advice():
+def test_plan_that_fits_gets_no_advice():
     found = forecast_of_reads(4, 1.0)
     assert found.fits
     assert found.advice == ()
 
 
-def test_the_period_that_is_advised_fits():
+def test_advised_period_fits():
     found = forecast_of_reads(4, 0.09)
     assert not found.fits
     assert found.utilisation > 1
     sentence = next(text for text in found.advice if text.startswith("a period of"))
     assert forecast_of_reads(4, float(sentence.split()[3])).fits
-    # And it is not far more than what is needed.
+    # The advised period is not far above the one needed.
     assert float(sentence.split()[3]) < 1.15 * found.cycle_s
 
 
-def test_the_baud_rate_that_is_advised_fits():
+def test_advised_baud_rate_fits():
     found = forecast_of_reads(4, 0.15, baudrate=4800)
     assert not found.fits
     assert any(text.startswith("19200 baud for vabus:1 would fit") for text in found.advice)
@@ -211,7 +211,7 @@ def test_the_baud_rate_that_is_advised_fits():
     assert not forecast_of_reads(4, 0.15, baudrate=9600).fits
 
 
-def test_when_no_baud_rate_is_enough_delays_and_pauses_are_named():
+def test_advice_names_delays_and_pauses_if_no_baud_rate_suffices():
     found = forecast_of_reads(4, 0.04)
     assert any(text.startswith("no baud rate is enough: at 115200 baud") for text in found.advice)
     assert any(text.startswith("the drives' reply delays take") for text in found.advice)
@@ -219,7 +219,7 @@ def test_when_no_baud_rate_is_enough_delays_and_pauses_are_named():
     assert any(text.startswith("pauses take") and "fuji:1" in text for text in pausing.advice)
 
 
-def test_a_line_of_its_own_for_the_drive_that_needs_most():
+def test_advice_names_the_drive_that_needs_its_own_line():
     plan = Plan(
         reads=(
             *(PollItem(drive=drive(), parameter=p, period_s=0.1) for p in ("480", "481", "482")),
@@ -233,7 +233,7 @@ def test_a_line_of_its_own_for_the_drive_that_needs_most():
     assert forecast(Plan(reads=plan.reads[3:])).fits
 
 
-def test_drives_are_grouped_by_settings():
+def test_advice_groups_drives_by_settings():
     def reads(order):
         return Plan(
             reads=tuple(
@@ -254,7 +254,7 @@ def test_drives_are_grouped_by_settings():
     assert any("the same line settings for all drives would save up to 40 ms" in text for text in advice)
 
 
-def test_a_short_period_behind_a_long_read():
+def test_advice_names_a_short_period_delayed_by_a_long_read():
     slow = drive(address=2, options={"baudrate": 1200})
     plan = Plan(
         reads=(
@@ -271,7 +271,7 @@ def test_a_short_period_behind_a_long_read():
 # Plans
 
 
-def test_one_line_at_a_time():
+def test_forecast_needs_a_plan_of_one_line():
     two = Plan(
         reads=tuple(
             PollItem(drive=drive(line=port, name=port), parameter="481", period_s=1.0) for port in ("east", "west")
@@ -282,7 +282,7 @@ def test_one_line_at_a_time():
     assert forecast(two.on_line("west")).port == "west"
 
 
-def test_drives_that_cannot_be():
+def test_forecast_refuses_impossible_drives():
     with pytest.raises(AddressError, match="vabus has no drive at address 99"):
         forecast(plan_of("481", one=drive(address=99)))
     with pytest.raises(UsageError, match="no option 'colour'"):
@@ -328,7 +328,7 @@ def written(tmp_path, text):
     return path
 
 
-def test_the_plan_of_a_plant_file(tmp_path):
+def test_plant_file_gives_a_poll_plan(tmp_path):
     plan = read_plant(written(tmp_path, FILE)).poll_plan()
     pump, fan = plan.drives
     assert replace(pump, poll=()) == drive(
@@ -355,7 +355,7 @@ def test_the_plan_of_a_plant_file(tmp_path):
         ('"vabus:1"', '"vabus:1,model=act"', r"line 11: drive 1 \(pump\): options do not belong behind vabus:1"),
     ],
 )
-def test_plans_that_cannot_be(tmp_path, before, after, message):
+def test_invalid_poll_plan_in_a_plant_file_is_refused(tmp_path, before, after, message):
     assert before in FILE
     path = written(tmp_path, FILE.replace(before, after, 1))
     with pytest.raises(FileFormatError, match=message) as raised:
@@ -363,12 +363,12 @@ def test_plans_that_cannot_be(tmp_path, before, after, message):
     assert str(path) in str(raised.value)
 
 
-def test_a_plant_that_polls_nothing(tmp_path):
+def test_plant_file_without_polls_gives_no_plan(tmp_path):
     with pytest.raises(UsageError, match=r"nothing is polled; write poll = \[\{ parameters"):
         read_plant(written(tmp_path, 'format = 1\n[[line]]\nname = "hall"\n')).poll_plan()
 
 
-def test_a_poll_plan_of_the_first_version_says_what_to_write_instead(tmp_path):
+def test_poll_plan_file_of_the_first_version_names_the_new_form(tmp_path):
     plan = 'format = 1\n[[drive]]\ndrive = "vabus:1"\n\n[[poll]]\ndrive = "vabus:1"\nparameters = ["481"]\n'
     with pytest.raises(
         FileFormatError, match=r"line 5: poll 1: poll plans are plant files now; write a \[\[line"
@@ -377,7 +377,7 @@ def test_a_poll_plan_of_the_first_version_says_what_to_write_instead(tmp_path):
     assert 'poll = [{ parameters = ["481"], period_s = 0.2 }]' in str(said.value)
 
 
-def test_what_a_server_asks_is_the_status_of_each_drive_besides(tmp_path):
+def test_served_plan_adds_the_status_of_each_drive(tmp_path):
     file = tmp_path / "plant.toml"
     file.write_text(SERVED)
     plan = read_plant(file).served_plan(0.5)

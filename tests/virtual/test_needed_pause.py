@@ -1,4 +1,4 @@
-"""A virtual drive that does not hear what begins too soon after its own reply."""
+"""A virtual drive that ignores requests that begin too soon after its own reply."""
 
 import pytest
 
@@ -29,7 +29,7 @@ def file(tmp_path):
 
 
 @pytest.mark.parametrize(("pause_s", "heard"), [(0.0, False), (0.0029, False), (0.0031, True)])
-def test_what_begins_too_soon_is_not_heard(file, pause_s, heard):
+def test_request_that_begins_too_soon_is_ignored(file, pause_s, heard):
     with drivecomm.open_bus(VirtualPlant(read_plant(file)).line("hall").port, turnaround_s=pause_s) as bus:
         pump, fan = bus.drive("vlt3500", 5), bus.drive("fuji", 6)
         pump.probe()
@@ -43,14 +43,14 @@ def test_what_begins_too_soon_is_not_heard(file, pause_s, heard):
             pump.probe()
 
 
-def test_a_forecast_does_not_mind(file):
+def test_forecast_ignores_the_needed_pause(file):
     pump = read_plant(file).drive("pump")
     plan = Plan(reads=tuple(PollItem(drive=pump, parameter=each) for each in ("215", "216")))
     found = forecast(plan, turnaround_s=0.0)
     assert found.cycle_s < 0.2
 
 
-def test_a_pause_that_cannot_be(file):
+def test_invalid_needed_pause_is_refused(file):
     file.write_text(PLANT.replace("0.003", "-1"))
     with pytest.raises(FileFormatError, match="invalid needs_pause_s = -1; write 0 to 60 seconds"):
         read_plant(file)

@@ -1,4 +1,4 @@
-"""Plant files: what is read, and what is said about what cannot be."""
+"""Plant files: valid content, and the errors for invalid content."""
 
 from math import inf
 from textwrap import dedent
@@ -36,7 +36,7 @@ def read(tmp_path):
     return read_text
 
 
-def test_the_example_in_the_documentation_of_the_module(read):
+def test_plant_file_example_of_the_module_docstring_is_valid(read):
     text = drivecomm.plant.files.__doc__
     plant = read(text[text.index("format = 1") :])
     (line,) = plant.lines
@@ -63,7 +63,7 @@ def test_the_example_in_the_documentation_of_the_module(read):
             motor={"rated_kw": 7.5},
         ),
     )
-    # A drive is the same one in other groups.
+    # A drive may be in several groups.
     assert plant.drives[0].groups == ("pumps", "hall 2")
     assert plant.script == (
         TelegramFault(
@@ -82,7 +82,7 @@ def test_the_example_in_the_documentation_of_the_module(read):
     VirtualPlant(plant)
 
 
-def test_what_need_not_be_said(read):
+def test_plant_file_fills_in_defaults(read):
     plant = read("format = 1\n" + HALL + '[[drive]]\ndrive = "fuji:7"\n')
     assert plant.drives[0].name == "fuji:7"
     assert plant.drives[0].line == "hall"
@@ -92,7 +92,7 @@ def test_what_need_not_be_said(read):
     assert plant.on_line("yard") == ()
 
 
-def test_a_condition():
+def test_fault_condition_is_read_and_met():
     step = read_fault('drive = "pump"\ntrip = { code = 5, when = { parameter = "210", above = 45, for_s = 2 } }')
     assert step == TripStep(drive="pump", code=5, when=Condition(parameter="210", above=45, for_s=2))
     assert step.when.met_by(45.1)
@@ -252,7 +252,7 @@ def fault(text):
         (fault('line = "hall"\ninject = { data = "", at_s = 1 }'), ["no bytes to inject"]),
     ],
 )
-def test_what_is_no_plant(read, tmp_path, text, sentences):
+def test_invalid_plant_file_is_refused(read, tmp_path, text, sentences):
     with pytest.raises(FileFormatError) as caught:
         read(text)
     said = str(caught.value)
@@ -262,24 +262,24 @@ def test_what_is_no_plant(read, tmp_path, text, sentences):
         assert sentence in said
 
 
-def test_what_a_server_reads_is_let_through(read):
+def test_server_tables_of_a_plant_file_are_ignored(read):
     alone = read("format = 1\n" + HALL + PUMP)
     text = '[server]\nname = "hall 2"\n[[door]]\nkind = "http"\nanything = 3\n[[alarm]]\non = "fault"\n'
     assert read("format = 1\n" + HALL + PUMP + text) == alone
 
 
-def test_a_file_that_is_not_there(tmp_path):
+def test_missing_plant_file_is_refused(tmp_path):
     with pytest.raises(FileFormatError, match=r"none\.toml: there is no such file"):
         read_plant(tmp_path / "none.toml")
 
 
-def test_a_fault_is_one_thing():
+def test_fault_with_several_kinds_is_refused():
     for text in ('line = "a"', 'drive = "pump"\npower = { off_at_s = 1 }\ntrip = { code = 5 }'):
         with pytest.raises(FileFormatError, match=r"a fault is one of .*; write one of them"):
             read_fault(text)
 
 
 @pytest.mark.parametrize("text", ["=", "kind = 3", 'kind = "drop"', 'line = "a"\nkind = "drop"\nmore = 3'])
-def test_a_text_that_is_no_fault(text):
+def test_invalid_fault_text_is_refused(text):
     with pytest.raises(FileFormatError, match="fault"):
         read_fault(text)

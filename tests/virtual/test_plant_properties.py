@@ -1,4 +1,4 @@
-"""Whatever is written in a plant file, told to a plant or sent to a served line, it ends in a sentence or in order."""
+"""Any plant file, order or bytes on a served line lead to an error message or to a working plant."""
 
 import json
 from contextlib import suppress
@@ -42,7 +42,7 @@ JUNK = [
 @pytest.mark.soak
 @settings(deadline=None, max_examples=150)
 @given(st.sampled_from(ASSIGNMENTS), st.sampled_from(JUNK))
-def test_a_file_with_junk_in_one_place_is_a_plant_or_a_sentence(number, junk):
+def test_plant_file_with_junk_in_one_place_loads_or_is_refused(number, junk):
     lines = list(EXAMPLE)
     lines[number] = f"{lines[number].partition(' = ')[0]} = {junk}"
     with TemporaryDirectory() as folder:
@@ -82,7 +82,7 @@ MODEL = load_model("drivecomm_vabus", "vabus", "agile")
 @pytest.mark.soak
 @settings(deadline=None, max_examples=50)
 @given(st.lists(ORDERS, max_size=6))
-def test_orders_are_carried_out_or_refused_and_the_plant_goes_on(orders):
+def test_random_orders_are_carried_out_or_refused_and_the_plant_continues(orders):
     drive = DriveConfig(protocol="vabus", address=1, line="hall", name="pump", options={"model": MODEL})
     plant = VirtualPlant(Plant(lines=(PlantLine(name="hall"),), drives=(drive,)))
     line = plant.line("hall")
@@ -120,8 +120,8 @@ PIECES = st.lists(st.tuples(st.floats(0, 0.3), st.binary(min_size=1, max_size=40
 
 @settings(deadline=None, max_examples=60)
 @given(PIECES, st.booleans(), st.lists(st.floats(0, 1), max_size=5))
-def test_a_served_line_comes_to_rest_and_echoes_every_byte(pieces, paced, naps):
-    # A drive that is switched off, so that nothing but the echo is on the line.
+def test_served_line_comes_to_rest_and_echoes_every_byte(pieces, paced, naps):
+    # A drive that is switched off, so that the line carries only the echo.
     drive = virtual_drive("danfoss-fc", 1)
     line = VirtualLine([drive], echo=True, paced=paced)
     line.power_off(drive)
@@ -147,7 +147,7 @@ def test_a_served_line_comes_to_rest_and_echoes_every_byte(pieces, paced, naps):
 
 
 def heard_when(when, pieces):
-    """Return what reached the master of a line that is looked after as its property `when` says, and the last time."""
+    """Return the bytes for the master of a line that is followed at its times `when`, and their last arrival."""
     drives = [virtual_drive("vabus", 1, reply_delay_s=0.0), virtual_drive("danfoss-fc", 2)]
     listener = Listener()
     couple = ServedLine(VirtualLine([*drives, virtual_drive("vabus", 3, reply_delay_s=0.02)]), listener)
@@ -168,7 +168,7 @@ def heard_when(when, pieces):
 REQUESTS = st.sampled_from([
     bytes.fromhex("04 41 30 30 34 38 31 05"),
     bytes.fromhex("04 43 30 30 34 38 31 05"),
-    # To all drives: nobody answers.
+    # To all drives: no drive answers.
     bytes.fromhex("04 40 02 30 34 38 31 30 30 30 30 03"),
     bytes.fromhex("02 0e 82 16 4d 00 00 00 00 00 00 00 00 00 00 d5"),
     b"\x04",
@@ -178,24 +178,24 @@ REQUESTS = st.sampled_from([
 @pytest.mark.soak
 @settings(deadline=None, max_examples=60)
 @given(st.lists(st.tuples(st.floats(0, 0.1), REQUESTS), max_size=12))
-def test_what_nobody_hears_yet_can_wait_and_the_master_notices_nothing(pieces):
+def test_served_line_followed_only_at_deadlines_sends_the_same_bytes(pieces):
     (came, last), (should, at) = heard_when("deadline", pieces), heard_when("due", pieces)
     assert came == should
-    # What met another transmission is handed over in the pieces in which it was looked at.
+    # Bytes that met another transmission are delivered in the pieces in which they were examined.
     assert last <= at + 0.0005 + 1e-9
     if not any(pause < 0.08 for pause, _ in pieces[1:]):
         assert last == at
 
 
 class Everybody(Audience):
-    """Tells each drive everything, as if nothing had been heard before."""
+    """An audience that passes everything to every drive, with no memory."""
 
     def of(self, *_):
         return self._stations
 
 
 def on_the_line(audience, steps):
-    """Return all that was on a line of several protocols, and what became of its drives."""
+    """Return all transmissions on a line of several protocols, and the states of its drives afterwards."""
     line = PlantLine(name="hall")
     drives = [
         DriveConfig(protocol=protocol, address=address, line="hall", name=f"{protocol} {address}", options=options)
@@ -225,7 +225,7 @@ def on_the_line(audience, steps):
 
 
 HEARD = st.sampled_from([
-    # A read from each protocol, and each time one for another drive; an odd one, cut, doubled, to all, and noise.
+    # Two reads for each protocol, each for another drive; an odd one, cut, doubled, to all, and noise.
     *(bytes.fromhex(text) for text in (
         "04 41 30 30 34 38 31 05",
         "04 42 30 30 34 38 31 05",
@@ -260,13 +260,13 @@ HEARD = st.sampled_from([
     (0.2, bytes.fromhex("3c 30 31 52 40 40 40 40 30 32 31 35 2b 30 30 30 30 30 30 36 36 3e")),
     (0.0, lambda plant: plant.set("vlt3500 2", "500", 1)),
 ])  # fmt: skip
-def test_drives_that_are_not_told_what_is_for_others_behave_as_if_they_were(steps):
+def test_drives_behave_alike_with_and_without_telegrams_for_others(steps):
     assert on_the_line(Audience, steps * 2) == on_the_line(Everybody, steps * 2)
 
 
 @settings(deadline=None, max_examples=100)
 @given(st.lists(st.one_of(st.tuples(st.integers(0, 9), st.floats(0, 10) | st.just(inf)), st.floats(0, 11))))
-def test_timers_know_who_is_due_first(steps):
+def test_timers_return_the_earliest_deadline_first(steps):
     timers, deadlines = Timers[int](), dict.fromkeys(range(10), inf)
     for step in steps:
         if isinstance(step, tuple):
@@ -282,7 +282,7 @@ def test_timers_know_who_is_due_first(steps):
         assert timers.deadline == min(deadlines.values())
 
 
-def test_timers_that_are_moved_again_and_again_take_no_room():
+def test_timers_moved_repeatedly_take_no_memory():
     timers = Timers[str]()
     timers.set("late", 1e9)
     for number in range(1000):

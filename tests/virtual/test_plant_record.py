@@ -1,4 +1,4 @@
-"""A capture of a whole plant of virtual drives, and what becomes of it on a full disk."""
+"""A capture of a whole virtual plant, and its behaviour on a full disk."""
 
 import errno
 import logging
@@ -52,7 +52,7 @@ def test_record_of_several_lines_names_line_sender_and_settings(plant, tmp_path,
     }
 
 
-def test_full_disk_does_not_end_the_serving_and_is_logged(plant, tmp_path, monkeypatch, caplog):
+def test_full_disk_is_logged_and_does_not_end_the_serving(plant, tmp_path, monkeypatch, caplog):
     add, added = GrowingFile.add, []
 
     def add_until_full(file, piece):
@@ -71,7 +71,7 @@ def test_full_disk_does_not_end_the_serving_and_is_logged(plant, tmp_path, monke
     assert "is incomplete" in end
 
 
-def test_record_in_an_unknown_format_is_refused_before_anything_is_watched(plant, tmp_path):
+def test_record_in_an_unknown_format_is_refused_before_recording(plant, tmp_path):
     with pytest.raises(FileFormatError, match="is not a capture file"), PlantRecord(plant, tmp_path / "rec.txt"):
         pass
     assert not plant.line("hall").recorders

@@ -1,4 +1,4 @@
-"""A plant in real time: many lines in one thread, and a control socket beside them."""
+"""A plant in real time: many lines in one thread, with a control socket."""
 
 import json
 import socket
@@ -64,7 +64,7 @@ def running(plant=None, control="127.0.0.1:0"):
 
 class TestLines:
     @pytest.mark.soak
-    def test_many_lines_in_one_thread(self):
+    def test_one_thread_serves_many_lines(self):
         with running(plant_of(12, paced=True)) as server:
             buses = [drivecomm.open_bus(address) for address in server.addresses.values()]
             for _ in range(2):
@@ -75,7 +75,7 @@ class TestLines:
                 bus.close()
 
     @pytest.mark.soak
-    def test_masters_come_and_go_on_every_line(self):
+    def test_masters_connect_and_disconnect_on_every_line(self):
         with running(plant_of(3, paced=False)) as server:
             for _ in range(5):
                 for address in server.addresses.values():
@@ -84,7 +84,7 @@ class TestLines:
 
     @pytest.mark.soak
     @posix
-    def test_lines_of_all_kinds(self, tmp_path):
+    def test_plant_serves_lines_of_all_kinds(self, tmp_path):
         plant = Plant(
             lines=(
                 PlantLine(name="a", listen=f"pty:{tmp_path / 'a'}"),
@@ -100,7 +100,7 @@ class TestLines:
                     assert bus.drive("danfoss-fc", 3).read("3-41")
 
     @pytest.mark.soak
-    def test_a_script_in_real_time(self):
+    def test_fault_script_runs_in_real_time(self):
         script = (
             TelegramFault(line="line 0", kind=Fault.DROP, of="reply to a write", every=2),
             PowerCutStep(drive="drive 0-2", off_at_s=20, back_at_s=2000),
@@ -117,11 +117,11 @@ class TestLines:
             with pytest.raises(NoReplyError):
                 bus.drive("vabus", 2, attempts=1, reply_timeout_s=0.1).read("481")
 
-    def test_a_line_that_listens_nowhere(self):
+    def test_line_without_a_listen_key_is_refused(self):
         with pytest.raises(UsageError, match="line line 0 has no listen key; set it to pty:PATH"):
             PlantServer(plant_of(listen=""))
 
-    def test_a_place_that_is_taken_leaves_nothing_open(self):
+    def test_address_in_use_is_refused_and_nothing_stays_open(self):
         with running() as server:
             taken = server.addresses["line 0"].rpartition(":")[2]
             lines = (PlantLine(name="a", listen="tcp::0"), PlantLine(name="b", listen=f"tcp::{taken}"))
@@ -131,7 +131,7 @@ class TestLines:
                 PlantServer(plant_of(), control=f":{taken}").__enter__()
 
     @pytest.mark.soak
-    def test_waiting_costs_nothing(self):
+    def test_idle_plant_uses_no_processor_time(self):
         with running(plant_of(50)):
             before = time.process_time()
             time.sleep(0.4)
@@ -139,7 +139,7 @@ class TestLines:
 
 
 class TestControl:
-    def test_every_order(self):
+    def test_every_control_order_is_carried_out(self):
         plant = plant_of(paced=False)
         with running(plant) as server, ControlClient(server.control) as control:
             with drivecomm.open_bus(server.addresses["line 0"]) as bus:
@@ -162,7 +162,7 @@ class TestControl:
                     drive.read("481")
             assert control.order("show", drive="drive 0-1", parameters=["480", "481"])["values"]["481"] == "000003E8"
 
-    def test_injected_bytes_reach_the_master_at_once(self):
+    def test_injected_bytes_reach_the_master_immediately(self):
         with running() as server, ControlClient(server.control) as control:
             host, _, port = server.addresses["line 0"].removeprefix("socket://").rpartition(":")
             with socket.create_connection((host, int(port)), timeout=5) as master:
@@ -196,7 +196,7 @@ class TestControl:
             ({"order": "show", "drive": "drive 0-1", "parameters": ["999"]}, "999"),
         ],
     )
-    def test_nonsense_is_refused_in_a_sentence_and_the_plant_goes_on(self, order, sentence):
+    def test_invalid_order_is_refused_and_the_plant_continues(self, order, sentence):
         text = order if isinstance(order, bytes) else json.dumps(order).encode()
         with running() as server:
             place = parse_place(server.control)
@@ -210,7 +210,7 @@ class TestControl:
             assert "\n" not in refusal["error"]
             assert shown["ok"] is True
 
-    def test_an_order_in_pieces_and_one_without_end(self):
+    def test_order_in_pieces_is_carried_out_and_an_endless_one_disconnected(self):
         with running() as server:
             place = parse_place(server.control)
             with socket.create_connection((place.host, place.port), timeout=5) as guest:
@@ -218,7 +218,7 @@ class TestControl:
                     guest.sendall(piece)
                     time.sleep(0.02)
                 assert b'"ok": true' in guest.recv(100_000)
-                with pytest.raises(ConnectionError):  # noqa: PT012 - the end may come at either call
+                with pytest.raises(ConnectionError):  # noqa: PT012 - either call may find the closed connection
                     for _ in range(20):
                         guest.sendall(b"x" * LONGEST_ORDER)
                         time.sleep(0.01)
@@ -227,7 +227,7 @@ class TestControl:
             with ControlClient(server.control) as control:
                 assert control.order("show")
 
-    def test_many_programs_at_once_and_no_more(self):
+    def test_control_socket_refuses_clients_beyond_its_limit(self):
         with running() as server:
             controls = [ControlClient(server.control) for _ in range(_MOST_CLIENTS)]
             for control in controls:
@@ -245,12 +245,12 @@ class TestControl:
             assert shown
 
     @pytest.mark.soak
-    def test_somebody_who_asks_and_never_reads_is_let_go(self):
+    def test_control_client_that_never_reads_is_disconnected(self):
         with running(plant_of(50, paced=False)) as server:
             place = parse_place(server.control)
             with socket.create_connection((place.host, place.port), timeout=5) as guest:
                 guest.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-                with pytest.raises(OSError, match=r"."):  # noqa: PT012 - which of them is the first to fail is chance
+                with pytest.raises(OSError, match=r"."):  # noqa: PT012 - any of the calls may be the first to fail
                     for _ in range(2000):
                         guest.sendall(b'{"order": "show"}\n' * 10)
                         time.sleep(0.001)
@@ -258,7 +258,7 @@ class TestControl:
                 assert control.order("show")
 
     @posix
-    def test_a_unix_socket(self, tmp_path):
+    def test_control_socket_is_a_unix_socket_and_removed_at_the_end(self, tmp_path):
         place = f"unix:{tmp_path / 'control'}"
         for _ in range(2):
             with running(control=place) as server:
@@ -274,7 +274,7 @@ class TestControl:
             PlantServer(plant_of(), control=f"unix:{tmp_path / 'no' / 'control'}").__enter__()
 
     @posix
-    def test_a_unix_socket_left_behind_is_replaced(self, tmp_path):
+    def test_abandoned_unix_socket_is_replaced(self, tmp_path):
         path = tmp_path / "control"
         left = socket.socket(socket.AF_UNIX)
         left.bind(str(path))
@@ -283,7 +283,7 @@ class TestControl:
             assert control.order("show")
 
     @posix
-    def test_a_unix_socket_of_another_plant_is_not_taken_over(self, tmp_path):
+    def test_unix_socket_of_another_plant_is_not_taken_over(self, tmp_path):
         place = f"unix:{tmp_path / 'control'}"
         with running(control=place):
             with pytest.raises(PortError, match="another plant has its control socket at"):
@@ -292,21 +292,21 @@ class TestControl:
                 assert control.order("show")
 
     @pytest.mark.parametrize("text", ["", "here", "host:", "host:x", "host:70000", "unix:"])
-    def test_what_is_no_place(self, text):
+    def test_invalid_control_address_is_refused(self, text):
         with pytest.raises(UsageError, match=r"write HOST:PORT or unix:PATH|write unix:PATH"):
             parse_place(text)
 
-    def test_places(self):
+    def test_control_address_defaults_to_the_loopback(self):
         assert str(parse_place(":4900")) == "127.0.0.1:4900"
         assert str(parse_place("[::1]:4900")) == "[::1]:4900"
 
-    def test_no_plant_there(self):
+    def test_control_client_without_a_plant_raises_port_error(self):
         with socket.create_server(("127.0.0.1", 0)) as door:
             place = f"127.0.0.1:{door.getsockname()[1]}"
         with pytest.raises(PortError, match=f"no plant at {place}"):
             ControlClient(place)
 
-    def test_a_plant_that_goes(self):
+    def test_control_client_of_an_ended_plant_raises_link_down_error(self):
         with running() as server:
             control = ControlClient(server.control)
             control.order("show")

@@ -1,11 +1,11 @@
-"""What a virtual drive of each protocol forgets without power, and what it keeps."""
+"""The memory of a virtual drive of each protocol without power."""
 
 import pytest
 
 import drivecomm
 from drivecomm.virtual import VirtualLine, virtual_drive
 
-# A parameter that is written with store=True where the protocol has that, and one that is not.
+# A parameter that is written with store=True if the protocol has that, and one that is not.
 STORED = {
     "vabus": ("481", 12, {"store": True}),
     "danfoss-fc": ("3-41", 7, {"store": True}),
@@ -31,7 +31,7 @@ def switched_off_and_on(line, virtual):
 
 
 @EACH
-def test_a_motor_that_ran_stands_and_stays_standing(protocol):
+def test_motor_stays_stopped_after_a_power_cycle(protocol):
     virtual, line, bus, drive = at_work(protocol)
     with bus:
         drive.set_reference(percent=50)
@@ -46,7 +46,7 @@ def test_a_motor_that_ran_stands_and_stays_standing(protocol):
 
 
 @EACH
-def test_a_trip_is_gone(protocol):
+def test_trip_is_cleared_by_a_power_cycle(protocol):
     virtual, line, bus, drive = at_work(protocol)
     with bus:
         virtual.trip(4, line.time)
@@ -56,7 +56,7 @@ def test_a_trip_is_gone(protocol):
 
 
 @pytest.mark.parametrize("protocol", list(STORED))
-def test_what_was_stored_is_kept(protocol):
+def test_stored_value_survives_a_power_cycle(protocol):
     virtual, line, bus, drive = at_work(protocol)
     parameter, value, how = STORED[protocol]
     with bus:
@@ -66,7 +66,7 @@ def test_what_was_stored_is_kept(protocol):
 
 
 @pytest.mark.parametrize("protocol", list(VOLATILE))
-def test_what_was_not_stored_is_gone(protocol):
+def test_volatile_value_is_lost_by_a_power_cycle(protocol):
     virtual, line, bus, drive = at_work(protocol)
     parameter, value = VOLATILE[protocol]
     with bus:
@@ -78,7 +78,7 @@ def test_what_was_not_stored_is_gone(protocol):
 
 
 @EACH
-def test_its_address_and_what_was_set_at_its_keypad_is_kept(protocol):
+def test_address_and_keypad_settings_survive_a_power_cycle(protocol):
     virtual, line, bus, drive = at_work(protocol)
     parameter = {"vabus": "480", "danfoss-fc": "3-41", "fuji": "F07", "vlt3500": "215"}[protocol]
     with bus:

@@ -52,7 +52,7 @@ def answered(master, request=ENQUIRY):
 
 
 def until_answered(master):
-    """Read until the value has come; with RFC 2217 there is negotiation before it."""
+    """Read until the value has come; with RFC 2217, negotiation comes before it."""
     data = b""
     while VALUE not in data:
         piece = master.recv(1000)
@@ -61,7 +61,7 @@ def until_answered(master):
 
 
 def closed(master):
-    """Tell whether the server closes the connection; what it says before that is dropped."""
+    """Return whether the server closes the connection; bytes received before that are dropped."""
     try:
         while master.recv(1000):
             pass
@@ -98,33 +98,33 @@ class TestPlaces:
             "tcp:-1",
         ],
     )
-    def test_what_is_no_place_to_listen(self, text):
+    def test_invalid_listen_address_is_refused(self, text):
         with pytest.raises(UsageError) as caught:
             parse_listen(text)
         assert repr(text) in str(caught.value)
         assert "pty:PATH" in str(caught.value)
 
-    def test_only_this_machine_unless_told_otherwise(self):
+    def test_listen_address_defaults_to_the_loopback(self):
         assert parse_listen("tcp::4001").address == "socket://127.0.0.1:4001"
         assert parse_listen("tcp:0.0.0.0:4001").address == "socket://0.0.0.0:4001"
         assert parse_listen("rfc2217:[::1]:4001").address == "rfc2217://[::1]:4001"
 
-    def test_no_pseudo_terminals_on_windows(self, monkeypatch):
+    def test_pseudo_terminal_is_refused_on_windows(self, monkeypatch):
         monkeypatch.setattr(os, "name", "nt")
         with pytest.raises(UsageError, match="listen at tcp:HOST:PORT instead"):
             parse_listen("pty:line")
 
-    def test_a_port_number_that_is_taken(self):
+    def test_port_number_in_use_is_refused(self):
         with running("tcp::0") as server:
             number = server.address.rpartition(":")[2]
             with pytest.raises(PortError, match=rf"cannot listen at 127.0.0.1:{number} .*choose another"):
                 parse_listen(f"tcp::{number}").open()
 
-    def test_a_host_that_is_not_this_machine(self):
+    def test_foreign_host_is_refused_as_a_listen_address(self):
         with pytest.raises(PortError, match=r"cannot listen at 192\.0\.2\.1:4001"):
             parse_listen("tcp:192.0.2.1:4001").open()
 
-    def test_ip_version_6(self):
+    def test_server_listens_on_ipv6(self):
         if not socket.has_ipv6:
             pytest.skip("this machine has no IPv6")
         try:
@@ -135,7 +135,7 @@ class TestPlaces:
             assert answered(master)[:-1] == VALUE
 
     @pytest.mark.parametrize("listen", ["tcp::0", "rfc2217::0", "pty:line"])
-    def test_closed_or_not_yet_open_it_does_nothing(self, listen, tmp_path, monkeypatch):
+    def test_closed_listener_does_nothing(self, listen, tmp_path, monkeypatch):
         monkeypatch.chdir(tmp_path)
         listener = parse_listen(listen)
         assert listener.receive(0.0) == b""
@@ -149,14 +149,14 @@ class TestPlaces:
 
 
 class TestTcp:
-    def test_one_master_after_the_other(self):
+    def test_masters_are_served_one_after_the_other(self):
         with running("tcp::0") as server:
             for _ in range(20):
                 with connected(server) as master:
                     assert answered(master)[:-1] == VALUE
 
     @pytest.mark.parametrize("kind", ["tcp", "rfc2217"])
-    def test_a_second_master_is_turned_away_at_once(self, kind):
+    def test_second_master_is_disconnected_immediately(self, kind):
         with running(f"{kind}::0") as server, connected(server) as first:
             first.sendall(ENQUIRY)
             until_answered(first)
@@ -171,7 +171,7 @@ class TestTcp:
                 third.sendall(ENQUIRY)
                 until_answered(third)
 
-    def test_what_a_master_sent_before_it_went_still_goes_out_before_the_next_one_is_served(self):
+    def test_bytes_of_a_disconnected_master_are_sent_before_the_next_is_served(self):
         with running("tcp::0") as server:
             heard = []
             server.line.monitors.append(lambda sent: heard.append(sent.data))
@@ -184,7 +184,7 @@ class TestTcp:
             assert heard.count(ENQUIRY) == 40
 
     @pytest.mark.soak
-    def test_a_flood_ends_with_the_master_who_sent_it(self):
+    def test_flood_ends_with_the_master_that_sent_it(self):
         with running("tcp::0", paced=True) as server:
             with connected(server) as master:
                 master.settimeout(0.2)
@@ -193,7 +193,7 @@ class TestTcp:
             began = time.monotonic()
             data = b""
             while not data and time.monotonic() - began < 5:
-                # Until the flood has been thrown away somebody may be turned away.
+                # Until the flood has been discarded, a new master may be disconnected.
                 with connected(server) as master, contextlib.suppress(ConnectionError, TimeoutError):
                     master.settimeout(1)
                     time.sleep(0.6)
@@ -201,7 +201,7 @@ class TestTcp:
             assert data[:-1] == VALUE
 
     @pytest.mark.soak
-    def test_a_flood_of_a_master_who_stays_lets_nobody_else_in(self):
+    def test_flood_of_a_connected_master_keeps_others_out(self):
         with running("tcp::0", paced=True) as server, connected(server) as master:
             master.settimeout(0.2)
             with pytest.raises(TimeoutError):
@@ -209,7 +209,7 @@ class TestTcp:
             with connected(server) as second:
                 assert closed(second)
 
-    def test_a_master_that_breaks_off(self):
+    def test_reset_connection_does_not_disturb_the_next_master(self):
         with running("tcp::0") as server:
             for _ in range(3):
                 master = connected(server)
@@ -222,20 +222,20 @@ class TestTcp:
                 time.sleep(0.06)
                 assert answered(master)[:-1] == VALUE
 
-    def test_a_cut_request_does_not_spoil_the_next_one(self):
+    def test_truncated_request_does_not_spoil_the_next_one(self):
         with running("tcp::0") as server, connected(server) as master:
             master.sendall(ENQUIRY[:5])
             time.sleep(0.06)
             assert answered(master)[:-1] == VALUE
 
     @pytest.mark.soak
-    def test_garbage_without_end_hurts_nobody(self):
+    def test_endless_garbage_does_not_disturb_the_next_master(self):
         noise = random.Random(3)
         with running(
             "tcp::0", [virtual_drive("vabus", address, reply_delay_s=0.0) for address in range(1, 6)]
         ) as server:
             with connected(server) as master:
-                # What waits in this socket is still to be heard when it is closed.
+                # Bytes that wait in this socket are still received after it is closed.
                 master.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
                 master.settimeout(0.1)
                 until = time.monotonic() + 0.3
@@ -251,7 +251,7 @@ class TestTcp:
             for station in server.line._stations:
                 assert len(station.pending) < 200
 
-    def test_a_master_that_asks_and_never_listens(self):
+    def test_master_that_never_reads_holds_one_reply_per_drive(self):
         slow = virtual_drive("vabus", 1, reply_delay_s=30.0)
         asked, hear = [], slow.hear
         slow.hear = lambda find, now: asked.append(now) or hear(find, now)
@@ -261,17 +261,17 @@ class TestTcp:
             until = time.monotonic() + 5
             while len(asked) < 1000 and time.monotonic() < until:
                 time.sleep(0.01)
-            # A drive has room for one answer, so that is all that the line keeps.
+            # A drive has room for one reply, so the line keeps no more than that.
             assert len(asked) == 1000
             assert len(server.line._events) == 1
 
-    def test_a_master_that_never_reads_is_let_go(self):
+    def test_master_with_full_buffers_is_disconnected(self):
         listener = TcpListener("127.0.0.1", 0)
         listener.open()
         number = int(listener.address.rpartition(":")[2])
         with socket.create_connection(("127.0.0.1", number)) as master:
             listener.receive(1.0)
-            # More than all buffers take: whoever reads on behind a gap would hear half telegrams.
+            # More than all buffers hold: a master that reads on after a gap would receive partial telegrams.
             listener.send(b"x" * 32_000_000)
             assert listener._master is None
             master.settimeout(5)
@@ -279,7 +279,7 @@ class TestTcp:
                 pass
         listener.close()
 
-    def test_a_stop_is_prompt_and_a_stopped_server_can_run_again(self):
+    def test_server_stops_promptly_and_can_run_again(self):
         stop = threading.Event()
         with Server([], parse_listen("tcp::0")) as server:
             for _ in range(2):
@@ -291,13 +291,13 @@ class TestTcp:
                 thread.join()
                 assert time.monotonic() - began < 0.3
 
-    def test_waiting_costs_nothing(self):
+    def test_idle_server_uses_no_processor_time(self):
         with running("tcp::0"):
             before = time.process_time()
             time.sleep(0.3)
             assert time.process_time() - before < 0.05
 
-    def test_the_address_is_known_once_it_is_entered(self):
+    def test_address_is_known_after_entering_the_server(self):
         with Server([virtual_drive("vabus", 1)], parse_listen("tcp::0")) as server:
             assert server.address.startswith("socket://127.0.0.1:")
             server.run(set_event())
@@ -312,7 +312,7 @@ def set_event():
 
 
 class TestTiming:
-    def test_a_drive_takes_its_time(self):
+    def test_reply_delay_of_a_drive_is_kept_in_real_time(self):
         with (
             running("tcp::0", [virtual_drive("vabus", 1, reply_delay_s=0.0305)]) as server,
             connected(server) as master,
@@ -322,7 +322,7 @@ class TestTiming:
             answered(master)
             assert 0.0305 <= time.monotonic() - began < 0.2
 
-    def test_a_paced_line_takes_the_time_of_its_characters(self):
+    def test_paced_line_takes_the_time_of_its_characters(self):
         with running("tcp::0", paced=True) as server, connected(server) as master:
             wire = server.drives[0].settings.wire_s
             answered(master)
@@ -331,7 +331,7 @@ class TestTiming:
                 answered(master)
             assert time.monotonic() - began >= wire(2 * (len(ENQUIRY) + len(VALUE) + 1))
 
-    def test_a_master_that_sends_ahead_on_a_paced_line_is_held_back(self):
+    def test_master_that_sends_ahead_on_a_paced_line_is_held_back(self):
         with running("tcp::0", paced=True) as server, connected(server) as master:
             master.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
             master.settimeout(0.2)
@@ -340,7 +340,7 @@ class TestTiming:
             # Half a second is 480 characters at 9600 baud; a piece that was taken is not given back.
             assert server.line.backlog_s < 0.5 + server.drives[0].settings.wire_s(512)
 
-    def test_a_drive_answers_the_last_of_the_requests_that_come_together(self):
+    def test_drive_answers_only_the_last_of_several_requests_in_a_row(self):
         with running("tcp::0") as server, connected(server) as master:
             master.sendall(ENQUIRY + ENQUIRY)
             assert received(master, len(VALUE) + 1)[:-1] == VALUE
@@ -348,13 +348,13 @@ class TestTiming:
             with pytest.raises(TimeoutError):
                 master.recv(1)
 
-    def test_an_echo(self):
+    def test_served_line_echoes(self):
         with running("tcp::0", echo=True) as server, connected(server) as master:
             master.sendall(ENQUIRY)
             assert received(master, len(ENQUIRY) + len(VALUE) + 1)[:-1] == ENQUIRY + VALUE
 
-    def test_drives_hear_each_other(self):
-        """The reply of one drive, ending like a request to another, is heard by that one as well."""
+    def test_drives_receive_each_others_telegrams(self):
+        """The reply of one drive, ending like a request to another, reaches that one as well."""
         with running("tcp::0", [virtual_drive("vabus", address, reply_delay_s=0.0) for address in (1, 2)]) as server:
             heard = []
             server.line._stations[1].hear = lambda data, *_: heard.append(data) or []
@@ -369,7 +369,7 @@ class TestTiming:
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are of POSIX systems")
 class TestPseudoTerminal:
     def ask(self, path, request=ENQUIRY):
-        """Talk as a program would that sets up nothing."""
+        """Send a request as a program does that sets up nothing, and return the reply."""
         descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY)
         try:
             os.write(descriptor, request)
@@ -380,7 +380,7 @@ class TestPseudoTerminal:
         finally:
             os.close(descriptor)
 
-    def test_a_link_that_lives_as_long_as_the_server(self, tmp_path):
+    def test_link_to_the_terminal_exists_only_while_the_server_runs(self, tmp_path):
         path = tmp_path / "drive"
         with running(f"pty:{path}") as server:
             assert server.address == str(path)
@@ -388,12 +388,12 @@ class TestPseudoTerminal:
             assert path.is_char_device()
         assert not path.is_symlink()
 
-    def test_masters_open_and_close_it(self, tmp_path):
+    def test_masters_open_and_close_the_terminal_repeatedly(self, tmp_path):
         with running(f"pty:{tmp_path / 'drive'}") as server:
             for _ in range(20):
                 assert self.ask(server.address)[:-1] == VALUE
 
-    def test_bytes_pass_unchanged(self, tmp_path):
+    def test_bytes_pass_the_terminal_unchanged(self, tmp_path):
         every = bytes(range(256)) + b"\x03\x04\x11\x13\r\n"
         with running(f"pty:{tmp_path / 'drive'}", [], echo=True) as server:
             descriptor = os.open(server.address, os.O_RDWR | os.O_NOCTTY)
@@ -405,20 +405,20 @@ class TestPseudoTerminal:
             os.close(descriptor)
         assert got == every
 
-    def test_a_link_left_behind_is_replaced(self, tmp_path):
+    def test_abandoned_link_is_replaced(self, tmp_path):
         path = tmp_path / "drive"
         path.symlink_to(tmp_path / "nowhere")
         with running(f"pty:{path}") as server:
             assert self.ask(server.address)[:-1] == VALUE
 
-    def test_a_link_in_use_is_not_taken_over(self, tmp_path):
+    def test_link_in_use_is_not_taken_over(self, tmp_path):
         path = tmp_path / "drive"
         with running(f"pty:{path}") as server:
             with pytest.raises(PortError, match=rf"{path} leads to /dev/.*, which another program serves; choose"):
                 parse_listen(f"pty:{path}").open()
             assert self.ask(server.address)[:-1] == VALUE
 
-    def test_what_serves_a_link_is_named(self, tmp_path):
+    def test_link_in_use_error_names_the_serving_program(self, tmp_path):
         path = tmp_path / "drive"
         program = [sys.executable, "-m", "drivecomm", "simulate", "-d", "vabus:1", "-l", f"pty:{path}", "--json"]
         with subprocess.Popen(program, stdout=subprocess.PIPE) as simulator:
@@ -426,23 +426,23 @@ class TestPseudoTerminal:
             with pytest.raises(PortError, match=rf"which drivecomm simulate \(pid {simulator.pid}\) serves"):
                 parse_listen(f"pty:{path}").open()
             simulator.kill()
-        # Now it is left behind.
+        # The link is abandoned now.
         assert path.is_symlink()
         with running(f"pty:{path}") as server:
             assert self.ask(server.address)[:-1] == VALUE
 
-    def test_what_is_no_link_is_left_alone(self, tmp_path):
+    def test_serve_leaves_a_regular_file_in_place_of_the_link_alone(self, tmp_path):
         path = tmp_path / "drive"
         path.write_text("mine")
         with pytest.raises(PortError, match="exists and is not a symbolic link"):
             parse_listen(f"pty:{path}").open()
         assert path.read_text() == "mine"
 
-    def test_a_folder_that_does_not_exist(self, tmp_path):
+    def test_link_in_a_missing_folder_is_refused(self, tmp_path):
         with pytest.raises(PortError, match="choose a path in an existing folder"):
             parse_listen(f"pty:{tmp_path / 'no' / 'drive'}").open()
 
-    def test_a_link_that_somebody_has_taken_over_stays(self, tmp_path):
+    def test_link_replaced_by_another_program_is_not_removed(self, tmp_path):
         path = tmp_path / "drive"
         with running(f"pty:{path}"):
             path.unlink()
@@ -450,7 +450,7 @@ class TestPseudoTerminal:
         assert path.readlink() == Path("/dev/null")
 
     @pytest.mark.soak
-    def test_a_master_that_never_reads(self, tmp_path):
+    def test_terminal_works_again_after_a_master_that_never_reads(self, tmp_path):
         with running(f"pty:{tmp_path / 'drive'}") as server:
             descriptor = os.open(server.address, os.O_RDWR | os.O_NOCTTY)
             for _ in range(200):
@@ -466,7 +466,7 @@ class TestPseudoTerminal:
 
 
 class TestRfc2217:
-    def test_a_plain_client_that_sets_nothing_is_served_as_well(self):
+    def test_plain_client_without_settings_is_served(self):
         with running("rfc2217::0") as server, connected(server) as master:
             master.sendall(ENQUIRY)
             data = b""
@@ -484,7 +484,7 @@ class TestRfc2217:
         ],
         ids=["end without beginning", "baud rate without bytes", "parity that does not exist", "without end"],
     )
-    def test_telnet_commands_that_no_client_sends(self, garbage):
+    def test_malformed_telnet_commands_do_not_disturb_the_next_master(self, garbage):
         with running("rfc2217::0") as server:
             with connected(server) as master:
                 master.sendall(garbage)
@@ -500,7 +500,7 @@ class TestRfc2217:
                 while VALUE not in data:
                     data += master.recv(100)
 
-    def test_random_bytes(self):
+    def test_random_bytes_do_not_break_the_rfc_2217_listener(self):
         noise = random.Random(5)
         listener = Rfc2217Listener("127.0.0.1", 0)
         listener.open()
@@ -518,7 +518,7 @@ class TestRfc2217:
             assert listener._master is None
         listener.close()
 
-    def test_an_impossible_setting_is_a_value_error(self):
+    def test_impossible_line_setting_raises_value_error(self):
         port = PretendedPort()
         assert port.settings is None
         for name, value in (("baudrate", 1), ("bytesize", 5), ("parity", "X"), ("stopbits", 3)):
@@ -532,7 +532,7 @@ class TestRfc2217:
 
 
 class TestWaiting:
-    """Waiting for several sockets at once, as a server of lines does."""
+    """Waiting for several sockets together, as a server of lines does."""
 
     @pytest.fixture(params=["the system's own", "a plain one", "many descriptors"])
     def watched(self, request, monkeypatch):
@@ -545,17 +545,17 @@ class TestWaiting:
             yield selector, theirs
 
     @pytest.mark.parametrize("seconds", [-1.0, 0.0, 0.0003, 0.0204])
-    def test_until_the_time_is_over(self, watched, seconds):
+    def test_wait_ends_when_its_time_is_over(self, watched, seconds):
         selector, _ = watched
         began = time.monotonic()
-        # What waits in two steps comes back in between.
+        # A wait in two steps returns in between.
         while time.monotonic() - began < seconds:
             assert ready_within(selector, seconds - (time.monotonic() - began)) == []
         assert ready_within(selector, 0.0) == []
         assert max(0.0, seconds) <= time.monotonic() - began < seconds + 2.0
 
     @pytest.mark.parametrize("seconds", [0.0, 0.0003, 60.0])
-    def test_until_something_has_come(self, watched, seconds):
+    def test_wait_ends_when_bytes_have_come(self, watched, seconds):
         selector, theirs = watched
         theirs.send(b"x")
         assert [key.data for key in ready_within(selector, seconds)] == ["ours"]

@@ -1,4 +1,4 @@
-"""A served line with listeners: who hears what, and that they disturb nobody."""
+"""A served line with listeners: which bytes reach whom; listeners disturb nothing."""
 
 import json
 import socket
@@ -19,7 +19,7 @@ VALUE = bytes.fromhex("41 02 30 30 34 38 31 30 38 30 30 30 30 30 33 45 38 03 48"
 
 @pytest.fixture
 def connect():
-    """Serve a drive at a line with listeners; gives what connects to it."""
+    """Serve a drive on a line with listeners; yield a function that connects a client."""
     planned = Plant(
         lines=(PlantLine(name="hall", listen="tcp:127.0.0.1:0", listeners=True, paced=False),),
         drives=(DriveConfig(protocol="vabus", address=1, line="hall"),),
@@ -57,7 +57,7 @@ def hears_nothing(client):
     return True
 
 
-def test_listeners_that_came_first_hear_both_sides_and_master_hears_replies_only(connect):
+def test_listeners_receive_both_sides_and_the_master_receives_only_replies(connect):
     first, master, late = connect(), connect(), connect()
     assert ask(master) == VALUE
     assert ask(master) == VALUE
@@ -66,7 +66,7 @@ def test_listeners_that_came_first_hear_both_sides_and_master_hears_replies_only
     assert hears_nothing(master)
 
 
-def test_what_a_listener_sends_is_thrown_away_while_there_is_a_master(connect):
+def test_bytes_of_a_listener_are_discarded_while_a_master_is_connected(connect):
     listener, master = connect(), connect()
     assert ask(master) == VALUE
     taken(listener, 27)
@@ -76,12 +76,12 @@ def test_what_a_listener_sends_is_thrown_away_while_there_is_a_master(connect):
     assert taken(listener, 27) == ENQUIRY + VALUE
 
 
-def test_listener_becomes_the_master_when_that_has_gone(connect):
+def test_listener_becomes_the_master_when_the_master_has_left(connect):
     listener, master = connect(), connect()
     assert ask(master) == VALUE
     taken(listener, 27)
     master.close()
-    # What it sends before the server has seen the master go is thrown away.
+    # Bytes sent before the server has noticed the end of the master are discarded.
     listener.settimeout(0.2)
     for _ in range(25):
         listener.sendall(ENQUIRY)
@@ -92,7 +92,7 @@ def test_listener_becomes_the_master_when_that_has_gone(connect):
         pytest.fail("the listener did not become the master")
 
 
-def test_listener_that_does_not_read_is_let_go_and_delays_nobody(connect):
+def test_listener_that_does_not_read_is_disconnected_and_delays_nothing(connect):
     deaf, master = connect(), connect()
     deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
     assert all(ask(master) == VALUE for _ in range(300))
@@ -100,7 +100,7 @@ def test_listener_that_does_not_read_is_let_go_and_delays_nobody(connect):
     assert ask(master) == VALUE
 
 
-def test_too_many_listeners_are_turned_away_and_the_master_stays(connect):
+def test_surplus_listeners_are_disconnected_and_the_master_stays(connect):
     master = connect()
     assert ask(master) == VALUE
     crowd = [connect() for _ in range(40)]
@@ -122,7 +122,7 @@ def test_listeners_need_a_line_over_tcp(tmp_path):
             PlantServer(VirtualPlant(planned))
 
 
-def test_control_socket_of_a_served_plant_has_telegrams():
+def test_control_socket_of_a_served_plant_returns_telegrams():
     planned = Plant(
         lines=(PlantLine(name="hall", listen="tcp:127.0.0.1:0"),),
         drives=(DriveConfig(protocol="vabus", address=1, line="hall"),),

@@ -1,4 +1,4 @@
-"""Virtual drives show the reference that they were given, wherever a common name says that they show it."""
+"""Virtual drives show the reference that they received, for every model with a common name for it."""
 
 import pytest
 from addresses import address_of
@@ -17,12 +17,12 @@ CASES = [
     & load_model(installed[protocol].package, protocol, model).quantities.keys()
 ]
 
-UNNAMED = {"vlt3500": "502[1]"}  # the output frequency of models that do not name it, their scales being unconfirmed
+UNNAMED = {"vlt3500": "502[1]"}  # output frequency of models without a name for it, as its scale is unconfirmed
 UNKNOWN = {"ct-ansi"}  # no page says which parameter is their output frequency
 
 
 @pytest.mark.parametrize(("protocol", "model"), CASES)
-def test_reference_behind_its_common_name_is_what_was_ordered(protocol, model):
+def test_reference_under_its_common_name_is_the_commanded_one(protocol, model):
     known = load_model(installed[protocol].package, protocol, model)
     line = VirtualLine([virtual_drive(protocol, address_of(protocol), model=known)])
     with drivecomm.open_bus(line.port) as bus:

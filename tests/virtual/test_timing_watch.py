@@ -1,4 +1,4 @@
-"""What a master does wrong on a line, judged from its transmissions."""
+"""Timing faults of a master on a line, judged by its transmissions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SETTINGS = LineSettings(baudrate=19200, bytesize=7, parity="E")
 
 
 class Watched:
-    """A line with drives, and what its watch says of the master."""
+    """A line with drives, and the violations of the master that its watch finds."""
 
     def __init__(
         self, *names: tuple[str, int], paced: bool = True, faults: float = 0.0, kind: Fault = Fault.DROP, **options: Any
@@ -55,7 +55,7 @@ def only(found: list[Violation]) -> Violation:
 
 
 @pytest.mark.parametrize("paced", [True, False])
-def test_request_before_the_reply_is_a_failure_with_its_source(paced: bool) -> None:
+def test_request_before_the_reply_is_a_violation_with_its_source(paced: bool) -> None:
     line = Watched(("vabus", 1), paced=paced)
     line.port.write(ENQUIRY)
     line.line.advance(0.006 + SETTINGS.wire_s(len(ENQUIRY)) * paced)
@@ -69,7 +69,7 @@ def test_request_before_the_reply_is_a_failure_with_its_source(paced: bool) -> N
     )
 
 
-def test_request_into_a_reply_is_a_failure_although_no_manual_prints_a_time() -> None:
+def test_request_during_a_reply_is_a_violation_without_a_printed_time() -> None:
     line = Watched(("vlt3500", 1))
     port = line.line.port()
     port.configure(LineSettings())
@@ -86,7 +86,7 @@ def test_request_into_a_reply_is_a_failure_although_no_manual_prints_a_time() ->
     assert (found.rule, found.demanded, found.source) == ("reply not awaited", True, "seen on the line")
 
 
-def test_silent_drive_is_waited_for_as_long_as_it_may_take() -> None:
+def test_silent_drive_is_waited_for_during_its_whole_reply_time() -> None:
     line = Watched(("vabus", 1))
     line.line.power_off(line.line.drives[0])
     for pause_s in (0.2, 0.51):
@@ -96,7 +96,7 @@ def test_silent_drive_is_waited_for_as_long_as_it_may_take() -> None:
     assert only(line.found).measured == pytest.approx(0.2)
 
 
-def test_turnaround_is_a_failure_where_a_manual_demands_it_and_a_note_where_none_does() -> None:
+def test_turnaround_is_a_violation_if_a_manual_demands_it_and_else_a_note() -> None:
     line = Watched(("vabus", 1))
     line.ask()
     line.line.advance(0.001)
@@ -124,7 +124,7 @@ def test_default_of_drivecomm_is_a_note() -> None:
     assert str(found).startswith("note: vabus:1: a request had a pause of 79.5 ms inside it; it may have 50 ms")
 
 
-def test_silence_of_a_protocol_is_its_longest_gap() -> None:
+def test_protocol_with_silence_limits_the_gap_in_a_telegram() -> None:
     line, settings = Watched(("modbus", 1)), LineSettings(parity="E")
     line.port.configure(settings)
     request = bytes.fromhex("01 03 00 00 00 01 84 0A")
@@ -155,7 +155,7 @@ def test_broadcast_is_followed_by_its_pause() -> None:
     assert (found.rule, found.allowed, found.demanded) == ("pause after a broadcast", 0.025, True)
 
 
-def test_request_interval_is_from_start_to_start() -> None:
+def test_request_interval_is_measured_from_start_to_start() -> None:
     line = Watched(("vabus", 1), request_interval_s=0.1)
     line.ask()
     line.line.advance(0.05)
@@ -163,7 +163,7 @@ def test_request_interval_is_from_start_to_start() -> None:
     assert only(line.found).rule == "request interval"
 
 
-def test_settings_that_no_drive_has_are_a_failure_told_once() -> None:
+def test_settings_that_no_drive_has_are_reported_once() -> None:
     line = Watched(("vabus", 1), ("vabus", 2))
     line.port.configure(LineSettings(baudrate=1200))
     line.port.write(ENQUIRY)
@@ -175,7 +175,7 @@ def test_settings_that_no_drive_has_are_a_failure_told_once() -> None:
 
 
 @pytest.mark.parametrize("kind", [Fault.DROP, Fault.CORRUPT, Fault.TRUNCATE, Fault.DELAY, Fault.DUPLICATE])
-def test_faults_of_the_line_are_not_held_against_the_master(kind: Fault) -> None:
+def test_faults_of_the_line_are_not_violations_of_the_master(kind: Fault) -> None:
     line = Watched(("vabus", 1), faults=0.5, kind=kind)
     with drivecomm.open_bus(line.line.port) as bus:
         drive = bus.drive("vabus", 1)
@@ -187,7 +187,7 @@ def test_faults_of_the_line_are_not_held_against_the_master(kind: Fault) -> None
 
 @pytest.mark.parametrize("paced", [True, False])
 @pytest.mark.parametrize("name", sorted(installed))
-def test_master_of_drivecomm_keeps_to_every_rule(name: str, paced: bool) -> None:
+def test_drivecomm_master_keeps_every_rule(name: str, paced: bool) -> None:
     plugin = installed[name]
     address = next(iter(plugin.scan_addresses))
     model = load_model(plugin.package, name, plugin.default_model)
@@ -206,7 +206,7 @@ def test_master_of_drivecomm_keeps_to_every_rule(name: str, paced: bool) -> None
     assert not line.found, [str(each) for each in line.found]
 
 
-def test_recorded_transmissions_are_judged_as_they_were_when_they_came() -> None:
+def test_recorded_transmissions_give_the_same_violations() -> None:
     line = Watched(("vabus", 1))
     line.ask()
     line.ask()
@@ -215,7 +215,7 @@ def test_recorded_transmissions_are_judged_as_they_were_when_they_came() -> None
     assert list(violations(line.seen, line.rules)) == line.found != []
 
 
-def test_memory_of_a_watch_does_not_grow() -> None:
+def test_memory_of_a_timing_watch_does_not_grow() -> None:
     watch = TimingWatch(Watched(("vabus", 1)).rules)
     line = Watched(("vabus", 1))
     line.port.write(b"\x04A0048" * 2000)
@@ -254,7 +254,7 @@ def test_monitors_of_a_line_do_not_replace_each_other() -> None:
     assert heard == [["master", "drive"] * 2, ["master", "drive"]]
 
 
-def test_short_telegram_inside_a_longer_one_of_another_protocol_is_passed_over() -> None:
+def test_short_telegram_inside_one_of_another_protocol_is_ignored() -> None:
     line = Watched(("modbus", 1), ("vabus", 2))
     settings = LineSettings(parity="E")
     line.port.configure(settings)
@@ -279,7 +279,7 @@ def _crc(data: bytes) -> bytes:
 
 
 @pytest.mark.parametrize("rest", ["01", "01 03 00", "01 10 00 00 00 20 40", "FF FF FF"])
-def test_telegram_that_a_master_broke_off_does_not_spoil_the_next_ones(rest: str) -> None:
+def test_aborted_telegram_does_not_spoil_the_next_ones(rest: str) -> None:
     line = Watched(("modbus", 1))
     settings = LineSettings(parity="E")
     line.port.configure(settings)

@@ -1,4 +1,4 @@
-"""A program without a descriptor left: newcomers are turned away, and nobody is kept busy by them."""
+"""A program without free descriptors: new clients are disconnected, without a busy loop."""
 
 import os
 import select
@@ -14,7 +14,7 @@ resource = pytest.importorskip("resource", reason="limits of descriptors are POS
 
 @pytest.fixture
 def exhausted():
-    """Leave no descriptor for the time of the block that is entered."""
+    """Yield a function that uses up all descriptors until the end of the test."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     with ExitStack() as stack:
 
@@ -30,7 +30,7 @@ def exhausted():
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
 
-def test_a_newcomer_is_turned_away_while_no_descriptor_is_left(exhausted):
+def test_new_client_is_disconnected_while_no_descriptor_is_free(exhausted):
     accepting = Accepting()
     with closing(accepting), socket.create_server(("127.0.0.1", 0)) as server, socket.socket() as newcomer:
         accepting.open()
@@ -43,7 +43,7 @@ def test_a_newcomer_is_turned_away_while_no_descriptor_is_left(exhausted):
         assert newcomer.recv(1) == b""
 
 
-def test_a_newcomer_is_accepted_while_there_are_descriptors():
+def test_new_client_is_accepted_while_descriptors_are_free():
     accepting = Accepting()
     with closing(accepting), socket.create_server(("127.0.0.1", 0)) as server, socket.socket() as newcomer:
         accepting.open()

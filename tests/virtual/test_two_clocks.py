@@ -1,4 +1,4 @@
-"""One line, two clocks: what a served line needs of a virtual one, and that neither grows."""
+"""A served line on two clocks: its virtual time follows real time, and its memory does not grow."""
 
 import gc
 import sys
@@ -21,7 +21,7 @@ VALUE = bytes.fromhex("41 02 30 30 34 38 31 30 38 30 30 30 30 30 33 45 38 03")
 
 
 class Script:
-    """A listener whose master sends what the test says, and whose line keeps what it is sent."""
+    """A listener whose master sends bytes of the test, and which collects the bytes for the master."""
 
     def __init__(self, settings=None):
         self.address = "nowhere"
@@ -52,7 +52,7 @@ def served(*drives, settings=None, **options):
 
 
 class Fickle:
-    """A drive that takes another time for each answer."""
+    """A drive that takes another time for each reply."""
 
     def __init__(self, *delays):
         self.address, self.gap_s, self.motor, self.codec = 1, 0.05, Motor(), telegrams()
@@ -72,7 +72,7 @@ class Fickle:
         ((0.1, 0.2, 0.3), [(0.1, b"3"), (0.7, b"2"), (1.3, b"1")]),
     ],
 )
-def test_a_drive_has_room_for_one_answer(delays, answers):
+def test_drive_has_room_for_one_reply(delays, answers):
     line = VirtualLine([Fickle(*delays)], paced=False)
     port = line.port()
     heard = []
@@ -90,7 +90,7 @@ def test_a_drive_has_room_for_one_answer(delays, answers):
 # Without pacing
 
 
-def test_without_pacing_characters_take_no_time():
+def test_characters_take_no_time_without_pacing():
     line = VirtualLine([virtual_drive("vabus", 1, reply_delay_s=0.004)], paced=False, echo=True)
     port = line.port()
     port.configure(line.drives[0].settings)
@@ -101,7 +101,7 @@ def test_without_pacing_characters_take_no_time():
 
 
 @pytest.mark.parametrize("plugin", list(installed.working()), ids=lambda plugin: plugin.name)
-def test_without_pacing_every_protocol_answers(plugin):
+def test_every_protocol_answers_without_pacing(plugin):
     address = plugin.addresses[1]
     drive = virtual_drive(plugin.name, address)
     line = VirtualLine([drive], paced=False)
@@ -111,10 +111,10 @@ def test_without_pacing_every_protocol_answers(plugin):
         assert reading.raw == drive.peek(parameter, line.time)
 
 
-# A line that somebody else's clock drives
+# A line driven by another clock
 
 
-def test_a_line_says_when_it_is_due():
+def test_served_line_knows_its_next_due_time():
     couple, listener = served(virtual_drive("vabus", 1, reply_delay_s=0.01))
     wire = couple.line.drives[0].settings.wire_s
     assert couple.due == inf
@@ -132,7 +132,7 @@ def test_a_line_says_when_it_is_due():
     assert couple.due == inf
 
 
-def test_waking_late_changes_no_time_on_the_line():
+def test_late_wake_changes_no_time_on_the_line():
     couple, listener = served(virtual_drive("vabus", 1, reply_delay_s=0.01))
     listener.incoming = ENQUIRY
     couple.attend(5.0)
@@ -144,7 +144,7 @@ def test_waking_late_changes_no_time_on_the_line():
     assert [reply[:-1] for reply in listener.sent] == [VALUE]
 
 
-def test_an_echo_is_due_too():
+def test_echo_is_due_at_its_time():
     couple, listener = served(echo=True)
     listener.incoming = b"\x00"
     couple.attend(1.0)
@@ -152,8 +152,8 @@ def test_an_echo_is_due_too():
     assert listener.sent == [b"\x00"]
 
 
-def test_an_echo_without_settings_is_exactly_what_was_sent():
-    # The drive whose settings give the pace has seven data bits; the telegram is for another one.
+def test_echo_without_settings_equals_the_bytes_sent():
+    # The drive whose settings determine the pace has seven data bits; the telegram is for the other one.
     couple, listener = served(virtual_drive("vabus", 1), virtual_drive("danfoss-fc", 3), echo=True)
     listener.incoming = bytes(range(256))
     couple.attend(1.0)
@@ -162,7 +162,7 @@ def test_an_echo_without_settings_is_exactly_what_was_sent():
     assert b"".join(listener.sent) == bytes(range(256))
 
 
-def test_what_is_sent_ahead_is_taken_bit_by_bit():
+def test_bytes_sent_ahead_are_taken_gradually():
     couple, listener = served()
     listener.incoming = bytes(10_000)
     couple.attend(0.0)
@@ -174,7 +174,7 @@ def test_what_is_sent_ahead_is_taken_bit_by_bit():
     assert couple.due < inf
 
 
-def test_a_master_without_settings_is_heard_by_all_and_not_by_one_that_changed():
+def test_master_without_settings_reaches_all_drives_with_unchanged_settings():
     fast, slow = virtual_drive("vabus", 1), virtual_drive("vabus", 2, baudrate=4800)
     couple, listener = served(fast, slow, paced=False)
     second = ENQUIRY.replace(b"A", b"B")
@@ -193,7 +193,7 @@ def test_a_master_without_settings_is_heard_by_all_and_not_by_one_that_changed()
     assert answered() == [b"A"]
 
 
-def test_a_master_with_settings_is_heard_with_them():
+def test_master_with_settings_reaches_drives_with_the_same_settings():
     couple, listener = served(settings=LineSettings(baudrate=9600))
     listener.incoming = ENQUIRY
     couple.attend(0.0)
@@ -206,7 +206,7 @@ def test_a_master_with_settings_is_heard_with_them():
     assert VALUE in listener.sent[-1]
 
 
-def test_a_line_without_drives_is_served():
+def test_line_without_drives_is_served():
     couple, listener = served(echo=True)
     couple.line.drives.clear()
     empty = ServedLine(VirtualLine(echo=True), listener)
@@ -219,7 +219,7 @@ def test_a_line_without_drives_is_served():
 # Days
 
 
-def test_what_a_master_never_reads_is_lost():
+def test_unread_bytes_beyond_the_buffer_are_lost():
     line = VirtualLine(echo=True)
     port = line.port()
     for _ in range(3 * _ROOM // 500):
@@ -277,7 +277,7 @@ def test_hours_of_traffic_take_no_memory(extent):
             assert all(len(station.known) <= 512 for station in line._stations)
             assert len(line._audience._known) <= 512
             assert _sampled.cache_info().maxsize
-            # What has been heard before is kept up to these limits, and is not what this is about.
+            # Caches have their own limits, and are not under test here.
             _sampled.cache_clear()
             for station in line._stations:
                 station.known.clear()
@@ -294,11 +294,11 @@ def test_hours_of_traffic_take_no_memory(extent):
     assert sum(disturbance.happened for disturbance in plant.disturbances) > 20 * extent
     assert objects[-1] - objects[1] < 50, objects
     if sys.gettrace() is None:
-        # Whoever measures which lines are run keeps notes of it.
+        # A coverage tool would allocate memory of its own.
         assert taken[-1] - taken[1] < 5_000, taken
 
 
-def test_a_condition_is_one_event_for_ever():
+def test_waiting_condition_keeps_a_single_event():
     drive = DriveConfig(protocol="vabus", address=1, line="hall", name="pump")
     step = TripStep(drive="pump", code=5, when=When(parameter="210", above=1))
     plant = VirtualPlant(Plant(lines=(PlantLine(name="hall"),), drives=(drive,), script=(step,)))

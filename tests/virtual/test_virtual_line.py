@@ -1,4 +1,4 @@
-"""The virtual line: how long things take, who hears what, and what goes wrong on the way."""
+"""The virtual line: durations, receivers of each transmission, and faults on the way."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ PLUGINS = list(installed.working())
 
 
 class Parrot:
-    """A drive that answers everything it hears with ACK, after a time."""
+    """A drive that answers everything for its address with ACK after a delay."""
 
     def __init__(self, address=1, settings=SETTINGS, delay_s=0.01):
         self.address = address
@@ -54,14 +54,14 @@ def test_characters_take_their_time():
     assert port.now() == 0.0
     character = 10 / 9600
     assert port.read(1.0, 1) == b"\x41"
-    # Eight characters there, the answer's delay, one character back.
+    # Eight characters of the request, the reply delay, one character of the reply.
     assert port.now() == pytest.approx(9 * character + 0.01)
     assert port.read(1.0, 1) == b"\x06"
     assert port.now() == pytest.approx(10 * character + 0.01)
     assert parrot.heard == [(pytest.approx(8 * character, abs=1e-5), ENQUIRY)]
 
 
-def test_a_read_ends_at_its_time():
+def test_read_ends_at_its_time():
     port = master(VirtualLine([Parrot(delay_s=0.5)]))
     port.write(ENQUIRY)
     assert port.read(0.1, 1) == b""
@@ -70,14 +70,14 @@ def test_a_read_ends_at_its_time():
     assert port.now() < 0.6
 
 
-def test_a_read_for_more_than_comes_gives_what_there_is():
+def test_read_of_more_bytes_than_come_returns_them_at_its_time():
     port = master(VirtualLine([Parrot()]))
     port.write(ENQUIRY)
     assert port.read(0.3, 10) == b"\x41\x06"
     assert port.now() == 0.3
 
 
-def test_a_read_in_the_past_takes_no_time():
+def test_read_in_the_past_takes_no_time():
     port = master(VirtualLine())
     port.wait(1.0)
     assert port.read(0.5, 1) == b""
@@ -85,7 +85,7 @@ def test_a_read_in_the_past_takes_no_time():
     assert port.now() == port.wall_time() == 1.0
 
 
-def test_what_is_sent_too_early_waits_its_turn():
+def test_bytes_sent_too_early_wait_for_the_line():
     parrot = Parrot()
     line = VirtualLine([parrot])
     port = master(line)
@@ -97,7 +97,7 @@ def test_what_is_sent_too_early_waits_its_turn():
     assert port.read(1.1, 9) == b"\x41\x06"
 
 
-def test_what_was_handed_over_is_out_when_all_of_it_is():
+def test_backlog_is_the_time_until_all_bytes_are_sent():
     line = VirtualLine([])
     port = master(line)
     port.write(ENQUIRY)
@@ -107,7 +107,7 @@ def test_what_was_handed_over_is_out_when_all_of_it_is():
     assert line.backlog_s == pytest.approx(16 * 10 / 9600 - 0.01)
 
 
-def test_a_drive_does_not_answer_into_what_its_master_says_next():
+def test_drive_sends_no_reply_during_a_transmission_of_its_master():
     line, speakers = VirtualLine([Parrot(delay_s=0.01)]), []
     line.monitors.append(lambda sent: speakers.append(sent.source))
     port = master(line)
@@ -121,7 +121,7 @@ def test_a_drive_does_not_answer_into_what_its_master_says_next():
     assert speakers[2:] == ["master", "drive"]
 
 
-def test_stop_bits_count():
+def test_stop_bits_count_in_the_duration():
     slow = LineSettings(baudrate=300, bytesize=8, stopbits=2)
     assert slow.character_s == pytest.approx(11 / 300)
     parrot = Parrot(settings=slow)
@@ -133,10 +133,10 @@ def test_stop_bits_count():
     assert len(parrot.heard) == 1
 
 
-# Who hears whom
+# Receivers
 
 
-def test_a_drive_hears_others_but_not_itself():
+def test_drive_receives_others_but_not_itself():
     one, two = Parrot(1), Parrot(2)
     port = master(VirtualLine([one, two]))
     port.write(ENQUIRY)
@@ -145,13 +145,13 @@ def test_a_drive_hears_others_but_not_itself():
     assert [data for _, data in two.heard] == [ENQUIRY], "a reply is noise to who expects requests"
 
 
-def test_echo():
+def test_echo_precedes_the_reply():
     port = master(VirtualLine([Parrot()], echo=True))
     port.write(ENQUIRY)
     assert port.read(1.0, 10) == ENQUIRY + b"\x41\x06"
 
 
-def test_injected_bytes_reach_everybody():
+def test_injected_bytes_reach_drives_and_master():
     parrot = Parrot()
     line = VirtualLine([parrot])
     port = master(line)
@@ -160,7 +160,7 @@ def test_injected_bytes_reach_everybody():
     assert len(parrot.heard) == 1
 
 
-def test_a_gap_ends_what_a_station_has_heard():
+def test_gap_ends_an_unfinished_telegram():
     parrot = Parrot()
     station = Station(parrot)
     assert station.hear(ENQUIRY[:4], 0.0, 0.004) == []
@@ -170,7 +170,7 @@ def test_a_gap_ends_what_a_station_has_heard():
     assert [data for _, data in parrot.heard] == [ENQUIRY, ENQUIRY[:4], ENQUIRY]
 
 
-def test_a_telegram_that_only_a_gap_ends_is_heard_when_the_next_comes():
+def test_telegram_ended_by_a_gap_is_received_when_the_next_comes():
     parrot = Parrot()
     station = Station(parrot)
     station.hear(b"\x04", 0.0, 0.001)
@@ -185,18 +185,18 @@ def test_a_telegram_that_only_a_gap_ends_is_heard_when_the_next_comes():
 @pytest.mark.parametrize("bytesize", [7, 8])
 @pytest.mark.parametrize("parity", ["N", "E", "O", "M", "S"])
 @pytest.mark.parametrize("stopbits", [1, 1.5, 2])
-def test_equal_settings_hear_everything(bytesize, parity, stopbits):
+def test_equal_settings_receive_every_byte(bytesize, parity, stopbits):
     settings = LineSettings(bytesize=bytesize, parity=parity, stopbits=stopbits)
     data = bytes(range(1 << bytesize))
     assert heard(data, settings, settings) == data
 
 
-def test_seven_bits_lose_the_eighth():
+def test_seven_data_bits_lose_the_eighth():
     seven = LineSettings(bytesize=7)
     assert heard(b"\x80\xff", seven, seven) == b"\x00\x7f"
 
 
-def test_a_wrong_baud_rate_is_garbage():
+def test_wrong_baud_rate_gives_garbage():
     sender, receiver = LineSettings(baudrate=9600), LineSettings(baudrate=19200)
     assert heard(ENQUIRY, sender, receiver) != ENQUIRY
     assert heard(ENQUIRY, receiver, sender) != ENQUIRY
@@ -204,28 +204,28 @@ def test_a_wrong_baud_rate_is_garbage():
     assert len(heard(ENQUIRY, sender, receiver)) > len(ENQUIRY)
 
 
-def test_a_wrong_parity_shifts_nothing_that_is_not_looked_at():
+def test_wrong_parity_is_not_noticed():
     even, odd = LineSettings(bytesize=7, parity="E"), LineSettings(bytesize=7, parity="O")
-    # The parity bit is not checked, as with common receivers' default settings.
+    # The parity bit is not checked, as with the default settings of common receivers.
     assert heard(ENQUIRY, even, odd) == ENQUIRY
 
 
-def test_seven_even_heard_as_eight_none_has_the_parity_in_the_eighth_bit():
+def test_bytes_sent_at_7e1_and_received_at_8n1_have_the_parity_in_bit_7():
     received = heard(ENQUIRY, LineSettings(bytesize=7, parity="E"), LineSettings(bytesize=8))
     assert bytes(byte & 0x7F for byte in received) == ENQUIRY
     assert received != ENQUIRY
 
 
-def test_nothing_heard_is_nothing():
+def test_empty_transmission_is_received_empty():
     assert heard(b"", LineSettings(), LineSettings(baudrate=300)) == b""
 
 
-def test_a_little_off_is_still_heard():
+def test_small_baud_rate_error_changes_nothing():
     nearly = LineSettings(baudrate=9700)
     assert heard(ENQUIRY, LineSettings(), nearly) == ENQUIRY
 
 
-def test_a_drive_with_other_settings_does_not_answer():
+def test_drive_with_other_settings_does_not_answer():
     drive = virtual_drive("vabus", 1, baudrate=9600)
     line, speakers = VirtualLine([drive]), []
     line.monitors.append(lambda sent: speakers.append(sent.source))
@@ -244,49 +244,49 @@ def disturbed(kind, **options):
     return plan, [plan.reply(b"0123456789") for _ in range(200)]
 
 
-def test_no_fault_changes_nothing():
+def test_fault_plan_of_rate_zero_changes_nothing():
     plan = FaultPlan(rate=0.0)
     assert plan.request(b"abc") == plan.reply(b"abc") == [(0.0, b"abc")]
     assert plan.happened == {}
 
 
-def test_dropped():
+def test_dropped_telegram_does_not_arrive():
     plan, arrivals = disturbed(Fault.DROP)
     assert arrivals == [[]] * 200
     assert plan.happened == {Fault.DROP: 200}
 
 
-def test_corrupted_in_one_character():
+def test_corrupted_telegram_has_one_wrong_character():
     _, arrivals = disturbed(Fault.CORRUPT)
     for ((delay, data),) in arrivals:
         assert delay == 0
         assert sum(a != b for a, b in zip(data, b"0123456789", strict=True)) == 1
 
 
-def test_corrupted_in_one_bit():
+def test_corrupted_telegram_has_one_wrong_bit_with_bits_1():
     _, arrivals = disturbed(Fault.CORRUPT, bits=1)
     for ((_, data),) in arrivals:
         assert sum((a ^ b).bit_count() for a, b in zip(data, b"0123456789", strict=True)) == 1
 
 
-def test_truncated():
+def test_truncated_telegram_has_any_shorter_length():
     _, arrivals = disturbed(Fault.TRUNCATE)
     assert {len(data) for ((_, data),) in arrivals} == set(range(10))
     assert all(b"0123456789".startswith(data) for ((_, data),) in arrivals)
 
 
-def test_delayed():
+def test_delayed_telegram_arrives_within_delay_s():
     _, arrivals = disturbed(Fault.DELAY, delay_s=0.3)
     assert all(0 <= delay <= 0.3 and data == b"0123456789" for ((delay, data),) in arrivals)
     assert max(delay for ((delay, _),) in arrivals) > 0.25
 
 
-def test_duplicated():
+def test_duplicated_telegram_arrives_twice():
     _, arrivals = disturbed(Fault.DUPLICATE)
     assert arrivals == [[(0.0, b"0123456789")] * 2] * 200
 
 
-def test_the_same_seed_is_the_same_course():
+def test_equal_seeds_give_equal_faults():
     def course(seed):
         plan = FaultPlan(rate=0.5, seed=seed)
         return [plan.request(b"0123456789") for _ in range(100)]
@@ -295,18 +295,18 @@ def test_the_same_seed_is_the_same_course():
     assert course(1) != course(2)
 
 
-def test_only_one_direction_is_disturbed():
+def test_fault_plan_disturbs_only_one_direction():
     assert FaultPlan(rate=1.0, kinds=[Fault.DROP], requests=False).request(b"a") == [(0.0, b"a")]
     assert FaultPlan(rate=1.0, kinds=[Fault.DROP], replies=False).reply(b"a") == [(0.0, b"a")]
 
 
-def test_a_repeated_reply_follows_the_first():
+def test_duplicated_reply_follows_the_first():
     port = master(VirtualLine([Parrot()], faults=FaultPlan(rate=1.0, kinds=[Fault.DUPLICATE], requests=False)))
     port.write(ENQUIRY)
     assert port.read(1.0, 10) == b"\x41\x06\x41\x06"
 
 
-def test_a_repeated_request_is_heard_twice():
+def test_duplicated_request_is_received_twice():
     parrot = Parrot()
     port = master(VirtualLine([parrot], faults=FaultPlan(rate=1.0, kinds=[Fault.DUPLICATE], replies=False)))
     port.write(ENQUIRY)
@@ -314,7 +314,7 @@ def test_a_repeated_request_is_heard_twice():
     assert [data for _, data in parrot.heard] == [ENQUIRY, ENQUIRY]
 
 
-def test_a_truncation_to_nothing_is_silence():
+def test_truncation_to_nothing_is_silence():
     class Nothing(FaultPlan):
         def request(self, data):
             return [(0.0, data[:0])]
@@ -329,7 +329,7 @@ def test_a_truncation_to_nothing_is_silence():
 # A broken line
 
 
-def test_a_broken_line_fails_every_use_of_its_port():
+def test_broken_line_fails_every_use_of_its_port():
     line = VirtualLine()
     port = master(line)
     line.broken = True
@@ -350,7 +350,7 @@ def test_a_broken_line_fails_every_use_of_its_port():
 # Virtual drives
 
 
-def test_virtual_drives_are_made_by_name():
+def test_virtual_drive_is_made_by_protocol_name():
     drive = virtual_drive("vabus", 7, baudrate=9600, gap_s=0.1, ram_datasets=False)
     assert drive.address == 7
     assert drive.settings == LineSettings(baudrate=9600, bytesize=7, parity="E")
@@ -358,7 +358,7 @@ def test_virtual_drives_are_made_by_name():
     assert virtual_drive("vabus", 7, model="act").peek("481", 0.0) == drive.peek("481", 0.0)
 
 
-def test_virtual_drives_that_cannot_be():
+def test_impossible_virtual_drive_is_refused():
     with pytest.raises(AddressError, match="vabus has no drive at address 31"):
         virtual_drive("vabus", 31)
     with pytest.raises(UsageError, match=r"vabus drives have no option 'colour'; they have .*sys"):
@@ -380,7 +380,7 @@ def test_every_protocol_answers_its_own_probe(plugin):
 
 def test_drives_of_all_protocols_share_a_line_and_ignore_each_other():
     settings = {"baudrate": 9600, "bytesize": 8, "parity": "N"}
-    # Some telegrams of Huanyang drives are Modbus ones: these two never have the same number.
+    # Some telegrams of Huanyang drives are also Modbus ones: the two protocols must not share an address here.
     addresses = {plugin.name: plugin.addresses[4 if plugin.name == "huanyang" else 3] for plugin in PLUGINS}
     drives = {name: virtual_drive(name, address, **settings) for name, address in addresses.items()}
     line = VirtualLine(drives.values())
@@ -394,7 +394,7 @@ def test_drives_of_all_protocols_share_a_line_and_ignore_each_other():
         assert all(not counter["retries"] and not counter["damaged"] for counter in bus.counters.values())
 
 
-def test_a_trip_has_consequences():
+def test_trip_of_a_virtual_drive_shows_in_its_status():
     drive = virtual_drive("vabus", 1)
     line = VirtualLine([drive])
     with drivecomm.open_bus(line.port) as bus:
@@ -404,7 +404,7 @@ def test_a_trip_has_consequences():
     assert status.fault_code == 0x0103
 
 
-def test_references_beyond_any_motor_do_not_stop_a_virtual_drive():
+def test_references_beyond_any_motor_do_not_break_a_virtual_drive():
     # 480 has no limits in the model; the sum with the percentage no longer fits parameter 283.
     drive = virtual_drive("vabus", 1)
     codec = telegrams()
@@ -418,12 +418,12 @@ def test_references_beyond_any_motor_do_not_stop_a_virtual_drive():
 
 
 @pytest.mark.parametrize("sender", [LineSettings(stopbits=2), LineSettings(stopbits=1.5), LineSettings(parity="M")])
-def test_a_longer_stop_is_no_hindrance(sender):
+def test_longer_stop_bit_is_received(sender):
     assert heard(ENQUIRY, sender, LineSettings()) == ENQUIRY
 
 
 @pytest.mark.parametrize("plugin", PLUGINS, ids=lambda plugin: plugin.name)
-def test_what_a_model_says_of_the_line_reaches_a_virtual_drive_as_it_reaches_a_master(plugin):
+def test_line_facts_of_a_model_apply_to_virtual_drive_and_master(plugin):
     known = load_model(plugin.package, plugin.name, plugin.default_model)
     model = replace(known, options={**known.options, "baudrate": 4800, "gap_s": 0.05})
     address = plugin.addresses[0]
@@ -442,19 +442,19 @@ def test_what_a_model_says_of_the_line_reaches_a_virtual_drive_as_it_reaches_a_m
         lambda **options: drivecomm.open_bus(VirtualLine().port).drive("vabus", 1, **options),
     ],
 )
-def test_an_option_that_nobody_takes_is_refused_with_what_was_perhaps_meant(make):
+def test_unknown_option_is_refused_with_a_suggestion(make):
     with pytest.raises(UsageError, match=r"vabus drives have no option 'ram_dataset'; did you mean 'ram_datasets'\?"):
         make(ram_dataset=True)
 
 
-def test_a_line_of_a_plant_that_sets_what_no_line_has():
+def test_unknown_line_setting_of_a_plant_is_refused_with_a_suggestion():
     line = PlantLine(name="hall", settings={"baud": 9600})
     plant = Plant(lines=(line,), drives=(DriveConfig(protocol="vabus", address=1, line="hall"),))
     with pytest.raises(UsageError, match=r"unknown line setting 'baud'; did you mean 'baudrate'\?"):
         VirtualPlant(plant)
 
 
-def test_what_is_on_the_line_is_taken_apart_once_for_drives_that_read_alike(monkeypatch):
+def test_transmission_is_parsed_once_for_drives_of_the_same_codec(monkeypatch):
     fed = []
     monkeypatch.setattr("drivecomm.virtual.station.Framer", lambda *of: fed.append(of) or Framer(*of))
     line = VirtualLine([virtual_drive("vlt3500", address) for address in range(1, 31)])
@@ -463,7 +463,7 @@ def test_what_is_on_the_line_is_taken_apart_once_for_drives_that_read_alike(monk
     assert len(fed) == 2
 
 
-def test_drives_that_read_differently_share_nothing():
+def test_drives_with_different_codecs_share_no_parser():
     line = VirtualLine([virtual_drive("danfoss-fc", 1, pnu_bits=bits) for bits in (12, 11)])
     heard_by = [station.known for station in stations_of(line.drives)]
     assert heard_by[0] is not heard_by[1]

@@ -1,4 +1,4 @@
-"""The virtual line as a medium: what meets on the wire, late and replaced answers, foreign traffic, echo, power."""
+"""The virtual line as a medium: collisions, late and replaced replies, foreign traffic, echo, power."""
 
 import pytest
 
@@ -14,7 +14,7 @@ CHARACTER_S = 10 / 9600
 
 
 class Teller:
-    """A drive that answers an enquiry with its value, a new one each time, after a time."""
+    """A drive that answers each enquiry with the parameter number as its value, after a delay."""
 
     def __init__(self, address=1, delay_s=0.01):
         self.address = address
@@ -64,10 +64,10 @@ def sent(data, began, source="drive"):
     return Transmission(source=source, sender=None, settings=SETTINGS, data=data, began=began, ended=ended)
 
 
-# What meets
+# Collisions
 
 
-def test_only_what_overlaps_is_spoilt_on_both_sides():
+def test_overlapping_characters_are_spoilt_on_both_sides():
     medium = Medium()
     first, second = sent(b"ABCDEF", 0.0), sent(b"uvwxyz", 3.5 * CHARACTER_S)
     medium.begin(first)
@@ -78,7 +78,7 @@ def test_only_what_overlaps_is_spoilt_on_both_sides():
     assert second.garbled
 
 
-def test_what_follows_at_once_is_not_spoilt():
+def test_transmissions_in_direct_succession_are_not_spoilt():
     medium = Medium()
     first, second = sent(b"ABC", 0.0), sent(b"xyz", 3 * CHARACTER_S)
     medium.begin(first)
@@ -88,7 +88,7 @@ def test_what_follows_at_once_is_not_spoilt():
     assert not second.garbled
 
 
-def test_a_short_one_spoils_the_middle_of_a_long_one():
+def test_short_transmission_spoils_the_middle_of_a_long_one():
     medium = Medium()
     first, second = sent(b"ABCDEF", 0.0), sent(b"x", 2 * CHARACTER_S)
     medium.begin(first)
@@ -96,13 +96,13 @@ def test_a_short_one_spoils_the_middle_of_a_long_one():
     assert (first.data, second.data) == (b"AB\0DEF", b"\0")
 
 
-def test_an_echo_is_spoilt_by_others_and_spoils_nobody():
+def test_echo_is_spoilt_by_others_and_spoils_none():
     medium = Medium()
     request, echo, reply = sent(b"ABC", 0.0, "master"), sent(b"ABC", 0.0, "echo"), sent(b"x", 2 * CHARACTER_S)
     for each in (request, echo, reply):
         medium.begin(each)
     assert echo.data == request.data == b"AB\0"
-    # It is the request that it met.
+    # It has collided with the request.
     assert reply.data == b"\0"
     later = sent(b"ABC", 1.0, "echo")
     reply = sent(b"x", 1.0)
@@ -111,7 +111,7 @@ def test_an_echo_is_spoilt_by_others_and_spoils_nobody():
     assert (later.data, reply.data) == (b"\0BC", b"x")
 
 
-def test_a_reply_that_meets_the_next_request_spoils_it_and_is_spoilt():
+def test_reply_and_next_request_that_collide_spoil_each_other():
     drive = Teller()
     _, port = on(drive)
     port.write(ENQUIRY)
@@ -121,7 +121,7 @@ def test_a_reply_that_meets_the_next_request_spoils_it_and_is_spoilt():
     assert drive.asked == [481], "the second request is noise to the drive"
 
 
-def test_what_has_been_heard_before_stays_heard():
+def test_characters_received_before_a_collision_stay():
     line, port = on(Teller())
     port.write(ENQUIRY)
     assert port.read(1.0, 3) == REPLY[:3]
@@ -129,13 +129,13 @@ def test_what_has_been_heard_before_stays_heard():
     assert port.read(1.0, 100) == REPLY[4:]
 
 
-def test_two_drives_that_answer_at_once_spoil_each_other():
+def test_two_drives_that_reply_simultaneously_spoil_each_other():
     _, port = on(Teller(), Teller())
     port.write(ENQUIRY)
     assert port.read(1.0, 100) == b""
 
 
-def test_a_sender_never_meets_itself():
+def test_transmissions_of_one_sender_never_collide():
     line, port = on()
     line.inject(b"ABC")
     line.inject(b"DEF")
@@ -145,7 +145,7 @@ def test_a_sender_never_meets_itself():
 # Reading
 
 
-def test_a_read_ends_with_the_character_that_it_waits_for():
+def test_read_ends_with_the_character_that_it_waits_for():
     _, port = on(Teller())
     port.write(ENQUIRY)
     for number in range(1, len(REPLY) + 1):
@@ -157,14 +157,14 @@ def test_a_read_ends_with_the_character_that_it_waits_for():
     assert port.now() == pytest.approx(REPLY_AT + 7 * CHARACTER_S)
 
 
-def test_a_read_that_ends_within_a_telegram_leaves_the_rest():
+def test_read_that_ends_within_a_telegram_leaves_the_rest():
     _, port = on(Teller())
     port.write(ENQUIRY)
     assert port.read(REPLY_AT + 2.5 * CHARACTER_S, 100) == REPLY[:2]
     assert port.read(1.0, 100) == REPLY[2:]
 
 
-def test_characters_are_exact_after_a_day():
+def test_character_times_are_exact_after_a_day():
     _, port = on(Teller())
     port.wait(86400.123)
     began = port.now()
@@ -184,7 +184,7 @@ def test_take_takes_no_time():
     assert port.now() == now
 
 
-def test_a_change_of_settings_keeps_what_came_before():
+def test_change_of_settings_keeps_earlier_characters():
     _, port = on(Teller())
     port.write(ENQUIRY)
     port.wait(REPLY_AT + 4 * CHARACTER_S)
@@ -194,24 +194,24 @@ def test_a_change_of_settings_keeps_what_came_before():
     assert heard[4:] != REPLY[4:]
 
 
-def test_what_a_port_says_of_itself():
+def test_virtual_port_is_paced_in_virtual_time_without_a_descriptor():
     port = VirtualLine().port()
     assert (port.paced, port.real_time, port.descriptor) == (True, False, None)
     port.hold_back(14)
     assert port.read(0.1, 1) == b""
 
 
-def test_taking_from_a_broken_line_fails():
+def test_take_from_a_broken_line_fails():
     line, port = on()
     line.broken = True
     with pytest.raises(LinkDownError):
         port.take()
 
 
-# One answer
+# One reply per drive
 
 
-def test_a_later_request_takes_the_place_of_one_that_is_not_answered_yet():
+def test_later_request_replaces_an_unanswered_one():
     drive = Teller(delay_s=0.05)
     _, port = on(drive)
     port.write(enquiry(480))
@@ -221,7 +221,7 @@ def test_a_later_request_takes_the_place_of_one_that_is_not_answered_yet():
     assert drive.asked == [480, 481]
 
 
-def test_a_request_for_another_drive_takes_no_place():
+def test_request_for_another_drive_replaces_none():
     _, port = on(Teller(1, delay_s=0.1), Teller(2, delay_s=0.01))
     port.write(enquiry(480, 1))
     port.wait(0.02)
@@ -229,7 +229,7 @@ def test_a_request_for_another_drive_takes_no_place():
     assert port.read(1.0, 100) == value(481, 2) + value(480, 1)
 
 
-def test_an_answer_that_is_late_on_its_way_arrives_and_holds_nobody_up():
+def test_reply_delayed_on_its_way_arrives_and_delays_no_other():
     class Late(FaultPlan):
         delays = iter((0.5, 0.0))
 
@@ -245,7 +245,7 @@ def test_an_answer_that_is_late_on_its_way_arrives_and_holds_nobody_up():
     assert len(value(480)) * CHARACTER_S < 0.5
 
 
-def test_a_request_that_is_late_on_its_way_holds_nobody_up():
+def test_request_delayed_on_its_way_delays_no_other():
     class Late(FaultPlan):
         delays = iter((0.5, 0.0))
 
@@ -263,7 +263,7 @@ def test_a_request_that_is_late_on_its_way_holds_nobody_up():
 # Foreign traffic and echo
 
 
-def test_foreign_traffic_is_heard_by_all():
+def test_foreign_traffic_reaches_drives_and_master():
     drive = Teller(delay_s=0.2)
     plan = FaultPlan(rate=1.0, kinds=[Fault.FOREIGN], traffic=[enquiry(482)], traffic_within_s=0.1, replies=False)
     _, port = on(drive, faults=plan)
@@ -274,7 +274,7 @@ def test_foreign_traffic_is_heard_by_all():
     assert plan.happened == {Fault.FOREIGN: 1}
 
 
-def test_foreign_traffic_at_the_same_time_spoils_a_request():
+def test_simultaneous_foreign_traffic_spoils_a_request():
     drive = Teller()
     plan = FaultPlan(rate=1.0, kinds=[Fault.FOREIGN], traffic=[enquiry(482)], traffic_within_s=0.0)
     _, port = on(drive, faults=plan)
@@ -283,13 +283,13 @@ def test_foreign_traffic_at_the_same_time_spoils_a_request():
     assert drive.asked == []
 
 
-def test_without_traffic_nobody_speaks():
+def test_foreign_fault_without_traffic_sends_nothing():
     plan = FaultPlan(rate=1.0, kinds=[Fault.FOREIGN])
     assert plan.foreign() == []
     assert plan.happened == {}
 
 
-def test_an_echo_that_is_incomplete():
+def test_partial_echo_lacks_some_characters():
     plan = FaultPlan(rate=1.0, kinds=[Fault.ECHO_PARTIAL])
     echoes = [plan.echo(b"0123456789") for _ in range(200)]
     assert {len(echo) for echo in echoes} == set(range(10))
@@ -300,7 +300,7 @@ def test_an_echo_that_is_incomplete():
         assert b"0123456789".endswith(echo[first:])
 
 
-def test_an_echo_that_is_changed():
+def test_noisy_echo_has_up_to_three_changed_characters():
     plan = FaultPlan(rate=1.0, kinds=[Fault.ECHO_NOISY])
     echoes = [plan.echo(b"0123456789") for _ in range(200)]
     assert {len(echo) for echo in echoes} == {10}
@@ -309,7 +309,7 @@ def test_an_echo_that_is_changed():
     assert wrong.count(0) < 5
 
 
-def test_the_drive_hears_what_the_echo_lacks():
+def test_drive_receives_the_characters_missing_in_the_echo():
     drive = Teller()
     _, port = on(drive, echo=True, faults=FaultPlan(rate=1.0, kinds=[Fault.ECHO_PARTIAL]))
     port.write(ENQUIRY)
@@ -319,7 +319,7 @@ def test_the_drive_hears_what_the_echo_lacks():
     assert len(heard) < len(ENQUIRY + REPLY)
 
 
-def test_other_faults_leave_an_echo_alone():
+def test_faults_of_transmissions_leave_an_echo_unchanged():
     plan = FaultPlan(rate=1.0, kinds=[Fault.CORRUPT, Fault.DROP])
     assert plan.echo(ENQUIRY) == ENQUIRY
     assert plan.foreign() == []
@@ -327,7 +327,7 @@ def test_other_faults_leave_an_echo_alone():
     assert plan.happened == {}
 
 
-def test_the_usual_faults_are_those_of_a_transmission():
+def test_default_faults_are_those_of_a_transmission():
     plan = FaultPlan(rate=1.0, traffic=[b"x"])
     for _ in range(200):
         plan.request(b"0123")
@@ -339,7 +339,7 @@ def test_the_usual_faults_are_those_of_a_transmission():
 # Power
 
 
-def test_a_drive_without_power_neither_hears_nor_answers():
+def test_drive_without_power_neither_receives_nor_replies():
     drive = Teller()
     line, port = on(drive)
     line.power_off(drive)
@@ -352,7 +352,7 @@ def test_a_drive_without_power_neither_hears_nor_answers():
     assert port.read(2.0, 100) == REPLY
 
 
-def test_power_that_goes_while_a_drive_answers_cuts_its_answer():
+def test_power_loss_during_a_reply_cuts_it():
     drive = Teller()
     line, port = on(drive)
     line.call_at(REPLY_AT + 3.5 * CHARACTER_S, lambda: line.power_off(drive))
@@ -360,7 +360,7 @@ def test_power_that_goes_while_a_drive_answers_cuts_its_answer():
     assert port.read(1.0, 100) == REPLY[:3]
 
 
-def test_power_that_goes_before_an_answer_takes_it_away():
+def test_power_loss_before_a_reply_cancels_it():
     drive = Teller()
     line, port = on(drive)
     port.write(ENQUIRY)
@@ -370,7 +370,7 @@ def test_power_that_goes_before_an_answer_takes_it_away():
     assert port.read(1.0, 100) == b""
 
 
-def test_half_a_telegram_is_forgotten_without_power():
+def test_partial_telegram_is_forgotten_without_power():
     drive = Teller()
     line, port = on(drive)
     port.write(ENQUIRY[:4])
@@ -381,7 +381,7 @@ def test_half_a_telegram_is_forgotten_without_power():
     assert port.read(1.0, 100) == b""
 
 
-def test_a_motor_without_power_coasts():
+def test_motor_without_power_coasts():
     drive = Teller()
     line, _ = on(drive)
     drive.motor.run(20.0, 0.0)
@@ -390,7 +390,7 @@ def test_a_motor_without_power_coasts():
     assert drive.motor.command is Command.OFF
 
 
-def test_a_drive_may_come_back_with_other_line_settings():
+def test_drive_may_return_with_other_line_settings():
     drive = virtual_drive("danfoss-fc", 3, baudrate=19200)
     line = VirtualLine([drive])
     with drivecomm.open_bus(line.port) as bus:
@@ -403,7 +403,7 @@ def test_a_drive_may_come_back_with_other_line_settings():
         bus.drive("danfoss-fc", 3, baudrate=9600).probe()
 
 
-def test_volatile_values_are_gone_where_the_virtual_drive_knows_which():
+def test_power_loss_resets_volatile_values():
     drive = virtual_drive("danfoss-fc", 3)
     line = VirtualLine([drive])
     before = drive.peek("3-41", 0.0)
@@ -415,14 +415,14 @@ def test_volatile_values_are_gone_where_the_virtual_drive_knows_which():
     assert drive.peek("3-41", line.time) == before
 
 
-def test_switching_a_drive_that_is_elsewhere():
+def test_switching_the_power_of_a_drive_on_another_line_is_refused():
     line, _ = on(Teller())
     for switch in (line.power_off, line.power_on):
         with pytest.raises(UsageError, match="the drive at address 7 is not on this virtual line"):
             switch(Teller(7))
 
 
-def test_power_faults_come_and_go():
+def test_power_faults_cut_replies_and_end():
     factory = LineSettings(baudrate=4800, bytesize=7, parity="E")
     drive = Teller()
     plan = FaultPlan(rate=1.0, kinds=[Fault.POWER], factory=factory, outage_s=0.5, mismatch_s=0.5)
@@ -444,10 +444,10 @@ def test_power_faults_come_and_go():
     assert plan.happened == {Fault.POWER: 30}
 
 
-# Watching and arranging
+# Monitors and timed calls
 
 
-def test_things_can_be_arranged_for_a_time():
+def test_call_at_runs_functions_at_their_times():
     line, port = on()
     done = []
     line.call_at(0.5, lambda: done.append(line.time))
@@ -459,7 +459,7 @@ def test_things_can_be_arranged_for_a_time():
     assert done == [0.2, 0.5, 1.0]
 
 
-def test_a_monitor_hears_everything_but_echoes():
+def test_monitor_receives_all_transmissions_but_echoes():
     drive = Teller()
     line, port = on(drive, echo=True)
     seen = []
@@ -477,7 +477,7 @@ def test_a_monitor_hears_everything_but_echoes():
     assert seen[1].ended == pytest.approx(REPLY_AT + len(REPLY) * CHARACTER_S)
 
 
-def test_an_acknowledgement_is_as_good_as_any():
+def test_acknowledgement_is_sent_like_any_reply():
     class Yes(Teller):
         def hear(self, find, now):
             return None if super().hear(find, now) is None else VirtualReply(data=ACK, delay_s=0.0)
@@ -491,7 +491,7 @@ def test_an_acknowledgement_is_as_good_as_any():
 ACK = telegrams().encode(Ack(address=1))
 
 
-def test_what_nobody_takes_is_lost_when_the_buffer_is_full():
+def test_unread_bytes_are_lost_when_the_buffer_is_full():
     line, port = on()
     for _ in range(20):
         line.inject(b"x" * 4000)

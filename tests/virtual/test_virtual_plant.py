@@ -1,4 +1,4 @@
-"""A plant in virtual time: drives, motors, speed, and the faults of its script when they happen."""
+"""A plant in virtual time: drives, motors, speed, and the scripted faults at their times."""
 
 from contextlib import contextmanager
 
@@ -23,10 +23,10 @@ from drivecomm.plant import (
 from drivecomm.protocol import DriveConfig, installed
 from drivecomm.virtual import VirtualPlant
 
-# No page says with which parameter these drives tell what they measure.
+# No manual page says which parameter of these drives holds a measured value.
 MEASURED_BY = [name for name in COMMANDED if name not in ("ct-ansi", "movilink")]
 ADDRESS = 5
-# A parameter that can be read and written, one that the drive measures (its output frequency), and another value of it.
+# A parameter that can be read and written, and one that the drive measures (its output frequency).
 STORED = {
     "vabus": "480",
     "danfoss-fc": "3-41",
@@ -53,10 +53,10 @@ MEASURED = {
     "toshiba": "FD00",
     "mitsubishi": "H6F",
 }
-# What one telegram writes.
+# Parameters that one telegram writes.
 WRITTEN = {**STORED, "mitsubishi": "H7B", "modbus": "50010"}
 protocol = pytest.mark.parametrize("name", MEASURED_BY)
-# A value that stands in a reply as digits cannot be stuck.
+# A value that a reply holds as digits cannot be stuck.
 with_numbers = pytest.mark.parametrize("name", [name for name in MEASURED_BY if name not in ("hitachi", "mitsubishi")])
 
 
@@ -75,7 +75,7 @@ def master(plant, name="vabus", **options):
 
 
 def answers(drive, tries, call):
-    """Return for each try whether there was an answer."""
+    """Return for each try whether there was a reply."""
     told = []
     for _ in range(tries):
         try:
@@ -87,7 +87,7 @@ def answers(drive, tries, call):
 
 
 def patient(plant, drive, call, tries):
-    """The same for a drive that the bus would give up: waits until it is asked again."""
+    """Return for each try whether there was a reply; wait until a given-up drive is probed again."""
     told = []
     for _ in range(tries):
         told += answers(drive, 1, call)
@@ -97,10 +97,10 @@ def patient(plant, drive, call, tries):
     return told
 
 
-# What there is
+# Contents of a plant
 
 
-def test_every_drive_is_on_its_line_with_its_values_and_its_motor():
+def test_plant_puts_every_drive_on_its_line_with_values_and_motor():
     plant = VirtualPlant(
         Plant(
             lines=(PlantLine(name="hall", settings={"baudrate": 9600}), PlantLine(name="yard", echo=True, paced=False)),
@@ -138,13 +138,13 @@ def test_every_drive_is_on_its_line_with_its_values_and_its_motor():
         ({"values": {"480": "zero"}}, "drive pump: parameter 480 cannot hold 'zero'"),
     ],
 )
-def test_a_drive_that_cannot_be(drive, sentence):
+def test_impossible_drive_of_a_plant_is_refused(drive, sentence):
     planned = DriveConfig(**{"protocol": "vabus", "address": 1, "line": "hall", "name": "pump", **drive})
     with pytest.raises(UsageError, match=sentence):
         VirtualPlant(Plant(lines=(PlantLine(name="hall"),), drives=(planned,)))
 
 
-def test_names_that_do_not_exist():
+def test_unknown_names_are_refused_by_a_plant():
     plant = planted()
     for use in (
         lambda: plant.line("yard"),
@@ -170,7 +170,7 @@ def test_every_protocol_is_driven_through_a_plant(name):
         plant.trip("pump", 5)
         assert pump.status().fault == pump.capabilities.faults
         assert plant.states()[0].fault == 5
-        # A VABus drive acknowledges nothing for 15 s.
+        # A VABus drive acknowledges no fault for 15 s.
         plant.line("hall").advance(16)
         if not pump.capabilities.faults:
             return
@@ -191,12 +191,12 @@ def test_noise_is_repeatable():
 
 @protocol
 @pytest.mark.parametrize("raw", [2**40, -(2**40), -1, 70000, 10**9, "", "x", "FFFF"])
-def test_a_drive_that_is_set_to_nonsense_speaks_on(name, raw):
+def test_drive_set_to_an_odd_value_still_answers(name, raw):
     plant = planted(name=name)
     try:
         plant.set("pump", STORED[name], raw)
     except UsageError as error:
-        assert f"parameter {STORED[name]} cannot hold {raw!r}" in str(error)  # noqa: PT017 - either is right
+        assert f"parameter {STORED[name]} cannot hold {raw!r}" in str(error)  # noqa: PT017 - the write may also succeed
     with master(plant, name) as pump:
         assert pump.read(STORED[name]).raw == plant.get("pump", STORED[name])
         pump.status()
@@ -214,13 +214,13 @@ def test_every_third_reply_to_a_write_is_lost(name):
         told = []
         for _ in range(9):
             told += answers(pump, 1, lambda drive: drive.write(WRITTEN[name], value, store=name == "fuji"))
-            # Reads are not counted; the first after a lost reply finds the line drained.
+            # Reads are not counted; the first read after a lost reply finds the line drained.
             pump.read(STORED[name])
         assert told == [True, True, False] * 3
     assert plant.disturbances[0].happened == 3
 
 
-def test_only_requests_with_these_fields():
+def test_fault_applies_only_to_requests_with_these_fields():
     to = {"kind": "enquiry", "parameter": 480}
     plant = planted(TelegramFault(drive="pump", kind=Fault.DROP, of="reply", to=to))
     with master(plant) as pump:
@@ -228,7 +228,7 @@ def test_only_requests_with_these_fields():
         assert answers(pump, 1, lambda drive: drive.read("480")) == [False]
 
 
-def test_a_window_of_time():
+def test_fault_applies_only_within_its_window():
     plant = planted(TelegramFault(line="hall", kind=Fault.DROP, window=Window(from_s=10, until_s=20)))
     with master(plant) as pump:
         assert answers(pump, 1, lambda drive: drive.read("480")) == [True]
@@ -238,7 +238,7 @@ def test_a_window_of_time():
         assert answers(pump, 1, lambda drive: drive.read("480")) == [True]
 
 
-def test_a_share_by_chance():
+def test_fault_applies_to_a_random_share():
     plant = planted(TelegramFault(line="hall", kind=Fault.DROP, of="reply to a read", rate=0.25, seed=4))
     port = plant.line("hall").port()
     port.configure(plant.drive("pump").settings)
@@ -250,7 +250,7 @@ def test_a_share_by_chance():
     assert 30 <= replies.count(b"") == plant.disturbances[0].happened <= 70
 
 
-def test_a_late_and_a_repeated_reply():
+def test_replies_are_delayed_and_requests_duplicated():
     plant = planted(
         TelegramFault(line="hall", kind=Fault.DELAY, of="reply", every=2, delay_s=0.2),
         TelegramFault(line="hall", kind=Fault.DUPLICATE, of="request", window=Window(from_s=50)),
@@ -265,7 +265,7 @@ def test_a_late_and_a_repeated_reply():
     assert plant.disturbances[1].happened > 0
 
 
-def test_a_fault_of_one_drive_spares_the_others():
+def test_fault_of_one_drive_spares_the_others():
     plant = VirtualPlant(
         Plant(
             lines=(PlantLine(name="hall"),),
@@ -278,7 +278,7 @@ def test_a_fault_of_one_drive_spares_the_others():
         assert answers(bus.drive("vabus", 2, attempts=1), 1, lambda drive: drive.read("480")) == [False]
 
 
-def test_a_protocol_that_does_not_tell_reading_from_writing(monkeypatch):
+def test_fault_of_writes_needs_a_protocol_that_separates_reads_and_writes(monkeypatch):
     monkeypatch.setattr(type(installed["vabus"]), "__setattr__", object.__setattr__)
     monkeypatch.setattr(installed["vabus"], "intent", None)
     with pytest.raises(UsageError, match="fault 1: the package of vabus does not distinguish reading from writing"):
@@ -288,7 +288,7 @@ def test_a_protocol_that_does_not_tell_reading_from_writing(monkeypatch):
 # Power
 
 
-def test_off_at_20_seconds_back_at_35():
+def test_power_cut_ends_and_resumes_at_its_times():
     cut = PowerCutStep(drive="pump", off_at_s=20, back_at_s=35)
     plant = planted(cut, name="danfoss-fc", values={"3-41": 1234})
     line = plant.line("hall")
@@ -310,7 +310,7 @@ def test_off_at_20_seconds_back_at_35():
 
 
 @protocol
-def test_back_with_factory_settings(name):
+def test_power_cut_with_factory_resets_all_settings(name):
     settings = {"baudrate": 2400}
     plant = planted(
         PowerCutStep(drive="pump", off_at_s=1, back_at_s=2, factory=True),
@@ -331,7 +331,7 @@ def test_back_with_factory_settings(name):
         assert pump.read(STORED[name]).raw == before
 
 
-def test_switching_twice_is_switching_once():
+def test_switching_twice_equals_switching_once():
     plant = planted()
     plant.power_on("pump")
     plant.power_off("pump")
@@ -345,7 +345,7 @@ def test_switching_twice_is_switching_once():
 # Trips
 
 
-def test_a_trip_at_a_time():
+def test_trip_occurs_at_its_time():
     plant = planted(TripStep(drive="pump", code=0x103, at_s=5))
     plant.line("hall").pass_time(4.99)
     assert plant.states()[0].fault == 0
@@ -354,7 +354,7 @@ def test_a_trip_at_a_time():
 
 
 @protocol
-def test_a_trip_when_a_value_has_been_too_high_for_some_time(name):
+def test_trip_occurs_when_a_value_was_too_high_for_some_time(name):
     condition = Condition(parameter=MEASURED[name], above=30, for_s=2)
     plant = planted(TripStep(drive="pump", code=5, when=condition), name=name)
     line = plant.line("hall")
@@ -364,7 +364,7 @@ def test_a_trip_when_a_value_has_been_too_high_for_some_time(name):
         motor = plant.drive("pump").motor
         ramp_s = motor.ramp_up_s * 30 / motor.rated_hz
         assert ramp_s + 2 <= at <= ramp_s + 2 + 1.0
-        # Not again before the condition has been untrue.
+        # No second trip before the condition was false.
         line.advance(16)
         if not pump.capabilities.faults:
             return
@@ -393,7 +393,7 @@ def time_of_trip(plant):
 
 
 @pytest.mark.parametrize("speed", [1.0, 10.0])
-def test_a_condition_is_true_for_its_time_of_the_process_without_a_break(speed):
+def test_condition_must_hold_for_its_process_time_without_a_break(speed):
     condition = Condition(parameter="480", above=20, for_s=2)
     plant = planted(TripStep(drive="pump", code=5, when=condition), speed=speed, options={"model": "agile"})
 
@@ -409,13 +409,13 @@ def test_a_condition_is_true_for_its_time_of_the_process_without_a_break(speed):
     assert fault_after(3000, 1) == 5
 
 
-def test_a_condition_that_cannot_be():
-    for parameter, sentence in (("none", "none"), ("12345", "12345"), ("1", "is no number|1")):
+def test_impossible_condition_is_refused():
+    for parameter, sentence in (("none", "none"), ("12345", "12345"), ("1", "is not a number|1")):
         with pytest.raises(UsageError, match=sentence):
             planted(TripStep(drive="pump", code=5, when=Condition(parameter=parameter, above=1)))
 
 
-def test_a_drive_without_power_meets_no_condition():
+def test_drive_without_power_meets_no_condition():
     plant = planted(TripStep(drive="pump", code=5, when=Condition(parameter="480", above=1, for_s=1)))
     plant.power_off("pump")
     plant.line("hall").advance(10)
@@ -430,7 +430,7 @@ def test_a_drive_without_power_meets_no_condition():
 
 @with_numbers
 @pytest.mark.parametrize("parameters", [STORED, MEASURED], ids=["stored", "measured"])
-def test_a_value_that_is_stuck_and_comes_loose(name, parameters):
+def test_stuck_value_is_read_until_it_is_released(name, parameters):
     parameter = parameters[name]
     step = StuckStep(drive="pump", parameter=parameter, value=12, window=Window(from_s=5, until_s=50))
     plant = planted(step, name=name)
@@ -440,7 +440,7 @@ def test_a_value_that_is_stuck_and_comes_loose(name, parameters):
         assert free != 12
         line.pass_time(5)
         assert pump.read(parameter).value == 12
-        # Everything else is as it is.
+        # All other values are unchanged.
         other = (STORED if parameters is MEASURED else MEASURED)[name]
         assert pump.read(other).raw == plant.get("pump", other)
         line.pass_time(50)
@@ -448,7 +448,7 @@ def test_a_value_that_is_stuck_and_comes_loose(name, parameters):
 
 
 @with_numbers
-def test_a_stuck_value_takes_as_long_as_any_other(name):
+def test_stuck_value_takes_the_usual_reply_time(name):
     step = StuckStep(drive="pump", parameter=STORED[name], value=12, window=Window(from_s=5))
     plant = planted(step, name=name, reply_delay_s=0.04)
     line = plant.line("hall")
@@ -459,7 +459,7 @@ def test_a_stuck_value_takes_as_long_as_any_other(name):
         return line.time - began
 
     with master(plant, name) as pump:
-        # The first replies are listened out.
+        # The link waits longer for the first replies.
         seconds(pump)
         line.pass_time(3)
         free = seconds(pump)
@@ -469,7 +469,7 @@ def test_a_stuck_value_takes_as_long_as_any_other(name):
 
 
 @with_numbers
-def test_a_raw_text_is_stuck_as_well(name):
+def test_raw_text_can_be_stuck(name):
     free = str(planted(name=name).get("pump", MEASURED[name]))
     raw = free[:-1] + "3"
     plant = planted(StuckStep(drive="pump", parameter=MEASURED[name], value=raw), name=name)
@@ -479,28 +479,28 @@ def test_a_raw_text_is_stuck_as_well(name):
 
 
 @pytest.mark.parametrize(("parameter", "value"), [("none", 1), ("999", 1), ("480", "12"), ("480", 1e12)])
-def test_what_cannot_be_stuck(parameter, value):
+def test_impossible_stuck_value_is_refused(parameter, value):
     with pytest.raises(UsageError, match=f"fault 1: .*{parameter}"):
         planted(StuckStep(drive="pump", parameter=parameter, value=value))
 
 
-def test_a_refusal_is_not_changed():
+def test_refusal_is_not_changed_by_a_stuck_value():
     plant = planted(StuckStep(drive="pump", parameter="480", value=12))
     with master(plant) as pump, pytest.raises(drivecomm.RefusedError):
         pump.read("999", type="uint")
 
 
-# Bytes from nobody, and the speed of the process
+# Injected bytes, and the speed of the process
 
 
-def test_injected_bytes():
+def test_injected_bytes_arrive_at_their_time():
     plant = planted(InjectStep(line="hall", data=b"hello", at_s=3))
     port = plant.line("hall").port()
     assert port.read(10.0, 5) == b"hello"
     assert port.now() == pytest.approx(3 + 5 * 10 / 9600)
 
 
-def test_a_faster_process_on_the_same_wire():
+def test_faster_process_keeps_the_speed_of_the_wire():
     def course(speed):
         plant = planted(TripStep(drive="pump", code=5, at_s=200), speed=speed)
         line = plant.line("hall")
@@ -523,7 +523,7 @@ def test_a_faster_process_on_the_same_wire():
     assert fast[2].states()[0].fault == 5
 
 
-def test_a_drive_that_is_told_its_address():
+def test_drive_answers_at_an_address_set_by_its_parameter():
     plant = planted(name="vlt3500")
     plant.set("pump", "500", 9)
     with drivecomm.open_bus(plant.line("hall").port) as bus:

@@ -1,4 +1,4 @@
-"""The vocabulary in which protocols declare their telegrams."""
+"""Leaves and forms with which protocols declare their telegrams."""
 
 import lazy_loader
 

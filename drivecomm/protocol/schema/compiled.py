@@ -1,8 +1,9 @@
-"""A form as two straight functions, one to read its telegram and one to write it, made from its leaves.
+"""Compilation of a form into two straight functions, one that reads its telegram and one that writes it.
 
-They know what is right. The reading one looks at what is graver first, so that the leaf which refuses is the one that
-says what is wrong; where that cannot be known, and for all writing, the declared schema does it once more and says it.
-That both agree is checked with every vector and with random telegrams (`drivecomm.testing.checks.schemas`).
+The functions accept only valid telegrams. The reading function checks graver faults first, so that the leaf that
+refuses names the fault. If the gravest fault cannot be known there, and for all writing, the declared schema does the
+work once more and names the fault. Tests with all vectors and with random telegrams check that both agree
+(`drivecomm.testing.checks.schemas`).
 """
 
 from __future__ import annotations
@@ -28,16 +29,17 @@ if TYPE_CHECKING:
     from drivecomm.protocol.schema.form import Form
     from drivecomm.protocol.schema.leaf import Fault
 
-    # What computes fields of the message, by their names: a function, and the leaves that it is given.
+    # Functions that compute fields of the message, by the names of the fields, each with the leaves that it takes.
     Reads: TypeAlias = Mapping[tuple[str, ...], tuple[Callable[..., Any], tuple[str, ...]]]
 
 M = TypeVar("M", bound="Message")
 
 
 def reader(form: Form[M]) -> Callable[[bytes], M] | None:
-    """Return a function that reads a form's telegram; None where a leaf cannot be said in code.
+    """Return a function that reads a form's telegram; None if a leaf cannot be expressed in code.
 
-    For bytes that are no such telegram it raises a Fault where it knows the gravest one, any other exception elsewhere.
+    For bytes that are not such a telegram, the function raises a Fault if it knows the gravest one, otherwise any
+    exception.
     """
     if not _sayable(form):
         return None
@@ -57,7 +59,7 @@ def reader(form: Form[M]) -> Callable[[bytes], M] | None:
             found.add(_Cut(name, leaf, code.let(f"data[{place} : {place} + {size}]"), str(place), size))
             place.move_to(code.let(f"{place} + {size}"))
     code.refuse_if(f"len(data) != {place}")
-    # What is graver is looked at first, so that it is what is found.
+    # Check graver faults first, so that the gravest one is found.
     for category in GRAVITY:
         found.read(category)
     _message(code, form.message, form.reads, found.values)
@@ -65,9 +67,9 @@ def reader(form: Form[M]) -> Callable[[bytes], M] | None:
 
 
 def writer(form: Form[M]) -> Callable[[M], bytes] | None:
-    """Return a function that writes a form's telegram; None where a leaf cannot be said in code.
+    """Return a function that writes a form's telegram; None if a leaf cannot be expressed in code.
 
-    It raises any exception for a message that does not fit.
+    The function raises any exception for a message that does not fit.
     """
     if not _sayable(form):
         return None
@@ -101,7 +103,11 @@ def writer(form: Form[M]) -> Callable[[M], bytes] | None:
 
 
 def measurer(form: Form[Any]) -> Callable[[bytes], int]:
-    """Return a function that says how long a form's telegram is that begins so: 0 for none, more to know more."""
+    """Return a function that returns the length of a form's telegram from its first bytes.
+
+    The result is 0 if no such telegram begins with these bytes, and more than their number if more are needed to
+    measure.
+    """
     if not _sayable(form):
         raise UsageError(f"a {form.message.__name__} has a leaf whose size is neither an expression nor `until`")
     code, place = Code(), _Place()
@@ -128,9 +134,9 @@ def measurer(form: Form[Any]) -> Callable[[bytes], int]:
 
 
 def _measured_until(code: Code, form: Form[Any], size: Until, place: _Place) -> Callable[[bytes], int]:
-    """Return the function for a telegram that has one place of unknown size, before a constant."""
+    """Return the function for a telegram that has one leaf of unknown size, before a constant."""
     least, most, early = size.least + form.between, size.most + form.between, len(size.end) - 1
-    # The constant and what follows it.
+    # Size of the constant and of all leaves after it.
     rest = form.tail - form.between
     found = code.let(f"data.find({size.end!r}, {place} + {least})")
     code.line(f"if {found} > {place} + {most} or len(data) - {early} > {place} + {most} and {found} < 0: return 0")
@@ -140,7 +146,7 @@ def _measured_until(code: Code, form: Form[Any], size: Until, place: _Place) -> 
 
 
 class _Place:
-    """Where the next leaf begins: so many bytes behind a variable, or behind the start."""
+    """Expression for the place of the next leaf: an offset from a variable, or from the start of the telegram."""
 
     base, offset = "", 0
 
@@ -152,7 +158,7 @@ class _Place:
 
 
 class _Cut(NamedTuple):
-    """The characters of a leaf: the variable that holds them, where they stand in the telegram, and how many."""
+    """Code for the characters of a leaf: the variable that holds them, their place, and their number."""
 
     name: str
     leaf: Any
@@ -162,7 +168,7 @@ class _Cut(NamedTuple):
 
 
 class _Found:
-    """What has been cut out of a telegram, and the values of what has been read of it, by the names of the leaves."""
+    """Leaves that have been cut out of a telegram, and the values that have been read, by the names of the leaves."""
 
     def __init__(self, code: Code) -> None:
         self.values: dict[str, str] = {}
@@ -173,14 +179,17 @@ class _Found:
         self._unread.append(cut)
 
     def value_of(self, name: str) -> str:
-        """Return a value on which the places of others depend: where it is wrong, they may be, too."""
+        """Return the value of a leaf on which the places of others depend.
+
+        A wrong value raises no Fault, since the places of the other leaves may be wrong as well.
+        """
         for cut in [cut for cut in self._unread if cut.name == name]:
             self._unread.remove(cut)
             self.values[name] = cut.leaf.emission.read(self._code, cut.text)
         return self.values.get(name, "None")
 
     def read(self, category: Category) -> None:
-        """Read what has not been read of this category, and tell what is wrong with it."""
+        """Read all unread leaves of a category, and raise their faults."""
         for cut in [cut for cut in self._unread if cut.leaf.category == category]:
             self._unread.remove(cut)
             self.values[cut.name] = self._value(cut)
@@ -203,7 +212,7 @@ class _Found:
 
 
 def _fault_of(name: str, leaf: Any) -> Callable[[int, int, bytes], Fault]:
-    """Return what finds out what is wrong with a leaf of a size at a place."""
+    """Return a function that finds the fault of a leaf from its place, its size and the telegram."""
 
     def fault_at(place: int, size: int, data: bytes) -> Fault:
         fault: Fault = leaf.fault_at(place, size, data)
@@ -214,7 +223,7 @@ def _fault_of(name: str, leaf: Any) -> Callable[[int, int, bytes], Fault]:
 
 
 def _sayable(form: Form[Any]) -> bool:
-    """Whether all leaves can be said in code."""
+    """Return whether all leaves can be expressed in code."""
     return all(
         leaf.emission is not None and (isinstance(leaf.size, Until) or _size(leaf, str) is not None)
         for _, leaf in form.leaves
@@ -222,7 +231,10 @@ def _sayable(form: Form[Any]) -> bool:
 
 
 def _runs(leaves: Sequence[tuple[str, Any]], *alone: type) -> Iterator[tuple[list[tuple[str, Any]], Any]]:
-    """Yield leaves of fixed size that follow each other, and the one behind them that has none or stands alone."""
+    """Yield each run of leaves with a fixed size, and the leaf after it; None after the last run.
+
+    alone: types of leaves that belong to no run although their size is fixed.
+    """
     run: list[tuple[str, Any]] = []
     for name, leaf in leaves:
         if leaf.emission.cut and not isinstance(leaf, alone):
@@ -234,7 +246,10 @@ def _runs(leaves: Sequence[tuple[str, Any]], *alone: type) -> Iterator[tuple[lis
 
 
 def _size(leaf: Any, value_of: Callable[[str], str]) -> Any:
-    """Return a leaf's size as code, given the names of the fields before it; None for one that is no expression."""
+    """Return a leaf's size as code; None if it is not an expression.
+
+    value_of: returns the code for a field before the leaf, by its name.
+    """
     if isinstance(leaf.size, int):
         return str(leaf.size)
     if not isinstance(leaf.size, ExprMixin):
@@ -243,7 +258,7 @@ def _size(leaf: Any, value_of: Callable[[str], str]) -> Any:
 
 
 def _cut_run(code: Code, run: list[tuple[str, Any]], found: _Found, place: _Place) -> None:
-    """Cut leaves of fixed size out of the telegram at once."""
+    """Cut a run of leaves with a fixed size out of the telegram in one statement."""
     if not run:
         return
     cuts = Struct(">" + "".join(leaf.emission.cut for _, leaf in run))
@@ -264,7 +279,7 @@ def _joined(code: Code, written: str, data: str) -> str:
 
 
 def _fields(code: Code, form: Form[Any]) -> dict[str, str]:
-    """Take the values of all leaves from the message; return their names in the code."""
+    """Take the values of all leaves from the message; return their variables in the code, by leaf."""
     given: dict[str, str] = {}
     for names, function in form.writes.items():
         given.update(_computed(code, names, f"{code.refer(function)}(message)"))
@@ -275,7 +290,7 @@ def _fields(code: Code, form: Form[Any]) -> dict[str, str]:
 
 
 def _computed(code: Code, names: tuple[str, ...], expression: str) -> dict[str, str]:
-    """Compute one value, or one for each of several names; return their names in the code."""
+    """Compute one value, or one for each of several names; return the variables in the code, by name."""
     computed = code.let(expression)
     if len(names) == 1:
         return {names[0]: computed}
@@ -285,7 +300,7 @@ def _computed(code: Code, names: tuple[str, ...], expression: str) -> dict[str, 
 
 
 def _message(code: Code, message: type[Any], reads: Reads, found: dict[str, str]) -> None:
-    """Make the message of what was found."""
+    """Make the message from the values that were read."""
     made: dict[str, str] = {}
     for names, (function, wanted) in reads.items():
         made.update(_computed(code, names, f"{code.refer(function)}({', '.join(found[name] for name in wanted)})"))
@@ -294,7 +309,7 @@ def _message(code: Code, message: type[Any], reads: Reads, found: dict[str, str]
     if not _plain_slots(message):
         code.line(f"return {code.refer(message)}({', '.join(f'{name}={value}' for name, value in made.items())})")
         return
-    # What the generated __init__ of a frozen dataclass does, without a look-up of object.__setattr__ for each field.
+    # Works like the generated __init__ of a frozen dataclass, but looks up no object.__setattr__ for each field.
     defaults = {each.name: code.refer(each.default) for each in fields(message) if each.default is not MISSING}
     made = {**defaults, **made}
     code.line(f"message = {code.refer(object.__new__)}({code.refer(message)})")
@@ -305,7 +320,7 @@ def _message(code: Code, message: type[Any], reads: Reads, found: dict[str, str]
 
 
 def _plain_slots(message: type[Any]) -> bool:
-    """Whether making one is nothing but filling its slots."""
+    """Return whether the constructor of a message does nothing but fill its slots."""
     return (
         "__slots__" in vars(message)
         and message.__init__.__qualname__ == f"{message.__qualname__}.__init__"

@@ -1,4 +1,4 @@
-"""How a leaf says itself in Python: what it contributes to the function that reads or writes a whole telegram."""
+"""Python code of leaves: the part of each leaf in the function that reads or writes a whole telegram."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
 
 REFUSE = "raise ValueError"
-"""What a line does with something wrong; the declared schema then says what it was."""
+"""Statement for invalid input; the declared schema then finds the fault."""
 
 
 class Code:
-    """Lines of one function, and the objects that they refer to by name."""
+    """Lines of one function, and the objects to which they refer by name."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -26,31 +26,31 @@ class Code:
         self.lines.append(text)
 
     def refer(self, value: object) -> str:
-        """Return a name for this object."""
+        """Return a new name for this object in the code."""
         name = f"c{len(self.names)}"
         self.names[name] = value
         return name
 
     def let(self, expression: str) -> str:
-        """Return a fresh variable that holds the value of an expression."""
+        """Add an assignment of an expression to a fresh variable; return the variable."""
         name = f"v{len(self.lines)}"
         self.line(f"{name} = {expression}")
         return name
 
     def refuse_if(self, condition: str) -> None:
-        """Leave the function when this holds."""
+        """Add a line that leaves the function if this condition holds."""
         self.line(f"if {condition}: {self._refusal}")
 
     @contextmanager
     def refusing(self, refusal: str) -> Iterator[None]:
-        """Leave the function in another way than by `REFUSE` while this lasts."""
+        """Leave the function by this statement instead of `REFUSE` in all lines that are added within the context."""
         self._refusal = refusal
         yield
         self._refusal = REFUSE
 
     @contextmanager
     def trying(self, refusal: str) -> Iterator[None]:
-        """Leave the function in this way when one of the lines that are added meanwhile raises anything."""
+        """Leave the function by this statement if a line that is added within the context raises an exception."""
         begun = len(self.lines)
         yield
         tried = self.lines[begun:]
@@ -58,22 +58,23 @@ class Code:
             self.lines[begun:] = ["try:", *(f"    {line}" for line in tried), f"except Exception: {refusal}"]
 
     def function(self, name: str, argument: str) -> Callable[[Any], Any]:
-        """Return the function that these lines are."""
+        """Compile the lines to a function and return it."""
         source = f"def {name}({argument}):\n" + "".join(f"    {line}\n" for line in self.lines)
         namespace = dict(self.names)
-        # The lines come from the emissions of the leaves alone; names and values of others are referred to, not pasted.
+        # Safe to execute: all lines come from leaves, and names and values of others are referred to, never pasted.
         exec(compile(source, f"<{name}>", "exec"), namespace)  # noqa: S102
         return cast("Callable[[Any], Any]", namespace[name])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Emission:
-    """A leaf of fixed or given size as code.
+    """Code of a leaf with a fixed or given size.
 
-    cut: the `struct` format of its characters: B, H, I, b, h, i for numbers, otherwise as many s as it has characters.
-    read: adds lines that refuse wrong content and returns an expression for the value, given one for what was cut.
-    write: the same the other way round; what it returns must fill the cut exactly. Both refuse at least what the leaf
-    itself refuses: a telegram that is refused here is read or written once more as it is declared.
+    cut: the `struct` format of its characters: B, H, I, b, h, i for numbers, otherwise an s for each character. read:
+    adds lines that refuse invalid content and returns an expression for the value, given an expression for the
+    characters. write: adds lines that refuse an invalid value and returns an expression for the characters, which must
+    fill the cut exactly. Both refuse at least all that the leaf itself refuses: a refused telegram is read or written
+    once more by the declared leaves.
     """
 
     cut: str
@@ -82,9 +83,10 @@ class Emission:
 
 
 def called(size: object, read: Callable[[bytes], Any], write: Callable[[Any], bytes]) -> Emission:
-    """Call the leaf's own functions; what a single character means is asked for all of them in advance.
+    """Return an emission that calls the leaf's own functions.
 
-    Without a fixed size the form looks at the length.
+    A leaf of one character is called for all characters in advance and looked up later. Without a fixed size, the form
+    checks the length.
     """
 
     def emit_read(code: Code, cut: str) -> str:
@@ -109,13 +111,13 @@ def _meanings(read: Callable[[bytes], Any]) -> dict[int, Any]:
     for byte in range(256):
         try:
             meanings[byte] = read(bytes([byte]))
-        except Exception:  # noqa: BLE001, S112 - as the leaf itself refuses it
+        except Exception:  # noqa: BLE001, S112 - the leaf itself refuses it as well
             continue
     return meanings
 
 
 def looked_up(table: Mapping[bytes, Any]) -> Emission:
-    """Look up characters and values of a `choice`; any value that is equal to one of them is taken."""
+    """Return an emission that looks up the characters and values of a `choice`; equal values count as the same."""
     size = len(next(iter(table)))
     read = {_key(data): value for data, value in table.items()}
     written = {value: data for data, value in read.items()}
@@ -127,7 +129,10 @@ def looked_up(table: Mapping[bytes, Any]) -> Emission:
 
 
 def enumerated(size: int, values: Iterable[Any], kind: type[Any], write: Callable[[Any], bytes]) -> Emission:
-    """Look up all values that a leaf can have, all of one type; the table is made when it is first needed."""
+    """Return an emission that looks up all values of a leaf in a table; the table is made on the first use.
+
+    kind: the type of all values.
+    """
     tables: list[dict[Any, Any]] = []
 
     def made() -> list[dict[Any, Any]]:
@@ -140,7 +145,7 @@ def enumerated(size: int, values: Iterable[Any], kind: type[Any], write: Callabl
         return code.let(f"{code.refer(made()[0])}[{cut}]")
 
     def emit_write(code: Code, value: str) -> str:
-        # True and 1.0 are found under 1, and are no numbers of a telegram.
+        # The table finds True and 1.0 under 1, although they are not valid in a telegram.
         code.refuse_if(f"type({value}) is not {kind.__name__}")
         return code.let(f"{code.refer(made()[1])}[{value}]")
 
@@ -148,7 +153,10 @@ def enumerated(size: int, values: Iterable[Any], kind: type[Any], write: Callabl
 
 
 def fixed(written: bytes, *, must_be: bool) -> Emission:
-    """Always these characters; when reading, they must be these or are not looked at."""
+    """Return an emission for characters that are always the same.
+
+    must_be: whether reading refuses other characters; otherwise reading ignores the characters.
+    """
     key = _key(written)
 
     def emit_read(code: Code, cut: str) -> str:
@@ -160,12 +168,15 @@ def fixed(written: bytes, *, must_be: bool) -> Emission:
 
 
 def as_they_are(size: int) -> Emission:
-    """Characters that the form itself computes."""
+    """Return an emission for characters that the form itself computes."""
     return Emission(cut=f"{size}s", read=lambda code, cut: cut, write=lambda code, value: value)  # noqa: ARG005
 
 
 def number(letter: str, allowed: object | None) -> Emission:
-    """A binary number, as `struct` has it. allowed: those that may be, None for all of them."""
+    """Return an emission for a binary number.
+
+    letter: the `struct` format of the number. allowed: the permitted numbers, None for all of them.
+    """
 
     def emit_read(code: Code, cut: str) -> str:
         if allowed is not None:
@@ -180,7 +191,11 @@ def number(letter: str, allowed: object | None) -> Emission:
 
 
 def digits(size: int, wrong: str, convert: str, layout: bytes, allowed: object) -> Emission:
-    """A number in digits. wrong: condition for characters that are none. convert: the number in the characters."""
+    """Return an emission for a number in digits.
+
+    wrong: condition for characters that are not digits. convert: expression for the number in the characters. layout:
+    format for writing the number.
+    """
 
     def emit_read(code: Code, cut: str) -> str:
         code.refuse_if(wrong.format(cut))
@@ -196,7 +211,10 @@ def digits(size: int, wrong: str, convert: str, layout: bytes, allowed: object) 
 
 
 def text(size: object, permitted: bytes) -> Emission:
-    """Characters of ISO 8859-1 among those permitted; without a size of its own the form looks at the length."""
+    """Return an emission for characters of ISO 8859-1 among those permitted.
+
+    Without a fixed size, the form checks the length.
+    """
     all_permitted = len(permitted) == 256
 
     def emit_read(code: Code, cut: str) -> str:
@@ -213,7 +231,7 @@ def text(size: object, permitted: bytes) -> Emission:
             code.refuse_if(f"len({data}) != {size}")
         return data
 
-    # One character is cut as bytes here too: text has methods, numbers have none.
+    # A single character is cut as bytes, too, because a number does not have the methods used above.
     return Emission(cut=f"{size}s" if isinstance(size, int) else "", read=emit_read, write=emit_write)
 
 
@@ -222,5 +240,5 @@ def _cut(size: int) -> str:
 
 
 def _key(data: bytes) -> int | bytes:
-    """Return characters as they are cut: a single one is a number."""
+    """Return characters as `struct` cuts them: a single one is a number."""
     return data[0] if len(data) == 1 else data

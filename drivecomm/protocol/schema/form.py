@@ -1,4 +1,4 @@
-"""A telegram form: one flat schema and the message that its fields fill."""
+"""Telegram forms: a flat schema, and the message that its fields fill."""
 
 from __future__ import annotations
 
@@ -21,20 +21,25 @@ M = TypeVar("M", bound="Message")
 
 
 class Form(Generic[M]):
-    """One telegram: its schema, declared once, read and written by everybody.
+    """One telegram form: the schema of a telegram, declared once for reading and writing.
 
-    leaves: in their order, named by construct's `/`. message: the dataclass that its named fields fill. Where the two
-    are not one to one: reads: fields of the message that are computed from leaves, by name, several separated by
-    spaces; the function's parameters are named after the leaves that it needs, and it returns the value, or one for
-    each of several names. writes: leaves that are computed from the message, in the same way; the function is given the
-    message. check: raises TelegramError for a message whose fields do not go together, before anything is written.
-    when: which messages are written so, where several forms share a class of messages. None of these functions may
-    depend on anything but what it is given. A field for which there is no leaf is refused unless it has its default.
+    - leaves: in their order, named by construct's `/`.
+    - message: the dataclass that the named fields fill.
+    - reads: functions that compute fields of the message that do not match one leaf, by the name of the field, or by
+      several names separated by spaces. The parameters of a function have the names of the leaves that it takes; it
+      returns the value, or one value for each name.
+    - writes: functions that compute leaves that do not match one field, by name in the same way; each takes the
+      message.
+    - check: raises TelegramError for a message whose fields contradict each other, before anything is written.
+    - when: returns whether a message is written in this form, if several forms share a message class.
 
-    Reading is strict: all bytes must be used and everything must be right. When several things are wrong, a constant
-    that it does not begin with is reported before all else, and so is a constant behind characters that a length field
-    announces; then length before framing, framing before checksum, and checksum before a field, so that noise is never
-    called a wrong value.
+    None of these functions may depend on anything but its arguments. A field without a leaf is refused unless it has
+    its default.
+
+    Reading is strict: all bytes must be used, and all must be valid. If there are several faults, a wrong constant at
+    the beginning is reported first, and so is a wrong constant after characters that a length field announces.
+    Otherwise length is reported before framing, framing before checksum, and checksum before a field, so that noise is
+    never reported as a wrong value.
     """
 
     def __init__(
@@ -49,7 +54,7 @@ class Form(Generic[M]):
         self.message = message
         self._title = f"{message.__name__.lower()} telegram"
         self.leaves: tuple[tuple[str, Leaf], ...] = tuple(_named(leaf) for leaf in leaves)
-        """The leaves with their names, empty for those that have none."""
+        """The leaves with their names; the name of a nameless leaf is empty."""
         self.names = frozenset(field.name for field in fields(message))
         self.when = when
         self.reads = {
@@ -64,9 +69,9 @@ class Form(Generic[M]):
             for field in fields(message)
             if field.name not in said
         }
-        """Fields of the message for which the telegram has no leaf, with their defaults."""
+        """Fields of the message without a leaf in the telegram, with their defaults."""
         self.between, self.tail = _behind_until([leaf for _, leaf in self.leaves], self._title)
-        """How many characters stand behind a leaf that reaches until a constant: before that, and in all."""
+        """Number of characters after a leaf of size `until`: up to its constant, and in all."""
 
     def parse(self, data: bytes) -> M:
         """Return the message that these bytes carry. Raises TelegramError."""
@@ -74,7 +79,7 @@ class Form(Generic[M]):
             return self.parse_compiled(data)
         except Fault as found:
             fault = found
-        except Exception:  # noqa: BLE001 - whatever it was, the declared schema finds it again and names it
+        except Exception:  # noqa: BLE001 - the declared schema repeats the work and names the fault
             return self.parse_declared(data)
         raise self._error(fault)
 
@@ -82,21 +87,21 @@ class Form(Generic[M]):
         """Return the bytes that carry this message. Raises TelegramError for a field that does not fit."""
         try:
             return self.build_compiled(message)
-        except Exception:  # noqa: BLE001 - as above
+        except Exception:  # noqa: BLE001 - the declared schema repeats the work and names the fault
             return self.build_declared(message)
 
     @cached_property
     def parse_compiled(self) -> Callable[[bytes], M]:
-        """The schema as a straight function, `parse_declared` where there is none; raises anything for no telegram."""
+        """The compiled reader, or `parse_declared` if there is none; raises any exception for an invalid telegram."""
         return compiled.reader(self) or self.parse_declared
 
     @cached_property
     def build_compiled(self) -> Callable[[M], bytes]:
-        """The schema as a straight function, `build_declared` where there is none; raises anything for a misfit."""
+        """The compiled writer, or `build_declared` if there is none; raises any exception for an invalid message."""
         return compiled.writer(self) or self.build_declared
 
     def parse_declared(self, data: bytes) -> M:
-        """Parse by the schema as it is declared. Raises TelegramError for the gravest thing that is wrong."""
+        """Parse by the schema as it is declared. Raises TelegramError for the gravest fault."""
         if (first := self._first_fault(data)) is not None:
             raise self._error(first)
         faults = list[Fault]()
@@ -108,14 +113,13 @@ class Form(Generic[M]):
                 return self._message(container)
             except TelegramError:
                 raise
-            except Exception as error:  # noqa: BLE001 - a function of a package that takes no such value
+            except Exception as error:  # noqa: BLE001 - a function of a package rejects the value
                 faults.append(Fault("field", str(error)))
-        # The gravest of all faults is named.
         raise self._error(min(faults, key=lambda found: GRAVITY.index(found.category)))
 
     @property
     def kinds(self) -> Sequence[str]:
-        """The kinds of its messages: the one of their class, or those of the leaf that is called so."""
+        """Kinds of its messages: the one of their class, or the possible values of the leaf named `kind`."""
         of_class = getattr(self.message, "kind", None)
         if isinstance(of_class, str):
             return [of_class]
@@ -124,7 +128,7 @@ class Form(Generic[M]):
         ]
 
     def writes_as_it_is(self, name: str) -> bool:
-        """Whether a leaf of this name is written as the message has it."""
+        """Return whether the leaf of this name is written straight from the message's field of the same name."""
         return name in self.names and not any(name in names for names in self.writes)
 
     def _error(self, fault: Fault) -> TelegramError:
@@ -133,12 +137,12 @@ class Form(Generic[M]):
 
     @cached_property
     def size(self) -> int:
-        """How many characters the telegram has; 0 where that is not fixed."""
+        """Number of characters in the telegram; 0 if it is not fixed."""
         sizes = [leaf.size for _, leaf in self.leaves]
         return sum(sizes) if all(isinstance(size, int) for size in sizes) else 0
 
     def _first_fault(self, data: bytes) -> Fault | None:
-        """Return what is told before all else: a wrong beginning, or another size than the one that it has."""
+        """Return the fault that is reported before all others: a wrong beginning, or a wrong size of the telegram."""
         for name, begin in self.leaves[:1] if data else ():
             if begin.category == "framing" and (fault := begin.fault_at(0, begin.size, data)):
                 fault.field = name
@@ -148,7 +152,10 @@ class Form(Generic[M]):
         return None
 
     def _taken(self, data: bytes, faults: list[Fault]) -> tuple[Mapping[str, Any], int]:
-        """Return what the leaves hold, None for those that are at fault, and how many characters are left."""
+        """Return the values of the leaves, None for faulty ones, and the number of characters that are left.
+
+        faults: the list to which faults are added.
+        """
         found: dict[str, Any] = {}
         place, counted = 0, False
         for name, leaf in self.leaves:
@@ -162,7 +169,7 @@ class Form(Generic[M]):
                     found[name] = leaf.take_at(start, size, data)
                 elif fault := leaf.fault_at(start, size, data):
                     if announced and leaf.category == "framing":
-                        # What was announced is all there, and then another character than has to follow.
+                        # All announced characters are there, but the constant after them is wrong.
                         faults[:] = [each for each in faults if each.category == "framing"]
                         faults.append(Fault("framing", str(fault)))
                         return found, 0
@@ -174,7 +181,7 @@ class Form(Generic[M]):
         return found, max(len(data) - place, 0)
 
     def build_declared(self, message: M) -> bytes:
-        """Build by the leaves as they are declared, which alone decide what does not fit. Raises TelegramError."""
+        """Build by the leaves as they are declared, which alone decide which values fit. Raises TelegramError."""
         values, data, name = self._fields(message), b"", ""
         try:
             for name, leaf in self.leaves:
@@ -208,7 +215,7 @@ class Form(Generic[M]):
         try:
             return {**{name: getattr(message, name) for name in own}, **computed}
         except AttributeError as error:
-            # A message of a class that several forms share, with the fields of none of them.
+            # The message is of a class that several forms share, but has the fields of none of them.
             raise TelegramError("field", f"{message.kind} telegram: {error}") from error
 
     def describe(self) -> list[tuple[str, str, str]]:
@@ -219,7 +226,7 @@ class Form(Generic[M]):
 
 
 def _behind_until(leaves: Sequence[Leaf], title: str) -> tuple[int, int]:
-    """Return how many characters stand behind a leaf of size `until`: before its constant, and in all."""
+    """Return the number of characters after a leaf of size `until`: up to its constant, and in all."""
     until = next((leaf for leaf in leaves if isinstance(leaf.size, Until)), None)
     if until is None:
         return 0, 0
@@ -236,7 +243,7 @@ def _behind_until(leaves: Sequence[Leaf], title: str) -> tuple[int, int]:
 
 
 def _named(leaf: Any) -> tuple[str, Leaf]:
-    """Return a leaf that is declared with a name or without one. Raises UsageError for anything else."""
+    """Return the name and the leaf of a part; the name may be empty. Raises UsageError for anything but a leaf."""
     inner = getattr(leaf, "subcon", leaf)
     if not isinstance(inner, Leaf):
         raise UsageError(f"{leaf!r} is not a leaf; make one with the functions of drivecomm.protocol.schema, or a Leaf")
@@ -248,7 +255,7 @@ def _spread(names: tuple[str, ...], value: Any) -> dict[str, Any]:
 
 
 def kind_of(kinds: Sequence[type[Any]], given: Mapping[str, Any]) -> type[Any]:
-    """Return the dataclass of the kind of telegram that is given. Raises TelegramError."""
+    """Return the dataclass for the kind of telegram in these fields. Raises TelegramError for an unknown kind."""
     for kind in kinds:
         if kind.kind == given.get("kind"):
             return kind
@@ -258,8 +265,8 @@ def kind_of(kinds: Sequence[type[Any]], given: Mapping[str, Any]) -> type[Any]:
 def message_of(kind: type[Any], given: Mapping[str, Any], what: str) -> Any:
     """Return a message made from fields by name; lists become tuples.
 
-    kind: the message's dataclass. given: with or without the kind of telegram. what: how a sentence begins that says
-    what is wrong with them, such as "a parameter block". Raises TelegramError for a field that is missing, or is none.
+    kind: the message's dataclass. given: with or without the kind of telegram. what: the subject of an error sentence,
+    such as "a parameter block". Raises TelegramError for a missing or an unknown field.
     """
     own = {field.metadata.get("shown", field.name): field for field in fields(kind)}
     plain = {name: tuple(value) if isinstance(value, list) else value for name, value in given.items()}

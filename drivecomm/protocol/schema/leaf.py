@@ -1,4 +1,4 @@
-"""A leaf: characters of a telegram that mean one value. What kinds of leaves there are stands in `leaves`."""
+"""Leaves: characters of a telegram that mean one value. The kinds of leaves are in `leaves`."""
 
 from __future__ import annotations
 
@@ -19,11 +19,14 @@ if TYPE_CHECKING:
     from drivecomm.protocol.schema.emission import Emission
 
 GRAVITY: tuple[Category, ...] = ("length", "framing", "checksum", "field")
-"""What can be wrong with a telegram, the gravest first: noise is never called a wrong value."""
+"""Categories of faults in a telegram, the gravest first, so that noise is never reported as a wrong value."""
 
 
-class Fault(Exception):  # noqa: N818 - never leaves this package, the form turns it into a TelegramError
-    """One leaf could not be read or written; field is its name, empty where nobody named it."""
+class Fault(Exception):  # noqa: N818 - internal, the form turns it into a TelegramError
+    """Failure to read or write one leaf.
+
+    field: the name of the leaf, empty if it has none.
+    """
 
     def __init__(self, category: Category, message: str, field: str = "") -> None:
         self.category: Category = category
@@ -32,19 +35,19 @@ class Fault(Exception):  # noqa: N818 - never leaves this package, the form turn
 
 
 def cut_off(size: int, found: bytes) -> Fault:
-    """Return what is wrong with a leaf that the telegram ends in."""
+    """Return the fault of a leaf in which the telegram ends."""
     return Fault("length", f"{size} characters expected, {len(found)} left")
 
 
 ANY = bytes(range(256))
-"""All characters."""
+"""All characters, in one byte string."""
 ONE_CHARACTER = tuple(bytes([value]) for value in ANY)
-"""All texts of one character."""
+"""All byte strings of one character."""
 
 
 @dataclass(frozen=True, slots=True)
 class Until:
-    """The size of what ends where a constant behind it begins for the first time, see `until`."""
+    """Size of a leaf that ends where a constant after it first occurs, see `until`."""
 
     end: bytes
     least: int
@@ -52,11 +55,12 @@ class Until:
 
 
 def until(end: bytes, *, most: int, least: int = 0) -> Until:
-    """Return the size of a leaf that reaches up to a constant behind it, such as ETX, or to what stands before that.
+    """Return the size of a leaf that reaches up to a constant after it, such as ETX.
 
-    end: the constant's bytes, none of which the leaf may hold. least, most: how many characters it can have; a receiver
-    waits for no more. Everything behind the leaf has a fixed size, so that a check character behind the constant, or a
-    telegram that is already cut out, may hold the constant's byte.
+    Leaves of fixed size may follow it before the constant. end: the constant's bytes, none of which the leaf may hold.
+    least, most: the number of characters that the leaf can have; a receiver waits for no more. All leaves after it have
+    a fixed size, so that a check character after the constant, or a telegram that is already cut out, may hold the
+    constant's byte.
     """
     return Until(end, least, most)
 
@@ -68,20 +72,20 @@ else:
 
 
 class Leaf(_Construct):
-    """Characters of a known number that mean one value.
+    """A known number of characters that mean one value.
 
     size: number of bytes, a construct expression over fields read before (`this.length - 1`), or `until` a constant.
-    parse: bytes to value. write: value to bytes. Both raise ValueError for what may not be, and depend on nothing but
-    what they are given. category: what a wrong content is called. meaning: for the docs. values: all values that there
-    are, whole numbers or texts, where they are few enough to be looked up instead, and each is written in one way only.
-    alphabet: the characters that it may hold, at whatever place. emission: how the leaf is said in code; found from the
-    rest unless given.
+    parse: converts bytes to a value. write: converts a value to bytes. Both raise ValueError for invalid input, and
+    depend on nothing but their argument. category: the fault for invalid content. meaning: for the documentation.
+    values: all possible values, whole numbers or texts, if they are few enough to be looked up and each is written in
+    one way only. alphabet: the characters that the leaf may hold, at any place. emission: the code of the leaf; derived
+    from the other arguments unless given.
     """
 
     decides = False
-    """Whether a telegram without a right content here is none of its form, see `deciding`."""
+    """Whether a telegram with invalid content here is not of this leaf's form, see `deciding`."""
     implied = False
-    """Whether it needs no value to be written."""
+    """Whether the leaf can be written without a value."""
 
     def __init__(
         self,
@@ -108,28 +112,31 @@ class Leaf(_Construct):
         self._write = write
 
     def take_at(self, place: int, size: int, data: bytes) -> Any:
-        """Read this leaf, of this size, at a place of a telegram. Raises Fault."""
+        """Return the value of this leaf, with this size, at a place of a telegram. Raises Fault."""
         found = data[place : place + size]
         if len(found) < size:
             raise cut_off(size, found)
         try:
             return self._parse_found(found)
-        except Exception as error:  # noqa: BLE001 - whatever a leaf of a package stumbles over is no value of it
+        except Exception as error:  # noqa: BLE001 - any error of a leaf means an invalid value
             raise Fault(self.category, str(error)) from None
 
     def fault_at(self, place: int, size: int, data: bytes) -> Fault | None:
-        """Return what is wrong with this leaf, of this size, at a place of a telegram."""
+        """Return the fault of this leaf, with this size, at a place of a telegram; None if it is valid."""
         try:
             self.take_at(place, size, data)
         except Fault as fault:
             return fault
         return None
 
-    def write_behind(self, before: bytes, value: Any, context: Any = None) -> bytes:  # noqa: ARG002 - checks need it
-        """Return the characters for a value, behind those of other leaves and their values. Raises Fault."""
+    def write_behind(self, before: bytes, value: Any, context: Any = None) -> bytes:  # noqa: ARG002 - check leaves use it
+        """Return the characters for a value. Raises Fault.
+
+        before: the characters of the leaves before this one. context: the values of all leaves.
+        """
         try:
             written = self._write(value)
-        except Exception as error:  # noqa: BLE001 - a text where a number belongs, say
+        except Exception as error:  # noqa: BLE001 - for example a text in place of a number
             raise Fault("field", "it is missing" if value is None else str(error)) from None
         if self.values is not None and self.words is not None:
             meant = self.words.get(written)
@@ -141,7 +148,10 @@ class Leaf(_Construct):
         return written
 
     def size_in(self, context: Any, left: int) -> int:
-        """Return how many characters it has, given the fields before it, and how many are left for it. Raises Fault."""
+        """Return the number of characters in this leaf. Raises Fault.
+
+        context: the values of the fields before it. left: the number of characters that are left for it.
+        """
         if isinstance(self.size, Until):
             if not self.size.least <= left <= self.size.most:
                 raise Fault("length", f"{left} characters where {self.size.least} to {self.size.most} belong")
@@ -151,7 +161,7 @@ class Leaf(_Construct):
         try:
             size = int(self.size(context))
         except TypeError:
-            # While faults are collected, a field that could not be read is None.
+            # A field that could not be read is None while faults are collected.
             raise Fault("length", "the length field before it is wrong") from None
         if size < 0:
             raise Fault("length", f"the length field before it leaves {size} characters")
@@ -159,7 +169,7 @@ class Leaf(_Construct):
 
     @cached_property
     def words(self) -> Mapping[bytes, Any] | None:
-        """All contents of a leaf of fixed size with what they mean; None where they are too many to be listed."""
+        """All contents of a leaf of fixed size, with their meanings; None if they are too many to list."""
         if self.values is not None:
             return {self._write(value): value for value in self.values}
         return (
@@ -170,7 +180,7 @@ class Leaf(_Construct):
 
     @cached_property
     def alphabets(self) -> Sequence[Collection[int]]:
-        """The characters that may stand at each of its places; at all of them, where their number is not fixed."""
+        """Characters that may occur at each of its places; a single entry for all if the size is not fixed."""
         if not isinstance(self.size, int):
             return [self.alphabet]
         words = self.words
@@ -178,9 +188,10 @@ class Leaf(_Construct):
 
 
 def deciding(leaf: Leaf) -> Leaf:
-    """Return a leaf by whose content a telegram is told from others, as by a constant: a command code, an address.
+    """Return a leaf whose content distinguishes its form from others, as a constant does: a command code or an address.
 
-    It has a fixed size and contents that can be listed: a number with `allowed`, a `choice`, or a single character.
+    The leaf must have a fixed size and contents that can be listed: a number with `allowed`, a `choice`, or a single
+    character. Raises UsageError otherwise.
     """
     if not isinstance(leaf.size, int) or leaf.words is None:
         raise UsageError(f"the leaf {leaf.meaning!r} cannot decide: what it may hold is not listed")

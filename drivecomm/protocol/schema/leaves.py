@@ -1,10 +1,10 @@
-"""The vocabulary of telegram schemas: leaves for what drive telegrams are made of.
+"""Leaves for the usual parts of drive telegrams.
 
-A telegram is a flat row of these leaves, named as construct names parts (`"address" / unsigned(1)`). Each leaf reads
-and writes a number of characters and refuses what it may not hold, and can say so in Python, for the form to make one
-function of them (see `compiled`): construct is the way to declare, and reads and writes nothing itself.
-Leaves with a name become fields of the message; nameless ones (constants, lengths, check characters) are filled in
-when a telegram is built.
+A telegram is a flat sequence of these leaves, named as construct names parts (`"address" / unsigned(1)`). Each leaf
+reads and writes a number of characters and refuses invalid ones. It also provides Python code, from which the form
+makes one function (see `compiled`). Construct is only the notation of the declaration, and reads and writes nothing
+itself. Leaves with a name become fields of the message; nameless ones (constants, lengths, check characters) are filled
+in when a telegram is built.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ if TYPE_CHECKING:
 
 _DECIMAL, _HEX = b"0123456789", b"0123456789ABCDEF"
 
-# Digits of a number that is looked up; the tables of longer ones would take more memory than they save time.
+# Maximum digits of a number that is looked up; tables for more digits cost more memory than they are worth.
 _LOOKED_UP = 2
 
-# So many values are not listed in an error.
+# From this number on, an error lists only the first and the last of the allowed values.
 _MANY = 12
 
 
 class _Constant(Leaf):
-    """Exactly these bytes."""
+    """Leaf with exactly these bytes."""
 
     decides = implied = True
 
@@ -45,12 +45,12 @@ class _Constant(Leaf):
         self.words = {data: None}
 
     def take_at(self, place: int, size: int, data: bytes) -> None:
-        """Look whether they are there."""
+        """Raise Fault unless the bytes are there."""
         if fault := self.fault_at(place, size, data):
             raise fault
 
     def fault_at(self, place: int, size: int, data: bytes) -> Fault | None:
-        """Return what is wrong; most damage is found here and in checks, which raise nothing for it."""
+        """Return the fault, without raising it: most damage of telegrams is found here and in check characters."""
         found = data[place : place + size]
         if found == self._data:
             return None
@@ -60,12 +60,12 @@ class _Constant(Leaf):
 
 
 def constant(data: bytes, meaning: str = "") -> Leaf:
-    """Exactly these bytes; anything else is a framing error."""
+    """Return a leaf with exactly these bytes; anything else is a framing error."""
     return _Constant(data, meaning)
 
 
 def choice(values: Mapping[bytes, Any], meaning: str = "") -> Leaf:
-    """One of these byte strings of equal length, each standing for a value."""
+    """Return a leaf with one of these byte strings of equal length, each of which stands for a value."""
     written = {value: data for data, value in values.items()}
     size, known = len(next(iter(values))), _listed(written)
 
@@ -85,7 +85,10 @@ def choice(values: Mapping[bytes, Any], meaning: str = "") -> Leaf:
 
 
 def one_of(values: Iterable[Any], write: Callable[[Any], bytes], meaning: str = "") -> Leaf:
-    """One of these whole numbers or texts, each written in a way of its own, all in equally many characters."""
+    """Return a leaf with one of these whole numbers or texts.
+
+    No two values are written alike, and all are written in the same number of characters.
+    """
     known = [*values]
 
     def parse(found: bytes) -> Any:
@@ -109,7 +112,10 @@ def _within(value: Any, allowed: Container[int]) -> int:
 
 
 def decimal_number(digits: int, allowed: Container[int] | None = None, meaning: str = "") -> Leaf:
-    """An unsigned number in this many ASCII decimal digits, most significant first, of those that are allowed."""
+    """Return a leaf for an unsigned number in ASCII decimal digits, the most significant first.
+
+    digits: the number of digits. allowed: the permitted numbers, None for all.
+    """
 
     def parse(found: bytes) -> int:
         if not found.isdigit():
@@ -121,7 +127,10 @@ def decimal_number(digits: int, allowed: Container[int] | None = None, meaning: 
 
 
 def hex_number(digits: int, meaning: str = "", *, allowed: Container[int] | None = None) -> Leaf:
-    """An unsigned number in this many upper-case hexadecimal ASCII digits, most significant first, of those allowed."""
+    """Return a leaf for an unsigned number in upper-case hexadecimal ASCII digits, the most significant first.
+
+    digits: the number of digits. allowed: the permitted numbers, None for all.
+    """
     said = f"{{0}}.translate(None, {_HEX!r})", "int({0}, 16)", b"%%0%dX" % digits
     return _number_in_digits(_HEX, digits, hex_value, said, allowed=allowed, meaning=meaning)
 
@@ -135,7 +144,10 @@ def _number_in_digits(
     allowed: Container[int] | None,
     meaning: str,
 ) -> Leaf:
-    """Return a leaf of a number. said: how digits are found wrong, read and written, for `emission.digits`."""
+    """Return a leaf for a number in digits.
+
+    said: code that detects wrong digits, reads digits and writes them, for `emission.digits`.
+    """
     numbers = range(len(alphabet) ** digits)
     permitted = numbers if allowed is None else allowed
     return Leaf(
@@ -150,7 +162,10 @@ def _number_in_digits(
 
 
 def hex_text(digits: int, meaning: str = "") -> Leaf:
-    """This many upper-case hexadecimal digits as they stand, where their number says what they are."""
+    """Return a leaf for upper-case hexadecimal digits that stay text.
+
+    For values whose meaning depends on the number of digits.
+    """
 
     def same(text: str) -> str:
         hex_value(text.encode("latin-1"))
@@ -166,14 +181,14 @@ def hex_text(digits: int, meaning: str = "") -> Leaf:
 
 
 def hex_value(digits: bytes) -> int:
-    """Return the number that upper-case hexadecimal digits stand for; ValueError for any other character."""
+    """Return the number for upper-case hexadecimal digits. Raises ValueError for any other character."""
     if digits.translate(None, _HEX):
         raise ValueError(f"{digits.decode('latin-1')!r} is not made of the digits 0-9 and A-F")
     return int(digits, 16)
 
 
 def shifted_character(base: int, allowed: Container[int], meaning: str = "") -> Leaf:
-    """A number in one character: `base` plus the number."""
+    """Return a leaf for a number in one character, whose code is `base` plus the number."""
 
     def parse(found: bytes) -> int:
         return _within(found[0] - base, allowed)
@@ -183,7 +198,10 @@ def shifted_character(base: int, allowed: Container[int], meaning: str = "") -> 
 
 
 def characters(size: Any, *, lowest: int = 0x20, highest: int = 0x7E, meaning: str = "") -> Leaf:
-    """Text of this many characters, one byte each, within a range of codes (ISO 8859-1), without those that end it."""
+    """Return a leaf for text of this size, one byte for each character, within a range of codes (ISO 8859-1).
+
+    The bytes of the constant that ends the text are excluded from the range.
+    """
     allowed = bytes(range(lowest, highest + 1)).translate(None, size.end if isinstance(size, Until) else b"")
 
     def parse(found: bytes) -> str:
@@ -203,7 +221,7 @@ def characters(size: Any, *, lowest: int = 0x20, highest: int = 0x7E, meaning: s
 
 
 def _listed_numbers(numbers: range, allowed: Container[int] | None, *, few: bool) -> Sequence[int] | None:
-    """Return all that a number can be, None where nobody said so and they are not few."""
+    """Return all possible values of a number; None if they are not restricted and not few."""
     if allowed is None:
         return numbers if few else None
     return [each for each in (allowed if isinstance(allowed, Iterable) else numbers) if each in numbers]
@@ -213,12 +231,18 @@ _BINARY = {1: "B", 2: "H", 4: "I", 8: "Q"}
 
 
 def unsigned(size: int, meaning: str = "", *, allowed: Container[int] | None = None) -> Leaf:
-    """An unsigned binary number, high byte first, of those that are allowed."""
+    """Return a leaf for an unsigned binary number, high byte first.
+
+    size: the number of bytes. allowed: the permitted numbers, None for all.
+    """
     return _binary(size, range(256**size), meaning, allowed, signed=False)
 
 
 def signed(size: int, meaning: str = "", *, allowed: Container[int] | None = None) -> Leaf:
-    """A two's complement binary number, high byte first, of those that are allowed."""
+    """Return a leaf for a two's complement binary number, high byte first.
+
+    size: the number of bytes. allowed: the permitted numbers, None for all.
+    """
     return _binary(size, range(-(256**size) // 2, 256**size // 2), meaning, allowed, signed=True)
 
 
@@ -236,7 +260,7 @@ def _binary(size: int, numbers: range, meaning: str, allowed: Container[int] | N
 
 
 def filler(written: bytes, meaning: str = "") -> Leaf:
-    """Characters that are not looked at when read and always written alike."""
+    """Return a leaf for characters that are ignored when read and always written alike."""
     filling = Leaf(
         len(written),
         lambda _: None,
@@ -249,7 +273,7 @@ def filler(written: bytes, meaning: str = "") -> Leaf:
 
 
 def unsure(leaf: Leaf, meaning: str = "") -> Leaf:
-    """Like another leaf; what that may not hold reads as None, and None is written as spaces."""
+    """Return a leaf like another one, which reads invalid content as None and writes None as spaces."""
 
     def parse(found: bytes) -> Any:
         try:
@@ -264,10 +288,11 @@ def unsure(leaf: Leaf, meaning: str = "") -> Leaf:
 
 
 class Check(Leaf):
-    """Check characters over everything from the byte at `start` up to themselves.
+    """Check characters over all bytes from the byte at `start` up to themselves.
 
-    off: characters that stand for a telegram without a check; they are taken when read, and written when they are
-    given as this leaf's value. also: a second rule, by which some drives compute; its characters are taken when read.
+    off: characters that stand for a telegram without a check; they are accepted when read, and written if they are
+    given as the value of this leaf. also: a second rule, by which some drives compute; its characters are accepted when
+    read.
     """
 
     implied = True
@@ -290,13 +315,13 @@ class Check(Leaf):
         self.compute = compute
 
     def take_at(self, place: int, size: int, data: bytes) -> bytes:
-        """Read the check characters and compare them; returns them as found."""
+        """Return the check characters as found. Raises Fault if they are wrong."""
         if fault := self.fault_at(place, size, data):
             raise fault
         return data[place : place + size]
 
     def fault_at(self, place: int, size: int, data: bytes) -> Fault | None:
-        """Return what is wrong with them."""
+        """Return the fault of the check characters; None if they are right."""
         found = data[place : place + size]
         if len(found) < size:
             return cut_off(size, found)
@@ -311,28 +336,28 @@ class Check(Leaf):
 
     @cached_property
     def alphabets(self) -> Sequence[Collection[int]]:
-        """The characters that may stand at each of its places, as seen from all texts of one character."""
+        """Characters that may occur at each place, as computed for all byte strings of one character."""
         rules = [self.compute] if self.also is None else [self.compute, self.also]
         texts = [*(rule(each) for rule in rules for each in ONE_CHARACTER), self.off or self.compute(b"")]
         return [{text[place] for text in texts} for place in range(self.size)]
 
     def write_behind(self, before: bytes, value: Any, context: Any = None) -> bytes:
-        """Return the check characters for what stands before them, or those that switch the check off."""
+        """Return the check characters for the characters before them, or those that switch the check off."""
         return value if self.off is not None and value == self.off else self._write(before[self.start :])
 
 
 def xor_byte(covered: bytes) -> bytes:
-    """Exclusive-or of all bytes, as one byte."""
+    """Return the exclusive-or of all bytes, as one byte."""
     return ONE_CHARACTER[reduce(xor, covered, 0)]
 
 
 def hex_sum(covered: bytes) -> bytes:
-    """Low eight bits of the sum of all bytes, as two upper-case hexadecimal digits."""
+    """Return the low eight bits of the sum of all bytes, as two upper-case hexadecimal digits."""
     return _HEX_PAIRS[sum(covered) & 0xFF]
 
 
 def decimal_sum(covered: bytes) -> bytes:
-    """Last two decimal digits of the sum of all bytes, tens first."""
+    """Return the last two decimal digits of the sum of all bytes, tens first."""
     return _DECIMAL_PAIRS[sum(covered) % 100]
 
 

@@ -1,4 +1,4 @@
-"""Telegrams that begin like others of their protocol, and are told from them by their length alone."""
+"""Telegrams that begin like others of their protocol and differ from them only in length."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ if TYPE_CHECKING:
 
 
 class LengtheningTelegrams(Telegrams):
-    """The codec of some forms, and of others that are no shorter and that nothing but the length tells from the former.
+    """Codec of some forms, and of further forms that are no shorter and differ from the first ones only in length.
 
-    further: those. Who hears one waits for the rest of it only where what came so far is no sound telegram by itself;
-    so one that begins with a sound telegram is refused, by who reads it and by who would write it.
+    further: the codec of the further forms. A receiver waits for the rest of such a telegram only if the bytes received
+    so far are not a sound telegram by themselves. Therefore reading and writing refuse a further telegram that begins
+    with a sound telegram.
     """
 
     def __init__(
@@ -33,10 +34,10 @@ class LengtheningTelegrams(Telegrams):
         self._further = further
         self.forms |= further.forms
         for side, kinds in self._kinds.items():
-            kinds += [each for each in further._kinds[side] if each not in kinds]  # noqa: SLF001 - of its own kind
+            kinds += [each for each in further._kinds[side] if each not in kinds]  # noqa: SLF001 - an object of the same class
 
     def measure(self, head: bytes, direction: Direction) -> int:
-        """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
+        """Return the length of the telegram that begins with these bytes, see `Codec.measure`."""
         size = super().measure(head, direction)
         if not 0 < size <= len(head):
             return size
@@ -53,7 +54,7 @@ class LengtheningTelegrams(Telegrams):
         return self._further.decode(data, direction)
 
     def encode(self, message: Message) -> bytes:
-        """Return the bytes of one telegram. Raises TelegramError for a field that does not fit, or is one too many."""
+        """Return the bytes of one telegram. Raises TelegramError for a field that does not fit or is superfluous."""
         try:
             return super().encode(message)
         except TelegramError as error:

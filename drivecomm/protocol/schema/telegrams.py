@@ -1,8 +1,9 @@
 """The codec of a protocol, made of the forms of its telegrams.
 
-Constants tell forms apart, and leaves that are `deciding`: each rules out the forms that cannot have these bytes there.
-Telegrams that nothing tells apart are refused when they are declared. Which places matter, and what each content of
-theirs means, is found out once; reading, writing and measuring look there, and leave the rest to the form.
+Forms differ in constants and in leaves that are `deciding`: each rules out the forms that cannot have these bytes
+there. Telegrams that cannot be distinguished are refused when they are declared. The deciding places and the meanings
+of their contents are determined once. Reading, writing and measuring look at these places, and leave the rest to the
+form.
 """
 
 from __future__ import annotations
@@ -21,21 +22,21 @@ if TYPE_CHECKING:
 
 
 class Telegrams:
-    """The codec of some forms: measure, decode, encode, and messages from fields, as `drivecomm.protocol.Codec` says.
+    """Codec of some forms: measure, decode, encode, and messages from fields, as in `drivecomm.protocol.Codec`.
 
-    requests, replies: the forms by the titles that people know them by. Each has a message class of its own, or shares
-    it with others from which it is told by fields that are deciding, or by its `when`. alike: codecs with equal ones
-    read alike. Raises UsageError for telegrams that nobody could tell apart.
+    requests, replies: the forms by their human-readable titles. Each form has a message class of its own, or shares it
+    with others that differ in deciding fields or in `when`. alike: codecs with equal values read alike. Raises
+    UsageError for telegrams that cannot be distinguished.
 
-    A telegram with a wrong content at a deciding place is read as the form of its length, or as the first, which says
-    what is wrong.
+    A telegram with invalid content at a deciding place is read as the form of its length, or as the first form, which
+    then reports the fault.
     """
 
     def __init__(
         self, requests: Mapping[str, Form[Any]], replies: Mapping[str, Form[Any]], *, alike: Hashable = None
     ) -> None:
         self.forms: dict[str, Form[Any]] = {**requests, **replies}
-        """All forms by title, as a plug-in has them."""
+        """All forms by title, for `Protocol.forms`."""
         if not requests or not replies:
             raise UsageError("a protocol has requests and replies")
         if len(self.forms) < len(requests) + len(replies):
@@ -58,25 +59,25 @@ class Telegrams:
         self._blind_spots = lru_cache(maxsize=256)(self._found_by_trying)
 
     def measure(self, head: bytes, direction: Direction) -> int:
-        """Return how long the telegram is that begins with these bytes, see `Codec.measure`."""
+        """Return the length of the telegram that begins with these bytes, see `Codec.measure`."""
         return self._measure[direction](head)  # type: ignore[no-any-return]
 
     def decode(self, data: bytes, direction: Direction) -> Message:
         """Return the content of one telegram. Raises TelegramError."""
         if not data:
-            raise TelegramError("length", "nothing is no telegram")
+            raise TelegramError("length", "there is nothing to decode")
         message: Message = self._read[direction](data)
         return message
 
     def encode(self, message: Message) -> bytes:
-        """Return the bytes of one telegram. Raises TelegramError for a field that does not fit, or is one too many."""
+        """Return the bytes of one telegram. Raises TelegramError for a field that does not fit or is superfluous."""
         write = self._write.get(type(message))
         if write is None:
-            raise TelegramError("field", f"{type(message).__name__} is no telegram of this protocol")
+            raise TelegramError("field", f"{type(message).__name__} is not a telegram of this protocol")
         return write(message)
 
     def message(self, given: Mapping[str, Any], direction: Direction) -> Message:
-        """Build a message from fields as vectors name them; where there are several kinds, `kind` says which."""
+        """Build a message from fields as vectors name them; if there are several kinds, `kind` selects one."""
         kinds, several = self._kinds[direction], len({message for _, message in self._kinds[direction]}) > 1
         known = [(kind, message) for kind, message in kinds if not several or kind == given.get("kind")]
         if not known:
@@ -87,7 +88,7 @@ class Telegrams:
         return message
 
     def blind_spots(self, data: bytes, direction: Direction) -> frozenset[int]:
-        """Return the positions where a single wrong bit makes another sound telegram, found by trying each."""
+        """Return the positions where a single wrong bit results in another sound telegram, found by trying each bit."""
         return self._blind_spots(data, direction)
 
     def _found_by_trying(self, data: bytes, direction: Direction) -> frozenset[int]:

@@ -1,7 +1,7 @@
-"""Which of some forms bytes have, how long such a telegram is, and in which of some forms a message is written.
+"""Choice among forms: the form of received bytes, the length of such a telegram, and the form for a message.
 
-It is found out once, from the forms: which places matter, and what each content of theirs means. What is made of that
-is one function that looks at the places in order and ends with the form's own.
+The deciding places and the meanings of their contents are determined once, from the forms. The result is one function
+that looks at these places in order and ends with a function of the form.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from drivecomm.protocol.schema.form import Form
 
 Step: TypeAlias = Callable[[bytes], Any]
-"""What is made: it reads or measures bytes."""
+"""A generated function that reads or measures bytes."""
 
 
 class Spot(NamedTuple):
-    """A deciding place: where it begins and ends."""
+    """A deciding place: its start and its end."""
 
     start: int
     end: int
@@ -36,14 +36,14 @@ class Spot(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """What the bytes of a form's telegram look like."""
+    """The possible bytes of a form's telegram."""
 
     title: str
     form: Form[Any]
 
     @cached_property
     def characters(self) -> Sequence[tuple[Any, int]]:
-        """Each character up to the first one whose place is not fixed: its leaf, and which of its characters it is."""
+        """Leaf of each character, and its position in the leaf, up to the first character without a fixed place."""
         found: list[tuple[Any, int]] = []
         for _, leaf in self.form.leaves:
             if not isinstance(leaf.size, int):
@@ -53,21 +53,21 @@ class Shape:
 
     @cached_property
     def spots(self) -> Mapping[Spot, Mapping[bytes, Any]]:
-        """The deciding places, with the contents that they may have."""
+        """Deciding places, with the contents that they may have."""
         begins = [(place, leaf) for place, (leaf, number) in enumerate(self.characters) if leaf.decides and not number]
         return {Spot(place, place + leaf.size): leaf.words for place, leaf in begins}
 
     @cached_property
     def least(self) -> int:
-        """How many characters it has at least."""
+        """Minimum number of characters in the telegram."""
         return sum(_least(leaf) for _, leaf in self.form.leaves)
 
     def is_over(self, spot: Spot) -> bool:
-        """Whether it is too short to have this place."""
+        """Return whether the telegram is too short to have this place."""
         return 0 < self.form.size < spot.end
 
     def may_have(self, spot: Spot, word: bytes) -> bool:
-        """Whether it may have these characters there."""
+        """Return whether the telegram may have these characters at this place."""
         if spot in self.spots:
             return word in self.spots[spot]
         held = zip(self.characters[spot.start : spot.end], word, strict=False)
@@ -87,22 +87,22 @@ def _unknown(what: str, live: Sequence[Shape]) -> UsageError:
 
 
 def _spots(live: Sequence[Shape], behind: Spot) -> list[Spot]:
-    """Return the places that decide something for some telegrams, in order, behind one that has been looked at."""
+    """Return the deciding places of some telegrams, in order, after a place that has already been examined."""
     return sorted({spot for each in live for spot in each.spots if spot > behind})
 
 
 def _by_word(spot: Spot, live: Sequence[Shape]) -> dict[bytes, list[Shape]]:
-    """Return which telegrams are left with each content of a deciding place."""
+    """Return the telegrams that remain possible for each content of a deciding place."""
     words = {word: None for each in live for word in each.spots.get(spot, ())}
     return {word: [each for each in live if each.may_have(spot, word)] for word in words}
 
 
 _FEW = 4
-"""Up to so many sorts of content are asked for one after the other; more are looked up."""
+"""Maximum number of contents that are compared one after the other; more are looked up in a table."""
 
 
 def _function(say: Callable[[Code, Sequence[Shape]], str], live: Sequence[Shape]) -> Step:
-    """Return the function of `data` that returns what is said for some telegrams."""
+    """Return a function of `data` that evaluates the expression which `say` generates for some telegrams."""
     code = Code()
     code.line(f"return {say(code, live)}")
     return code.function("told", "data")
@@ -115,9 +115,10 @@ def _looking(
     say: Callable[[Code, Sequence[Shape]], str],
     other: str,
 ) -> str:
-    """Return the expression that looks at a place and goes on with what is said for the telegrams that are left then.
+    """Return an expression that examines a place and continues with the telegrams that remain possible.
 
-    other: for any other content, and for bytes that do not reach so far.
+    known: the telegrams that remain for each content. say: generates the expression for them. other: the expression for
+    any other content, and for bytes that end before the place.
     """
     cut = f"data[{spot.start}:{spot.end}]"
     left: dict[tuple[str, ...], Sequence[Shape]] = {}
@@ -138,12 +139,15 @@ def _looking(
 
 
 def reader(live: Sequence[Shape]) -> Step:
-    """Return the function that reads whichever of some telegrams it is given. Raises UsageError if none could know."""
+    """Return a function that reads any of these telegrams. Raises UsageError if they cannot be distinguished."""
     return live[0].form.parse if len(live) == 1 else _function(_read, live)
 
 
 def _read(code: Code, live: Sequence[Shape], behind: Spot = _START) -> str:
-    """Return the expression that reads. behind: the place that was looked at before."""
+    """Return the expression that reads a telegram.
+
+    behind: the place that was examined before.
+    """
     if len(live) == 1:
         return f"{code.refer(live[0].form.parse)}(data)"
     for spot in _spots(live, behind):
@@ -157,9 +161,9 @@ def _read(code: Code, live: Sequence[Shape], behind: Spot = _START) -> str:
 
 
 def _by_length(code: Code, live: Sequence[Shape], alike: Sequence[Shape]) -> str:
-    """Return what reads the telegram of this length, or else the first one that may have any length.
+    """Return an expression that reads the telegram of this length, or else the first one that may have any length.
 
-    alike: those that nothing but their lengths tells apart.
+    alike: the telegrams that differ only in their lengths.
     """
     if len({each.form.size for each in alike}) < len(alike):
         raise _unknown("which telegram is which:", alike)
@@ -169,21 +173,21 @@ def _by_length(code: Code, live: Sequence[Shape], alike: Sequence[Shape]) -> str
 
 
 def measurer(live: Sequence[Shape]) -> Step:
-    """Return the function that measures whichever of some telegrams begins. Raises UsageError if none could know."""
+    """Return a function that measures any of these telegrams. Raises UsageError if they cannot be distinguished."""
     return _function(_measure, live)
 
 
 def _measure(code: Code, live: Sequence[Shape], behind: Spot = _START, ended: int = 0) -> str:
-    """Return the expression that measures.
+    """Return the expression that measures a telegram.
 
-    behind: the place that was looked at before. ended: the length of a telegram that is whole if no other one goes on
-    like this, 0 if there is none.
+    behind: the place that was examined before. ended: the length of a telegram that is complete unless a longer one
+    continues like this; 0 if there is none.
     """
     spots = _spots(live, behind)
     if spots and (over := [each.form.size for each in live if each.is_over(spots[0])]):
         longer = [each for each in live if not each.is_over(spots[0])]
         return _measure(code, longer, behind, max(ended, *over))
-    # The first character is always looked at: what cannot begin a telegram is noise.
+    # The first character is always examined, since one with which no telegram can begin is noise.
     if len({each.form.size or each.title for each in live}) == 1 and not (spots and spots[0].start == 0):
         form = live[0].form
         if form.size:
@@ -203,10 +207,10 @@ def _measure(code: Code, live: Sequence[Shape], behind: Spot = _START, ended: in
 
 
 def writer(forms: Sequence[Form[Any]]) -> Callable[[Any], bytes]:
-    """Return the function that writes a message in whichever of the forms of its class it takes.
+    """Return a function that writes a message in the right form among those of its class.
 
-    That is found by the fields whose leaves are deciding in all of them, and then by `Form.when`. Raises UsageError if
-    none could know.
+    The form is found by the fields whose leaves are deciding in all the forms, and then by `Form.when`. Raises
+    UsageError if these do not decide.
     """
     if len(forms) == 1:
         return forms[0].build
@@ -234,7 +238,7 @@ def writer(forms: Sequence[Form[Any]]) -> Callable[[Any], bytes]:
         try:
             build = builders.get(key_of(message), forms[0].build)
         except TypeError:
-            # A list is not looked up, and the form refuses it.
+            # A list cannot be looked up; the form refuses it.
             build = forms[0].build
         return build(message)
 

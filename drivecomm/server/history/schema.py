@@ -27,7 +27,7 @@ VERSION = 1
 """Version of the tables of a history, kept in its file."""
 
 UPGRADES: Mapping[int, str] = {}
-"""SQL that takes the tables from each earlier version to the next."""
+"""SQL that upgrades the tables from each earlier version to the next one."""
 
 _APPLICATION = 0x64726976
 _BUSY_S = 5.0
@@ -65,7 +65,7 @@ def open_for_writing(path: Path) -> sqlite3.Connection:
     Raises FileFormatError for a file of another program, and sqlite3.Error.
     """
     with suppress(OSError):
-        # SQLite reports the error; its side files get the same permissions as the file.
+        # If this fails, SQLite reports the error. The side files of SQLite get the same permissions as the file.
         _be_private(path)
     connection = sqlite3.connect(path, timeout=_BUSY_S, isolation_level=None, check_same_thread=False)
     try:
@@ -83,7 +83,7 @@ def open_for_writing(path: Path) -> sqlite3.Connection:
                 f"BEGIN; {_TABLES} PRAGMA application_id = {_APPLICATION}; PRAGMA user_version = {VERSION}; COMMIT;"
             )
         for version in range(found or VERSION, VERSION):
-            # One transaction a version: a process that is killed in it leaves the version before.
+            # One transaction per version: if the process is killed, the tables stay whole in the version before.
             connection.executescript(f"BEGIN; {UPGRADES[version]} PRAGMA user_version = {version + 1}; COMMIT;")
     except BaseException:
         connection.close()
@@ -102,7 +102,7 @@ def _be_private(path: Path) -> None:
 def open_for_reading(path: Path) -> sqlite3.Connection:
     """Open a history without changing it. Raises FileFormatError for a file of another program, and sqlite3.Error."""
     place = f"{path.resolve().as_uri()}?mode=ro"
-    # In a read-only folder SQLite can open only a file that no process writes, as immutable.
+    # In a read-only folder, SQLite opens a file only as immutable, and only if no process writes the file.
     for also in ("", "&immutable=1"):
         connection = sqlite3.connect(place + also, uri=True, timeout=_BUSY_S, isolation_level=None)
         try:

@@ -17,7 +17,7 @@ VERSION = 1
 """Version of the tables; a record keeps its own in the table `record`."""
 
 UPGRADES: Mapping[int, tuple[str, ...]] = {}
-"""SQL that takes the tables from each earlier version to the next, for PostgreSQL and SQLite alike."""
+"""SQL that upgrades the tables from each earlier version to the next one, for PostgreSQL and SQLite alike."""
 
 Kind: TypeAlias = Literal["identity", "integer", "time", "number", "text"]
 
@@ -121,7 +121,7 @@ JOIN remark ON remark.id = value.remark
 
 
 def upgrade(place: str, found: int, other: str) -> Iterator[str]:
-    """Yield the SQL that takes a record from the version of its tables to ours; nothing if they are ours.
+    """Yield the SQL that upgrades a record from version `found` of its tables to `VERSION`; nothing if they are equal.
 
     other: the kind of place to name instead. Raises UsageError for the tables of a newer drivecomm.
     """
@@ -132,7 +132,7 @@ def upgrade(place: str, found: int, other: str) -> Iterator[str]:
         )
     for version in range(found, VERSION):
         yield from UPGRADES[version]
-        yield f"UPDATE record SET version = {version + 1}"  # noqa: S608 - a number of ours
+        yield f"UPDATE record SET version = {version + 1}"  # noqa: S608 - the version is a constant
 
 
 def statements(types: Mapping[Kind, str]) -> Iterator[str]:
@@ -146,4 +146,4 @@ def statements(types: Mapping[Kind, str]) -> Iterator[str]:
         unique = "UNIQUE" if "id" in table.columns and table.columns["id"] == "identity" else "PRIMARY KEY"
         yield f"CREATE TABLE {name} ({', '.join(columns)}, {unique} ({', '.join(table.key)}))"
     yield SAMPLE
-    yield f"INSERT INTO record VALUES ({VERSION})"  # noqa: S608 - a number of ours
+    yield f"INSERT INTO record VALUES ({VERSION})"  # noqa: S608 - the version is a constant

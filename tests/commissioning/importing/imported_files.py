@@ -1,6 +1,6 @@
-"""Files as people have them, each with what is to be understood, what is not, and a drive that shows it is right.
+"""Register files of other programs, each with the facts to import, the facts to leave out, and a drive to check it.
 
-The registers are those of a telegram: they were counted by hand, and not by the code that is tested.
+Register numbers are those of telegrams; they were counted by hand, not by the code under test.
 """
 
 from dataclasses import dataclass, field
@@ -11,7 +11,11 @@ FILES = Path(__file__).parent / "files"
 
 @dataclass(frozen=True)
 class Case:
-    """registers: words of the drive, counted as in a telegram. reads: value, unit by name. left: place and reason."""
+    """Expected result of one import.
+
+    registers: words of the drive, numbered as in a telegram. reads: value and unit by name. left: place and reason of
+    each fact that is left out.
+    """
 
     registers: dict[str, int]
     reads: dict[str, tuple[str, str]]

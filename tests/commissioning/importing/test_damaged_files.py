@@ -1,4 +1,4 @@
-"""Damaged files: whatever stands in one, the importer names what is wrong, and makes no model that is not in order."""
+"""Damaged files: the importer names the error or makes a valid model."""
 
 import random
 
@@ -43,7 +43,7 @@ def damaged(data, chance):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_damaged_file_is_refused_or_makes_a_model_in_order(name, tmp_path):
+def test_damaged_file_is_refused_or_makes_a_valid_model(name, tmp_path):
     chance = random.Random(name)
     path, model = tmp_path / name, tmp_path / "model.toml"
     for _ in range(8):
@@ -68,7 +68,7 @@ def test_damaged_file_is_refused_or_makes_a_model_in_order(name, tmp_path):
         ("e.json", '{"device": {"channels": [7, {"reg_type": "coil", "address": 1}]}}', "not an entry with keys"),
     ],
 )
-def test_what_no_drive_can_have_is_listed(tmp_path, name, text, left):
+def test_impossible_values_are_listed_as_left_out(tmp_path, name, text, left):
     path = tmp_path / name
     path.write_text(text, encoding="utf-8")
     assert any(left in each.reason for each in read_foreign(path).left)

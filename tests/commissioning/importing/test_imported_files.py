@@ -1,4 +1,4 @@
-"""Ten files as people have them: each imported, what was not understood listed, and a drive monitored from it."""
+"""Ten register files of other programs: each is imported, omissions are listed, and a drive is monitored by it."""
 
 from decimal import Decimal
 
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.parametrize("name", CASES)
 
 @pytest.fixture
 def imported(name, tmp_path):
-    """The case, what was found in its file, and the model file that was made of it."""
+    """Import a file; return its case, the facts found in it, and the path of the model file."""
     found = read_foreign(FILES / name)
     path = tmp_path / "imported.toml"
     path.write_text(
@@ -26,7 +26,7 @@ def imported(name, tmp_path):
 
 
 def drive_with(registers, tmp_path):
-    """Return a virtual drive that has these words, by a model of its own."""
+    """Return a virtual drive that holds these words, with a model made for them."""
     entries = "".join(
         f'[[parameter]]\naddress = "{address}"\nname = "r_{address}"\nstart = "{word}"\n'
         for address, word in registers.items()
@@ -38,7 +38,7 @@ def drive_with(registers, tmp_path):
     return virtual_drive("modbus", 1, model=str(path))
 
 
-def test_imported_model_is_in_order_and_every_fact_is_imported(imported, name):
+def test_imported_model_is_valid_and_marks_every_fact_as_imported(imported, name):
     case, found, path = imported
     assert check_model(path) == []
     model = read_model(path, "modbus")
@@ -49,14 +49,14 @@ def test_imported_model_is_in_order_and_every_fact_is_imported(imported, name):
     assert all(any(word in each for each in found.assumptions) for word in case.assumed)
 
 
-def test_import_lists_what_was_not_understood(imported):
+def test_import_lists_every_fact_left_out(imported):
     case, found, _ = imported
     assert [each.place for each in found.left] == [place for place, _ in case.left]
     for each, (_, reason) in zip(found.left, case.left, strict=True):
         assert reason in each.reason
 
 
-def test_drive_is_monitored_from_the_imported_model(imported, tmp_path):
+def test_drive_is_monitored_by_the_imported_model_and_never_commanded(imported, tmp_path):
     case, _, path = imported
     line, sent = VirtualLine([drive_with(case.registers, tmp_path)]), []
     with drivecomm.open_bus(line.port, trace=sent.append) as bus:
@@ -77,4 +77,4 @@ def test_drive_is_monitored_from_the_imported_model(imported, tmp_path):
 
 
 LINE_OF_THE_TEST = {"baudrate": 9600, "bytesize": 8, "parity": "N", "stopbits": 1}
-"""A virtual drive that was made by another model has the protocol's own line settings."""
+"""Line settings of the virtual drive: the protocol's own, because its model states none."""

@@ -1,4 +1,4 @@
-"""Line settings and ports of foreign configurations."""
+"""Line settings and ports in configuration files of other programs."""
 
 import pytest
 
@@ -22,14 +22,14 @@ modbus:
         ("{type: rtuovertcp, host: gate, port: 4001}", "socket://gate:4001", {}),
     ],
 )
-def test_hub_says_port_and_line_settings(tmp_path, where, port, options):
+def test_home_assistant_hub_gives_port_and_line_settings(tmp_path, where, port, options):
     path = tmp_path / "hub.yaml"
     path.write_text(HUB.format(where=where.strip("{}").replace(", ", "\n    ")), encoding="utf-8")
     found = read_foreign(path)
     assert (found.port, found.options) == (port, options)
 
 
-def test_line_setting_that_no_drive_has_is_listed(tmp_path):
+def test_invalid_line_setting_is_listed(tmp_path):
     path = tmp_path / "hub.yaml"
     path.write_text(HUB.format(where="type: serial\n    port: COM3\n    baudrate: fast"), encoding="utf-8")
     found = read_foreign(path)
@@ -41,7 +41,7 @@ def test_line_setting_that_no_drive_has_is_listed(tmp_path):
     ("mode", "port"),
     [("", "modbus-tcp://10.0.0.7:1502"), ('transmission_mode = "RTUoverTCP"', "socket://10.0.0.7:1502")],
 )
-def test_controller_of_telegraf_is_a_port(tmp_path, mode, port):
+def test_telegraf_controller_gives_the_port(tmp_path, mode, port):
     path = tmp_path / "t.conf"
     path.write_text(
         f'[[inputs.modbus]]\ncontroller = "tcp://10.0.0.7:1502"\n{mode}\ncoils = [{{ name = "run", address = [1] }}]\n',
@@ -50,7 +50,7 @@ def test_controller_of_telegraf_is_a_port(tmp_path, mode, port):
     assert read_foreign(path).port == port
 
 
-def test_further_line_in_the_same_file_is_left_out_and_listed(tmp_path):
+def test_second_line_in_a_file_is_left_out_and_listed(tmp_path):
     path = tmp_path / "t.conf"
     section = (
         '[[inputs.modbus]]\nslave_id = 1\ncontroller = "tcp://{host}:502"\n'

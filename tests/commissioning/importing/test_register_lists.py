@@ -1,4 +1,4 @@
-"""Register lists: columns by their headings, how registers are counted, and what is never guessed."""
+"""Register lists: columns found by their headings, register numbering, and doubtful facts that are left out."""
 
 import pytest
 
@@ -7,7 +7,7 @@ from drivecomm.commissioning.importing import imported_model, read_foreign
 
 @pytest.fixture
 def read(tmp_path):
-    """Return what a list of this text holds."""
+    """Return a function that imports a register list from its text."""
 
     def listed(text, base=None, encoding="utf-8"):
         path = tmp_path / "list.csv"
@@ -42,13 +42,13 @@ def test_columns_are_found_by_headings_of_many_languages(read, heading):
     assert (register.number, register.title, register.unit) == (16, "x", "Hz")
 
 
-def test_hexadecimal_column_goes_before_another_count_of_the_same_registers(read):
+def test_hexadecimal_column_outranks_a_decimal_column(read):
     found = read("Modbus Reg (dec),Modbus Reg (hex),Description\n4098,1001h,Frequency\n")
     assert found.registers[0].number == 0x1001
     assert found.left[0].what == "Modbus Reg (dec)"
 
 
-def test_column_register_is_the_name_beside_a_column_of_addresses(read):
+def test_register_column_holds_names_beside_an_address_column(read):
     assert read("Register;Address;Unit\nOutput frequency;8451;Hz\n").registers[0].title == "Output frequency"
 
 
@@ -83,14 +83,14 @@ def test_encoding_is_found_by_the_headings(read, encoding, text, title):
         (["2103", "210F"], None, [("", 0x2103), ("", 0x210F)], "in hexadecimal"),
     ],
 )
-def test_registers_are_counted_as_the_list_counts_them(read, addresses, base, numbers, said):
+def test_register_numbering_of_the_list_is_recognised(read, addresses, base, numbers, said):
     found = read("Address;Name\n" + "".join(f"{each};r\n" for each in addresses), base)
     assert [(each.kind, each.number) for each in found.registers] == numbers
     assert any(said in sentence for sentence in found.assumptions)
 
 
 @pytest.mark.parametrize("address", ["8449.3", "8449:3", "0x2101.3", "8449 bit 3"])
-def test_bit_behind_an_address_is_a_bit_of_the_register(read, address):
+def test_bit_after_an_address_is_a_bit_of_the_register(read, address):
     (register,) = read(f"Address;Name\n{address};fault\n").registers
     assert (register.number, register.part, register.type) == (8449, "3", "")
 
@@ -109,7 +109,7 @@ def test_bit_behind_an_address_is_a_bit_of_the_register(read, address):
         ("Unit", "0.01 Hz", "0.01"),
     ],
 )
-def test_factor_is_read_from_the_column_that_says_it(read, column, cell, factor):
+def test_factor_is_read_from_the_column_that_states_it(read, column, cell, factor):
     assert str(read(f"Address;Name;{column}\n1;Frequency;{cell}\n").registers[0].factor) == factor
 
 
@@ -130,7 +130,7 @@ def test_factor_is_read_from_the_column_that_says_it(read, column, cell, factor)
         ("Bit", "17", "not a bit"),
     ],
 )
-def test_what_is_not_certain_leaves_a_register_out_and_says_why(read, columns, cells, reason):
+def test_doubtful_register_is_left_out_with_the_reason(read, columns, cells, reason):
     found = read(f"Address;Name;{columns}\n1;Doubtful;{cells}\n2;Certain{';' * cells.count(';')};\n")
     assert [each.title for each in found.registers] == ["Certain"]
     (left,) = found.left
@@ -150,23 +150,23 @@ def test_what_is_not_certain_leaves_a_register_out_and_says_why(read, columns, c
         ("Discrete input", "d"),
     ],
 )
-def test_function_says_the_kind_of_register(read, function, kind):
+def test_function_column_gives_the_kind_of_register(read, function, kind):
     assert read(f"Address;Name;Function\n1;x;{function}\n").registers[0].kind == kind
 
 
-def test_column_type_that_names_kinds_of_registers_is_the_function(read):
+def test_type_column_with_kinds_of_registers_counts_as_function(read):
     found = read("Address;Name;Type\n1;a;Holding\n2;b;Input\n")
     assert [each.kind for each in found.registers] == ["", "i"]
 
 
-def test_word_order_is_carried_or_said_to_be_assumed(read):
+def test_word_order_is_imported_or_reported_as_assumed(read):
     found = read("Address;Name;Data type;Word order\n1;a;UINT32;CDAB\n3;b;FLOAT;ABCD\n")
     assert [each.word_order for each in found.registers] == ["low", "high"]
     assert not any("high word" in each for each in found.assumptions)
     assert any("high word" in each for each in read("Address;Name;Data type\n1;a;DINT\n").assumptions)
 
 
-def test_texts_of_values_are_carried_and_others_listed(read):
+def test_value_texts_are_imported_and_unreadable_ones_listed(read):
     found = read('Address;Name;Values\n1;mode;"0: hand; 1: auto"\n2;state;0=off, 1=on\n3;odd;see page 7\n')
     assert [dict(each.values) for each in found.registers] == [{0: "hand", 1: "auto"}, {0: "off", 1: "on"}, {}]
     assert [each.place for each in found.left] == ["line 4"]
@@ -177,7 +177,7 @@ def test_row_without_a_register_is_listed_with_its_line(read):
     assert [(each.place, each.what) for each in found.left] == [("line 5", "Setting group 2"), ("line 7", "P0.01 | c")]
 
 
-def test_common_name_needs_its_unit_and_to_be_alone(read):
+def test_common_name_needs_the_right_unit_and_a_single_candidate(read):
     found = read(
         "Address;Name\n1;Output frequency (Hz)\n2;Output frequency (%)\n3;Output current (A)\n4;Output current (A)\n"
     )
@@ -191,7 +191,7 @@ def test_common_name_needs_its_unit_and_to_be_alone(read):
     ]
 
 
-def test_second_value_of_one_register_is_listed(read):
+def test_second_value_of_a_register_is_listed(read):
     found = read("Address;Name\n1;Speed\n1;Speed again\n")
     model = imported_model(found, name="m", file="list.csv")
     assert len(model.parameters) == 1

@@ -1,4 +1,4 @@
-"""Tables of an earlier version are upgraded when a server opens them, in whole steps, and lose no row."""
+"""Upgrade of the tables of a history, one whole version at a time and without loss of rows, when a server opens it."""
 
 import sqlite3
 from contextlib import closing
@@ -22,7 +22,7 @@ def file(tmp_path):
 
 @pytest.fixture
 def newer(file, monkeypatch):
-    """Return the history, opened from now on by a drivecomm that is two versions of the tables ahead."""
+    """Return the history, to be opened by a drivecomm whose tables are two versions ahead."""
     monkeypatch.setattr(schema, "VERSION", 3)
     upgrades = {1: "ALTER TABLE event ADD COLUMN alarm TEXT;", 2: "ALTER TABLE gap ADD COLUMN drive TEXT;"}
     monkeypatch.setattr(schema, "UPGRADES", upgrades)
@@ -55,7 +55,7 @@ def test_reader_refuses_earlier_tables_and_names_the_remedy(newer):
     assert newer.read_bytes() == before
 
 
-def test_failed_upgrade_leaves_the_last_whole_version(newer, monkeypatch):
+def test_failed_upgrade_leaves_the_tables_at_the_last_completed_version(newer, monkeypatch):
     monkeypatch.setitem(schema.UPGRADES, 2, "ALTER TABLE gap ADD COLUMN drive TEXT; ALTER TABLE missing ADD COLUMN x;")
     with pytest.raises(sqlite3.OperationalError, match="missing"):
         schema.open_for_writing(newer)

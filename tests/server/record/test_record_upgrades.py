@@ -1,4 +1,4 @@
-"""A record with the tables of an earlier version is upgraded when it is opened, in whole steps, and loses no row."""
+"""Upgrade of the tables of a record, one whole version at a time and without loss of rows, when it is opened."""
 
 from contextlib import closing
 
@@ -12,7 +12,7 @@ from drivecomm.server.record.opening import open_record
 
 @pytest.fixture(params=["file", pytest.param("postgres", marks=needs_postgres)])
 def url(request, tmp_path):
-    """Return where a record is that has one plant, in the tables of version 1."""
+    """Return the place of a record that has one plant, in the tables of version 1."""
     if request.param == "file":
         place = str(tmp_path / "record.sqlite")
         add_plant(place)
@@ -25,7 +25,7 @@ def url(request, tmp_path):
 
 @pytest.fixture
 def newer(url, monkeypatch):
-    """Return the record, opened from now on by a drivecomm that is two versions of the tables ahead."""
+    """Return the record, to be opened by a drivecomm whose tables are two versions ahead."""
     monkeypatch.setattr(tables, "VERSION", 3)
     upgrades = {1: ("ALTER TABLE plant ADD COLUMN site text",), 2: ("ALTER TABLE event ADD COLUMN duration text",)}
     monkeypatch.setattr(tables, "UPGRADES", upgrades)

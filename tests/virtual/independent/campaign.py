@@ -1,4 +1,4 @@
-"""Many talks at once for some time, and somebody who sees that none of them hangs."""
+"""Campaigns: many concurrent talks for some time, watched for hangs."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ if TYPE_CHECKING:
 
 _USUAL_S = 3.0
 MOST_SILENT_S = 15.0
-"""No exchange may take longer, with all its repetitions: three times the half second of VABus, and an error read."""
+"""Longest duration of one exchange with all its retries: three times the half second of VABus, and an error read."""
 
 
 class Talker(Protocol):
-    """One partner of a drive, which makes an exchange when it is its turn, and counts."""
+    """Master or library side of one drive, which makes an exchange in its turn, and counts."""
 
     name: str
     exchanges: int
@@ -29,16 +29,16 @@ class Talker(Protocol):
 
 
 def seconds() -> float:
-    """Return how long a campaign lasts: DRIVECOMM_MINUTES, or some seconds."""
+    """Return the duration of a campaign in seconds: DRIVECOMM_MINUTES, or a few seconds."""
     given = os.environ.get("DRIVECOMM_MINUTES")
     return float(given) * 60 if given else _USUAL_S
 
 
 class Campaign:
-    """Talks on several lines at once, a thread for each line; those on one line take turns.
+    """Concurrent talks on several lines, one thread for each line; talks on one line take turns.
 
-    in_a_row: how many turns each has before the next one. most_silent_s: a turn that takes longer is called a hang.
-    hangs, errors: what went wrong in the end.
+    in_a_row: exchanges of one talk before the next one's turn. most_silent_s: a longer exchange counts as a hang.
+    hangs, errors: failures found.
     """
 
     def __init__(
@@ -55,11 +55,11 @@ class Campaign:
 
     @property
     def talkers(self) -> list[Talker]:
-        """All that talk."""
+        """All talks of the campaign."""
         return [talker for line in self._lines for talker in line]
 
     def run(self, duration_s: float) -> None:
-        """Let them talk."""
+        """Run all talks for this time in seconds."""
         threads = [
             threading.Thread(target=self._talk, args=(number, line), daemon=True)
             for number, line in enumerate(self._lines)
@@ -78,7 +78,7 @@ class Campaign:
         self.hangs += [f"line {number} does not end" for number, thread in enumerate(threads) if thread.is_alive()]
 
     def report(self, title: str) -> str:
-        """Return what came of it, a row for each that talked."""
+        """Return the results, with one row for each talk."""
         rows = [f"{title}: slowest exchange {self.slowest_s:.2f} s, {len(self.hangs)} hangs"]
         rows += [
             f"  {talker.name:<32} {talker.exchanges:>7} exchanges {getattr(talker, 'repeats', 0):>6} repeated "
@@ -91,7 +91,7 @@ class Campaign:
         return "\n".join([*rows, f"  {'all':<32} {exchanges:>7} exchanges {failed:>18} failed {wrong:>3} wrong"])
 
     def judge(self, *, most_failed: float) -> None:
-        """Assert that nothing was wrong, nothing hung, and that at most this share of each talk's exchanges failed."""
+        """Assert that nothing was wrong, nothing hung, and at most this share of each talk's exchanges failed."""
         assert not self.errors, self.errors
         assert not self.hangs, self.hangs
         wrong = [text for talker in self.talkers for text in talker.wrong]
@@ -102,7 +102,7 @@ class Campaign:
 
     def _talk(self, number: int, line: list[Talker]) -> None:
         try:
-            # Each is heard once at least, however slow this machine is.
+            # Each talk makes at least one exchange on a machine of any speed.
             for talker in line:
                 self._turn(number, talker)
             while not self._stop.is_set():
@@ -110,7 +110,7 @@ class Campaign:
                     for _ in range(self._in_a_row):
                         if not self._stop.is_set():
                             self._turn(number, talker)
-        except Exception as error:  # noqa: BLE001 - whatever it is, the test tells it
+        except Exception as error:  # noqa: BLE001 - the test reports any error
             self.errors.append(f"{line[0].name}: {type(error).__name__}: {error}")
 
     def _turn(self, number: int, talker: Talker) -> None:

@@ -1,4 +1,4 @@
-"""The simulator as a process of its own, and serial servers in between."""
+"""The simulator as a separate process, and serial servers in front of it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SER2NET = shutil.which("ser2net") or shutil.which("ser2net", path="/usr/sbin")
 
 @pytest.fixture
 def tell(capsys):
-    """Print what came of a long run."""
+    """Return a function that prints the results of a long run."""
 
     def told(text):
         if "DRIVECOMM_MINUTES" in os.environ:
@@ -32,9 +32,9 @@ def tell(capsys):
 
 @pytest.fixture
 def simulated(tmp_path):
-    """Start `drivecomm simulate` with a plant file; gives what a master opens, by the name of the line.
+    """Yield a function that starts `drivecomm simulate` with a plant file and returns each line's URL by its name.
 
-    FOLDER in its text stands for a folder of the test.
+    FOLDER in the text of the plant is replaced by a folder of the test.
     """
     running = []
 
@@ -57,7 +57,7 @@ def simulated(tmp_path):
 
 @pytest.fixture
 def ser2net(tmp_path):
-    """Start ser2net in front of a terminal; gives the URL of its raw (socket) or RFC 2217 port."""
+    """Yield a function that starts ser2net in front of a terminal and returns the URL of its raw or RFC 2217 port."""
     if SER2NET is None:
         pytest.skip("ser2net is not installed (apt-get install ser2net)")
     running = []
@@ -90,7 +90,7 @@ def ser2net(tmp_path):
 
 
 def _wait_until_it_listens(number):
-    # It takes one connection at a time, so it is asked for what it has open, and not called.
+    # ser2net accepts one connection at a time, so `/proc/net/tcp` is read instead of connecting to it.
     until = time.monotonic() + 5
     while f":{number:04X} 00000000:0000 0A" not in Path("/proc/net/tcp").read_text(encoding="ascii"):
         assert time.monotonic() < until, "ser2net does not listen"

@@ -1,11 +1,11 @@
-"""Virtual drives of four protocols, from published descriptions alone, and a line that they stand on; see `uss`, too.
+"""Virtual drives of four protocols, from published descriptions alone, and a line for them; see also `uss`.
 
-Nothing here knows the project. A drive is a parser of what it hears and an answer to what is for it; a line is a
-pseudo-terminal or a TCP port in real time, with faults of its own: silence, damage, and answers that come late.
+These drives import nothing of the project. A drive parses what it receives and answers its own requests; a line is a
+pseudo-terminal or a TCP port in real time, with faults: silence, damage, and late replies.
 
 Sources: short description of VABus, sections 4 to 9, and Agile VABus manual p. 25-41; Danfoss FC 101 Design Guide
-MG18C502 p. 82 and VLT 5000 Design Guide MG.52.B2.02 p. 85-99; VLT Series 3500 manual p. 85-92; FVR-E11S manual
-p. 9-13 to 9-20.
+MG18C502 p. 82 and VLT 5000 Design Guide MG.52.B2.02 p. 85-99; VLT Series 3500 manual p. 85-92; FVR-E11S manual p. 9-13
+to 9-20.
 """
 
 from __future__ import annotations
@@ -27,9 +27,10 @@ if TYPE_CHECKING:
 
 
 class Drive(Protocol):
-    """What a line asks of a drive.
+    """Interface of a drive to its line.
 
-    character_s: on the wire. delay_s: before it answers. gap_s: so long a silence ends whatever was begun.
+    character_s: duration of a character on the wire. delay_s: time before a reply. gap_s: a silence of this length ends
+    any unfinished telegram.
     """
 
     character_s: float
@@ -37,15 +38,15 @@ class Drive(Protocol):
     gap_s: float
 
     def hear(self, data: bytes) -> bytes:
-        """Take what is on the line; return the answer, nothing when there is none to give now."""
+        """Receive bytes of the line; return the reply, empty if there is none."""
         ...
 
     def silence(self) -> None:
-        """Nothing was heard for the gap."""
+        """Handle a silence of the length of the gap."""
         ...
 
     def holds(self, parameter: str) -> Decimal:
-        """Return what a master must read."""
+        """Return the value that a master must read."""
         ...
 
 
@@ -57,7 +58,10 @@ def _exclusive_or(data: bytes) -> int:
 
 
 class _Ear:
-    """What was heard and not understood yet. A telegram begins with a start character and has a length by its head."""
+    """Received bytes that are not parsed yet.
+
+    A telegram begins with a start character, and its head gives its length.
+    """
 
     def __init__(self, start: int) -> None:
         self._start = start
@@ -70,7 +74,7 @@ class _Ear:
         self._heard = b""
 
     def telegrams(self, length_of: _Length) -> Iterator[tuple[bytes, bool]]:
-        """Yield whole telegrams, and whether something was heard behind them; what is none loses its start only."""
+        """Yield each whole telegram, and whether bytes follow it; bytes that form no telegram lose only their start."""
         while True:
             at = self._heard.find(self._start)
             self._heard = self._heard[at:] if at >= 0 else b""
@@ -88,7 +92,7 @@ class _Ear:
 
 class _Length(Protocol):
     def __call__(self, heard: bytes) -> int:
-        """Return how long what begins so is, as far as one can see; 0 when it is no telegram."""
+        """Return the length of the telegram with this head, as far as it is known; 0 if it is not a telegram."""
         ...
 
 
@@ -97,7 +101,10 @@ _HEXADECIMAL = frozenset(b"0123456789ABCDEF")
 
 
 class VabusDrive:
-    """Bonfiglioli Vectron. Parameters have four data sets; after an error nothing is written until 11 was read."""
+    """Bonfiglioli Vectron.
+
+    Parameters have four data sets; after an error, writes are refused until 11 has been read.
+    """
 
     character_s = 10 / 19200
     delay_s = 0.01
@@ -112,15 +119,15 @@ class VabusDrive:
         self._ear = _Ear(0x04)
 
     def holds(self, parameter: str) -> Decimal:
-        """Return what data set 0 has."""
+        """Return the value of data set 0."""
         return Decimal(self.values[parameter][0])
 
     def silence(self) -> None:
-        """A gap ends a telegram."""
+        """Discard an unfinished telegram."""
         self._ear.forget()
 
     def hear(self, data: bytes) -> bytes:
-        """Answer the last request, if it is for this node and nothing came behind it."""
+        """Answer the last request if it is for this node and no bytes follow it."""
         self._ear.hear(data)
         answer = b""
         for telegram, more in self._ear.telegrams(self._length):
@@ -131,7 +138,7 @@ class VabusDrive:
     @staticmethod
     def _length(heard: bytes) -> int:
         if len(heard) < 3:
-            # An EOT begins anew, however many there are.
+            # Each EOT begins a new telegram.
             return 0 if heard[1:2] == b"\x04" else 3
         if not 0x41 <= heard[1] <= 0x60 or max(heard) > 0x7F:
             return 0
@@ -224,11 +231,11 @@ class DanfossDrive:
         return Decimal(value - 0x10000 if place[0] in self._arrays and value > 0x7FFF else value)
 
     def silence(self) -> None:
-        """A gap ends a telegram."""
+        """Discard an unfinished telegram."""
         self._ear.forget()
 
     def hear(self, data: bytes) -> bytes:
-        """Answer a sound telegram for this address; anything else is met with silence."""
+        """Answer a sound telegram for this address; ignore anything else."""
         self._ear.hear(data)
         answer = b""
         for telegram, more in self._ear.telegrams(self._length):
@@ -275,7 +282,7 @@ class DanfossDrive:
 
 
 class Vlt3500Drive:
-    """Danfoss VLT 3500: 22 characters. Digits are kept with the decimals that they came with."""
+    """Danfoss VLT 3500: 22 characters. Values keep the decimals with which they were written."""
 
     character_s = 10 / 9600
     delay_s = 0.01
@@ -291,11 +298,11 @@ class Vlt3500Drive:
         return self.values[parameter]
 
     def silence(self) -> None:
-        """A gap ends a telegram."""
+        """Discard an unfinished telegram."""
         self._ear.forget()
 
     def hear(self, data: bytes) -> bytes:
-        """Answer a sound telegram for this address; anything else is met with silence."""
+        """Answer a sound telegram for this address; ignore anything else."""
         self._ear.hear(data)
         answer = b""
         for telegram, more in self._ear.telegrams(self._length):
@@ -335,7 +342,7 @@ class Vlt3500Drive:
 
 
 class FujiDrive:
-    """Fuji: standard telegrams R, W and E, short ones a, e, f, m and g to k; a wrong sum is met with silence."""
+    """Fuji: standard telegrams R, W and E, short ones a, e, f, m and g to k; telegrams with a wrong sum are ignored."""
 
     character_s = 10 / 9600
     delay_s = 0.01
@@ -354,11 +361,11 @@ class FujiDrive:
         return Decimal(self.values[parameter])
 
     def silence(self) -> None:
-        """A gap ends a telegram."""
+        """Discard an unfinished telegram."""
         self._ear.forget()
 
     def hear(self, data: bytes) -> bytes:
-        """Answer a sound telegram for this station; a wrong one is refused or met with silence, as the manual says."""
+        """Answer a sound telegram for this station; refuse or ignore a wrong one, as the manual says."""
         self._ear.hear(data)
         answer = b""
         for telegram, more in self._ear.telegrams(self._length):
@@ -425,10 +432,10 @@ class FujiDrive:
 
 @dataclass(kw_only=True)
 class Mischief:
-    """What goes wrong with answers, by chance.
+    """Random faults of replies.
 
-    silent, damaged, late: the share of answers. late_s: how late at most. A damaged answer has one or two wrong bits in
-    one character, or lacks a character, or its end: all that the check characters of these protocols must see.
+    silent, damaged, late: shares of the replies. late_s: longest delay. A damaged reply has one or two wrong bits in
+    one character, or lacks a character, or its end: damage that the check characters of these protocols must detect.
     """
 
     random: Random
@@ -440,11 +447,11 @@ class Mischief:
 
     @property
     def number(self) -> int:
-        """How many answers it has met so far."""
+        """Number of replies disturbed so far."""
         return sum(self.happened.values())
 
     def with_answer(self, answer: bytes) -> tuple[float, bytes]:
-        """Return how late the answer is, and what is left of it."""
+        """Return the extra delay of the reply in seconds, and the bytes left of it."""
         drawn = self.random.random()
         if drawn < self.silent:
             return self._noted("silent", 0.0, b"")
@@ -467,9 +474,9 @@ class Mischief:
 
 
 class DriveLine:
-    """Drives behind a pseudo-terminal or a TCP port; a context manager that serves in a thread of its own.
+    """Drives behind a pseudo-terminal or a TCP port; a context manager that serves them in a separate thread.
 
-    url: what a master opens. A drive that thinks about an answer is deaf, as its receiver is off while it sends.
+    url: address for the master. A drive that prepares a reply receives nothing, as its receiver is off while it sends.
     """
 
     def __init__(self, drives: Sequence[Drive], mischief: Mischief, *, where: str) -> None:
@@ -516,11 +523,11 @@ class DriveLine:
                 with master:
                     master.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                     self._attend(master.fileno())
-        except BaseException as error:  # noqa: BLE001 - the test asks for it
+        except BaseException as error:  # noqa: BLE001 - the test checks any error
             self.error = error
 
     def _attend(self, port: int) -> None:
-        """Serve one master until it goes."""
+        """Serve one master until it disconnects."""
         gap = min(drive.gap_s for drive in self.drives)
         last = time.monotonic()
         while not self._stop.is_set():
@@ -547,7 +554,7 @@ class DriveLine:
         if self._stop.wait(pause):
             return
         if select.select([port], [], [], 0)[0]:
-            # Whoever speaks meanwhile is not heard.
+            # Bytes sent in the meantime are lost.
             os.read(port, 4096)
         self.answered += 1
         if sent:

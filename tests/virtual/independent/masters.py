@@ -1,11 +1,11 @@
 """Masters of four drive protocols, written from the published descriptions alone.
 
-Nothing here knows the project: these programs have their own telegrams, check characters and timing, and need nothing
-but pyserial. They say what was wrong, so that a value that is not what was written is seen.
+These programs import nothing of the project: they have their own telegrams, check characters and timing, and need only
+pyserial. They report every value that differs from the one written.
 
 Sources: short description of VABus, sections 4 to 7, and Agile VABus manual p. 25-41; Danfoss FC 101 Design Guide
-MG18C502 p. 82 and VLT 5000 Design Guide MG.52.B2.02 p. 85-99; VLT Series 3500 manual p. 85-92; FVR-E11S manual
-p. 9-13 to 9-20.
+MG18C502 p. 82 and VLT 5000 Design Guide MG.52.B2.02 p. 85-99; VLT Series 3500 manual p. 85-92; FVR-E11S manual p. 9-13
+to 9-20.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 
 class NoAnswerError(Exception):
-    """Nobody has answered, or nothing that can be believed, as often as it was asked."""
+    """No acceptable reply came in any attempt."""
 
 
 class RefusedError(Exception):
-    """The drive has said no; code says why, in the protocol's own numbers."""
+    """The drive refuses; code: the reason, in the numbers of the protocol."""
 
     def __init__(self, code: int) -> None:
         super().__init__(f"refused with code {code}")
@@ -35,11 +35,11 @@ class RefusedError(Exception):
 
 
 class DamagedError(Exception):
-    """What came is no answer to what was asked, or nothing came; the text says what is wrong."""
+    """No reply, or a reply that does not fit the request; the text gives the reason."""
 
 
 class Settings(NamedTuple):
-    """How characters look on the wire."""
+    """Format of characters on the wire."""
 
     baudrate: int
     bytesize: int
@@ -47,7 +47,7 @@ class Settings(NamedTuple):
     stopbits: int
 
     def seconds(self, characters: int) -> float:
-        """Return how long so many characters take."""
+        """Return the duration of this number of characters."""
         bits = 1 + self.bytesize + (self.parity != "N") + self.stopbits
         return characters * bits / self.baudrate
 
@@ -56,32 +56,32 @@ class Line:
     """A port that several masters use in turns."""
 
     def __init__(self, url: str) -> None:
-        # ser2net in front of a pseudo-terminal cannot set DTR, and so never says that it has.
+        # ser2net in front of a pseudo-terminal cannot set DTR, so it never confirms DTR.
         options = "?ign_set_control" if url.startswith("rfc2217:") else ""
         self._port = serial.serial_for_url(url + options, timeout=0.1)
-        # Raw TCP has no settings, and a pseudo-terminal refuses those of a wire that it does not have.
+        # Raw TCP has no line settings, and a pseudo-terminal refuses settings that it cannot apply.
         self._has_settings = url.startswith("rfc2217:")
         self._settings: Settings | None = None
         self._quiet_since = time.monotonic()
         self.heard: list[tuple[str, bytes]] = []
-        """The last telegrams there and back, for whoever wants to know why."""
+        """Latest telegrams in both directions, for the texts of failures."""
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         self._port.close()
 
     def tell(self, data: bytes, settings: Settings, pause_s: float) -> None:
-        """Send something that nobody answers."""
+        """Send a telegram that has no reply."""
         self._send(data, settings, pause_s)
         self._quiet_since = time.monotonic() + settings.seconds(len(data))
 
     def ask(
         self, request: bytes, settings: Settings, *, pause_s: float, reply_s: float, missing: Callable[[bytes], int]
     ) -> bytes:
-        """Send a request, and return the answer to it.
+        """Send a request, and return its reply.
 
-        missing: how many characters are still to come behind these, at least. reply_s: from the last character of the
-        request to the last of the answer, but for its time on the wire. Raises DamagedError.
+        missing: least number of characters to come after these. reply_s: time from the last character of the request to
+        the last of the reply, without its time on the wire. Raises DamagedError.
         """
         self._send(request, settings, pause_s)
         came = b""
@@ -92,7 +92,7 @@ class Line:
                 more = self._port.read(wanted)
                 came += more
                 _expect(len(more) == wanted, f"{wanted - len(more)} characters are missing" if came else "silence")
-                # A gap inside of an answer is short, but a serial server may make two pieces of it.
+                # A gap within a reply is short, but a serial server may split the reply.
                 wait_s = 0.05 + settings.seconds(32)
         except DamagedError:
             self._note("cut", came)
@@ -115,7 +115,7 @@ class Line:
         self._port.write(data)
 
     def fall_silent(self) -> None:
-        """Wait until nothing has come for some time, a second at most, before something is repeated."""
+        """Before a retry, wait until the line is silent for some time, for a second at most."""
         until = time.monotonic() + 1
         self._port.timeout = 0.05
         while time.monotonic() < until and (stale := self._port.read(1)):
@@ -128,15 +128,15 @@ class Line:
 
 
 class Master(Protocol):
-    """What every master here can do with its drive."""
+    """Interface of every master here to its drive."""
 
     name: str
     writable: dict[str, Sequence[Decimal]]
-    """Parameters that hold what is written to them, and what may be."""
+    """Parameters that hold the values written to them, with the values to choose from."""
     unknown: str
     """A parameter that no drive has."""
     unknown_code: int
-    """What a drive says when it is asked for it."""
+    """Code of the refusal of `unknown`."""
     repeats: int
 
     def read(self, parameter: str) -> Decimal:
@@ -144,7 +144,10 @@ class Master(Protocol):
         ...
 
     def write(self, parameter: str, value: Decimal) -> None:
-        """Set the value, not stored. Raises NoAnswerError, RefusedError; then it may be set all the same, or not."""
+        """Set the value without storing it.
+
+        Raises NoAnswerError, RefusedError; the value may be set in spite of the error.
+        """
         ...
 
 
@@ -192,7 +195,7 @@ class VabusMaster:
     _settings = Settings(19200, 7, "E", 1)
     _pause_s = 0.002
     _reply_s = 0.5
-    # Digits and whether there is a sign.
+    # Number of digits, and whether there is a sign.
     _types = {"480": (8, True), "481": (8, True), "520": (4, True), "372": (4, False), "11": (4, False)}  # noqa: RUF012
 
     def __init__(self, line: Line, node: int, *, dataset: int = 5) -> None:
@@ -210,7 +213,7 @@ class VabusMaster:
         self._dataset = dataset
 
     def read(self, parameter: str) -> Decimal:
-        """Read by enquiry; after a refusal the error register."""
+        """Read by enquiry; after a refusal read the error register."""
         refused = 0
         for _ in range(_ATTEMPTS):
             try:
@@ -222,7 +225,7 @@ class VabusMaster:
         raise NoAnswerError(f"{self.name}: no answer to an enquiry for {parameter}")
 
     def write(self, parameter: str, value: Decimal) -> None:
-        """Write by select; after a refusal the error register is read."""
+        """Write by select; after a refusal read the error register."""
         digits, _ = self._types[parameter]
         text = b"0%d%03d%02d%0*X\x03" % (self._dataset, int(parameter), digits, digits, int(value) % 16**digits)
         request = b"\x04" + self._address + b"\x02" + text + bytes([_exclusive_or(text)])
@@ -241,10 +244,10 @@ class VabusMaster:
         raise NoAnswerError(f"{self.name}: no answer to a select of {parameter}")
 
     def _believed(self, before: int) -> int:
-        """Read why it refuses; return the reason, and raise RefusedError when it was the same before.
+        """Read the reason of a refusal and return it; raise RefusedError if the previous reason was the same.
 
-        An enquiry has no check character, so one that was damaged on its way can ask for what is not there. Nobody has
-        to hear the refusal of it, and then the next select is refused for the same reason. A refusal names nothing.
+        An enquiry has no check character, so a damaged enquiry can request a missing parameter. Its refusal may get
+        lost, and then the next select is refused for the same reason. A refusal names no parameter.
         """
         code = self._refusal()
         if code == before and code > 0 and code not in (12, 13):
@@ -269,7 +272,7 @@ class VabusMaster:
         return _signed(number, 4 * digits) if has_sign else number
 
     def _refusal(self) -> int:
-        """Read why; 0 when the drive knows of no refusal, -1 when it does not say."""
+        """Read the reason of a refusal; 0 if the drive has none recorded, -1 if it refuses the enquiry."""
         for _ in range(_ATTEMPTS):
             try:
                 return self._enquire("11")
@@ -309,7 +312,7 @@ class DanfossMaster:
     _settings = Settings(9600, 8, "E", 1)
     _pause_s = 0.003
     _reply_s = 0.1
-    # Parameter number, index, and how many bits it has; two of them have a sign.
+    # Parameter number, index, and number of bits, negative for values with a sign.
     _numbers_of = {  # noqa: RUF012
         "3-41": (341, 0, 32),
         "3-42": (342, 0, 32),
@@ -351,7 +354,7 @@ class DanfossMaster:
     def _repeated(
         self, request: bytes, number: int, index: int, answers: tuple[int, ...], *, confirmed: int | None = None
     ) -> int:
-        # The late answer to a read looks like the confirmation of a write, but for the value.
+        # The late reply to a read differs from the confirmation of a write only in the value.
         for _ in range(_ATTEMPTS):
             try:
                 reply = self._line.ask(
@@ -388,7 +391,7 @@ class DanfossMaster:
 
 
 class Vlt3500Master:
-    """Danfoss VLT 3500: 22 characters there and back; the control word is idle, so nothing moves."""
+    """Danfoss VLT 3500: 22 characters in each direction; the control word is idle, so nothing moves."""
 
     _settings = Settings(9600, 8, "N", 1)
     _pause_s = 0.01
@@ -411,7 +414,7 @@ class Vlt3500Master:
         return self._repeated(b"R", parameter, b"+000000")
 
     def write(self, parameter: str, value: Decimal) -> None:
-        """Write by U; the reply holds what the drive has made of it."""
+        """Write by U; the reply holds the value that the drive has taken."""
         decimals = max(0, -int(value.as_tuple().exponent))
         digits = abs(int(value.scaleb(decimals)))
         text = b"%s%05d%d" % (b"-" if value < 0 else b"+", digits, decimals)
@@ -454,7 +457,7 @@ class Vlt3500Master:
 
 
 class FujiMaster:
-    """Fuji: standard telegrams of 16 characters, and the short ones with which a frequency is set."""
+    """Fuji: standard telegrams of 16 characters, and the short ones that set a frequency."""
 
     _settings = Settings(9600, 8, "N", 1)
     _pause_s = 0.01
@@ -497,7 +500,7 @@ class FujiMaster:
                 _expect(reply[4:8] == request[4:8], "about another function")
                 if reply[3] == 0x15:
                     raise RefusedError(_hexadecimal(reply[11:13]))
-                # The data in the answer to a write is not defined.
+                # The data in the reply to a write is not defined.
                 _expect(reply[8:9] == b" " or command != b"R", "a sign where none belongs")
                 if command == b"R":
                     _hexadecimal(reply[9:13])
@@ -546,10 +549,10 @@ class FujiMaster:
 
 @dataclass
 class Talk:
-    """A master's long talk with its drive: it writes, reads, and knows what must come.
+    """Long talk of a master with its drive: it writes, reads, and compares the values read with the possible ones.
 
-    A write that nobody has confirmed may have been carried out or not, so several values are possible until one of them
-    is read. wrong: what was read and cannot be, with what was heard last.
+    An unconfirmed write may have been carried out or not, so several values are possible until one of them is read.
+    wrong: impossible values read, with the latest telegrams.
     """
 
     master: Master
@@ -563,16 +566,16 @@ class Talk:
 
     @property
     def name(self) -> str:
-        """Who talks."""
+        """Name of the master."""
         return self.master.name
 
     @property
     def repeats(self) -> int:
-        """How often something had to be asked again."""
+        """Number of retries of the master."""
         return self.master.repeats
 
     def turn(self) -> None:
-        """Make one exchange, chosen by chance."""
+        """Make one random exchange."""
         self.exchanges += 1
         chosen = self.random.random()
         parameter = self.random.choice(list(self.master.writable))
@@ -588,7 +591,7 @@ class Talk:
 
     def _write(self, parameter: str, value: Decimal) -> None:
         before = self.possible.get(parameter, set())
-        # Whatever goes wrong from here on, either may be true.
+        # If anything fails from here on, both values are possible.
         self.possible[parameter] = before | {value} if before else set()
         try:
             self.master.write(parameter, value)

@@ -1,4 +1,4 @@
-"""The independent programs are independent, answer as the manuals print it, and would see a wrong value."""
+"""The independent programs import nothing of drivecomm, answer as printed in the manuals, and detect wrong values."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ PAIRS = {
     "uss": (lambda address: UssDrive(address, Random(address), hesitates=0), UssMaster, "2014[1]"),
 }
 OWN = {"uss": {"masters"}}
-"""Which other of these programs one uses."""
+"""Other independent programs that one imports."""
 
 
 @pytest.mark.parametrize("program", ["masters", "drives", "uss"])
-def test_it_imports_nothing_of_the_project(program):
+def test_independent_program_imports_nothing_of_the_project(program):
     tree = ast.parse((HERE / f"{program}.py").read_text(encoding="utf-8"))
     named = {
         name.split(".")[0]
@@ -48,7 +48,7 @@ def heard_by(drive, *telegrams):
     return [drive.hear(bytes.fromhex(telegram)) for telegram in telegrams]
 
 
-def test_drives_answer_as_the_manuals_print_it():
+def test_independent_drives_answer_as_printed_in_the_manuals():
     vabus = VabusDrive(1)
     vabus.values["481"] = [1000] * 4
     assert heard_by(vabus, "04 41 30 30 34 38 31 05")[0] == bytes.fromhex(
@@ -74,8 +74,8 @@ def test_drives_answer_as_the_manuals_print_it():
 
 @pytest.mark.parametrize("name", PAIRS)
 @pytest.mark.parametrize("damage", ["changed", "lost", "cut"])
-def test_a_damaged_request_sets_nothing(name, damage):
-    """Any request of a master with one character changed, lost or all behind it gone: the drive holds what it held."""
+def test_damaged_request_sets_no_value_of_an_independent_drive(name, damage):
+    """Each request of a master has one character changed or lost, or its end cut off: the drive keeps its values."""
     kind, master, parameter = PAIRS[name]
     sent = []
     line = Recording(sent, kind(3))
@@ -95,7 +95,7 @@ def test_a_damaged_request_sets_nothing(name, damage):
 
 
 class Recording:
-    """A line without wires: a drive answers at once."""
+    """A line without wires: a drive answers immediately."""
 
     def __init__(self, sent, drive):
         self.sent, self.drive, self.heard = sent, drive, []
@@ -119,7 +119,7 @@ class Recording:
 
 
 class Forgetful(Mischief):
-    """A lie: a drive that takes another value than it was given; its telegrams are sound."""
+    """A fault: the drive changes its values after each reply; its telegrams are sound."""
 
     drive = None
     parameter = ""
@@ -135,7 +135,7 @@ class Forgetful(Mischief):
 
 
 @pytest.mark.parametrize("name", PAIRS)
-def test_a_wrong_value_is_seen(name):
+def test_campaign_detects_a_wrong_value(name):
     kind, master, _ = PAIRS[name]
     drive = kind(3)
     lie = Forgetful(random=Random(1))
@@ -150,7 +150,7 @@ def test_a_wrong_value_is_seen(name):
     assert "can be" in talk.wrong[0]
 
 
-def test_an_unconfirmed_write_leaves_both_values_possible():
+def test_unconfirmed_write_leaves_both_values_possible():
     class Silent:
         name, unknown, unknown_code, repeats = "silent", "0", 0, 0
         writable = {"x": [Decimal(2)]}  # noqa: RUF012
@@ -168,7 +168,7 @@ def test_an_unconfirmed_write_leaves_both_values_possible():
 
 
 @pytest.mark.soak
-def test_a_hang_and_an_error_are_seen():
+def test_campaign_detects_a_hang_and_an_error():
     class Hanging:
         name, exchanges, failed, wrong = "hanging", 0, 0, ()
 

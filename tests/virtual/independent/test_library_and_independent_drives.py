@@ -1,4 +1,4 @@
-"""The library, and drives that know nothing of it: silence, damage and late answers, no wrong value, no hang."""
+"""The library with independent drives: silence, damage and late replies cause no wrong value and no hang."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import drivecomm
 
 pytestmark = pytest.mark.soak
 
-# What one is in the units of the library, from the manuals: 480 in 0.01 Hz, 3-41 in 0.01 s, and so on.
+# Decimal places of raw values in the units of the library, from the manuals: 480 in 0.01 Hz, 3-41 in 0.01 s, etc.
 _SCALES = {"480": 2, "481": 2, "520": 2, "3-41": 2, "3-42": 2, "3-10[0]": 2, "3-10[2]": 2}
 _SCALES |= {"1082": 2, "1120": 2, "1121": 2, "2000": 2, "2014[0]": 3, "2014[1]": 3}
 _USS = "uss", {"model": "micromaster4"}, ("1082", "1120", "1121", "2000", "2014[0]", "2014[1]"), ("3999", 0)
@@ -45,7 +45,7 @@ _USS_LINES = {name: (where, ("uss", "uss 2")) for name, where in zip("efghij", (
 
 
 class LibraryTalk:
-    """The library's long talk with a drive whose values can be looked up on the other side."""
+    """Long talk of the library with a drive whose values can be read directly."""
 
     def __init__(self, bus, virtual, mischief, kind, where, *, seed):
         _, address, protocol, options, self.parameters, self.unknown = _KINDS[kind]
@@ -97,7 +97,7 @@ class LibraryTalk:
             found = self._drive.read(parameter)
         except drivecomm.RefusedError as refusal:
             if refusal.code is None and self._mischief.number > before:
-                # Reading the error register of VABus clears it; when that answer is lost, nobody knows the reason.
+                # Reading the error register of VABus clears it; if that reply is lost, the reason is unknown.
                 self.unexplained += 1
             elif refusal.code != code:
                 self.wrong.append(f"{self.name}: {parameter} is refused with {refusal.code} in place of {code}")
@@ -111,7 +111,7 @@ def mischief(seed):
 
 @pytest.fixture
 def standing():
-    """Let drives stand on a line; gives the line and what it has of each kind."""
+    """Yield a function that serves new drives on a line and returns the line."""
     with ExitStack() as stack:
 
         def stand(kinds, where, *, seed):
@@ -139,12 +139,12 @@ def judged(campaign, lines, title, tell):
     )
     assert not [line.error for line in lines if line.error]
     assert sum(happened.values()) > 0, "nothing went wrong on these lines"
-    # A write that nobody confirms is not repeated to a VLT 3500: 7 % of its answers are disturbed, 40 % are to writes.
+    # An unconfirmed write is not repeated to a VLT 3500: 7 % of its replies are disturbed, and 40 % are to writes.
     campaign.judge(most_failed=0.06)
 
 
 @pytest.mark.parametrize("chosen", [_LINES, _USS_LINES], ids=["all", "uss"])
-def test_the_library_talks_to_independent_drives(chosen, standing, tell):
+def test_library_reads_and_writes_independent_drives_on_faulty_lines(chosen, standing, tell):
     lines = [standing(kinds, where, seed=number) for number, (where, kinds) in enumerate(chosen.values())]
     campaign = Campaign(
         talks_on(standing, line, line.url, kinds, f"{name}, {where}", seed=100 * number)
@@ -154,7 +154,7 @@ def test_the_library_talks_to_independent_drives(chosen, standing, tell):
 
 
 @pytest.mark.parametrize("kind", ["socket", "rfc2217"])
-def test_the_library_talks_through_ser2net(kind, standing, ser2net, tell):
+def test_library_reads_and_writes_independent_drives_through_ser2net(kind, standing, ser2net, tell):
     chosen = {name: _LINES[name] for name in ("a", "b")}
     lines = [standing(kinds, where, seed=number) for number, (where, kinds) in enumerate(chosen.values())]
     campaign = Campaign(

@@ -1,4 +1,4 @@
-"""Masters that know nothing of drivecomm, and its virtual plant: noise and losses, no wrong value, no hang."""
+"""Independent masters with the virtual plant: noise and losses cause no wrong value and no hang."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from uss import UssMaster
 # pyserial's own client of RFC 2217.
 pytestmark = [pytest.mark.filterwarnings("ignore:set(Daemon|Name):DeprecationWarning"), pytest.mark.soak]
 
-# One or two wrong bits in a character change no check of these protocols into another that is right: an exclusive-or
-# and a sum modulo 256 see any single character, and no two bits make a difference of 100 to the sum of VLT 3500.
+# One or two wrong bits in a character turn no check of these protocols into another valid one: an exclusive-or
+# and a sum modulo 256 detect any single character, and no two bits change the sum of VLT 3500 by 100.
 _NOISE = 'noise = {{ rate = 0.03, seed = {seed}, bits = 2, kinds = ["corrupt", "corrupt", "drop", "truncate"] }}'
 _DRIVES = {
     "vabus": 'drive = "vabus:5"\noptions = { model = "agile" }',
@@ -56,7 +56,7 @@ def plant_of(lines):
 
 @pytest.fixture
 def talks_on():
-    """Open a line, and let a master talk to each of its drives."""
+    """Yield a function that opens a line and returns a talk with each of its drives."""
     opened = []
 
     def talks(name, url, drives, *, seed):
@@ -73,7 +73,7 @@ def talks_on():
 
 
 @pytest.mark.parametrize("chosen", [_LINES, _USS_LINES], ids=["all", "uss"])
-def test_masters_talk_to_the_plant(chosen, simulated, talks_on, tell):
+def test_independent_masters_read_and_write_the_virtual_plant(chosen, simulated, talks_on, tell):
     addresses = simulated(plant_of(chosen))
     campaign = Campaign(
         talks_on(f"{name}, {where}", addresses[name], drives, seed=100 * number)
@@ -86,14 +86,14 @@ def test_masters_talk_to_the_plant(chosen, simulated, talks_on, tell):
 
 
 @pytest.mark.parametrize("kind", ["socket", "rfc2217"])
-def test_masters_talk_through_ser2net(kind, simulated, ser2net, talks_on, tell):
+def test_independent_masters_read_and_write_the_virtual_plant_through_ser2net(kind, simulated, ser2net, talks_on, tell):
     lines = {name: _LINES[name] for name in ("a", "b")}
     addresses = simulated(plant_of(lines))
     talks = [
         talks_on(f"{name}, ser2net {kind}", ser2net(addresses[name], kind), drives, seed=100 * number)
         for number, (name, (_, drives)) in enumerate(lines.items())
     ]
-    # Whoever changes the settings of a serial server waits until it has done so, some tenths of a second.
+    # A change of the settings of a serial server takes some tenths of a second.
     campaign = Campaign(talks, in_a_row=5)
     campaign.run(seconds())
     tell(campaign.report(f"independent masters through ser2net ({kind}) and the virtual plant"))

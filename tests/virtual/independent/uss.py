@@ -1,8 +1,8 @@
-"""A virtual drive and a master of USS, written from the published description alone, beside those of `drives`.
+"""A virtual drive and a master of USS, written from the published description alone, like those of `drives`.
 
-Nothing here knows the project. Telegrams have a variable parameter area and two process words, which are 0: bit 10 of
-the control word decides, and is off, so nothing moves. The drive begins a telegram behind a silence only, and is not
-always ready: it then answers with no reply (AK 0), or with the one that it gave before.
+They import nothing of the project. Telegrams have a variable parameter area and two process words, which are 0: bit 10
+of the control word decides, and is off, so nothing moves. The drive accepts a telegram only after a silence, and is not
+always ready: it then sends no result (AK 0), or repeats its previous reply.
 
 Sources: USS specification E20125-D0001-S302-A1-7600 (09.94), A-3 to A-9, C-11 to C-24; MICROMASTER 420 Reference Manual
 p. 44-49; SINAMICS CU240S Operating Instructions 11/2006 p. 8-31.
@@ -41,13 +41,13 @@ def _sound(telegram: bytes) -> bool:
 
 
 def _area(identifier: int, number: int, index: int, words: bytes) -> bytes:
-    # From 2000 on the page of the number stands in the index word; its lowest bit is bit 15.
+    # From 2000 on, the index word holds the page of the number; its lowest bit is bit 15.
     page, rest = divmod(number, 2000)
     return (identifier << 12 | rest).to_bytes(2, "big") + bytes([0x80 * page, index]) + words
 
 
 class UssDrive:
-    """MICROMASTER 4. hesitates: the share of tasks that it is not ready to answer at once."""
+    """MICROMASTER 4. hesitates: share of the tasks to which it is not ready to reply immediately."""
 
     character_s = 11 / 38400
     delay_s = 0.003
@@ -71,11 +71,11 @@ class UssDrive:
         return Decimal(round(100 * real))
 
     def silence(self) -> None:
-        """Only what comes behind a silence begins a telegram."""
+        """Discard an unfinished telegram; a telegram begins only after a silence."""
         self._heard = b""
 
     def hear(self, data: bytes) -> bytes:
-        """Answer a sound telegram for this address; anything else is met with silence."""
+        """Answer a sound telegram for this address; ignore anything else."""
         self._heard += data
         telegram = self._heard
         if telegram[:1] != b"\x02" or len(telegram) < 4 or len(telegram) != telegram[1] + 2:
@@ -116,7 +116,7 @@ class UssDrive:
 
 
 class UssMaster:
-    """MICROMASTER 4: a task is sent until its own reply comes, which must be of the same parameter and element."""
+    """MICROMASTER 4: a task is sent until its own reply comes, which must name the same parameter and element."""
 
     _settings = Settings(9600, 8, "E", 1)
     _pause_s = 0.004
@@ -144,13 +144,13 @@ class UssMaster:
         return self._task(6 if index else 1, int(number), int(index or 0), b"\x00\x00")
 
     def write(self, parameter: str, value: Decimal) -> None:
-        """Write to RAM; the reply has the value that the parameter holds then."""
+        """Write to RAM; the reply holds the new value of the parameter."""
         number, _, index = parameter.rstrip("]").partition("[")
         words = struct.pack(">H", int(value)) if index else struct.pack(">f", float(value))
         for _ in range(self._attempts):
             if self._task(7 if index else 3, int(number), int(index or 0), words) == value:
                 return
-            # The reply to a task before this one, for the same parameter.
+            # The reply belongs to an earlier task for the same parameter.
             self.repeats += 1
         raise NoAnswerError(f"{self.name}: {parameter} does not take {value}")
 
