@@ -39,18 +39,18 @@ def commands_page() -> str:
     first = next(context for context in commands.values() if _shared(context))
     parts = [
         "# Commands",
-        "This page is made from the commands themselves: it says what `drivecomm COMMAND --help` says.",
+        "This page is made from the commands and has the same texts as `drivecomm COMMAND --help`.",
         table(
             ("command", "purpose"), ((f"[`{name}`](#{_anchor(name)})", _help(each)) for name, each in commands.items())
         ),
         "## Exit codes",
-        "[Errors and exit codes](errors.md) says what to do about each of them.",
+        "[Errors and exit codes](errors.md) lists the remedies.",
         table(("code", "meaning"), _exit_codes()),
         "## Completion",
         "Shells complete commands, options, protocols, files, and drives of the plant file. One line turns it on:",
         table(("shell", "line", "file"), ((shell, code(line), code(file)) for shell, line, file in _COMPLETION)),
         "## Options of a line",
-        "All commands that talk to drives have these options, but for those that would have no effect on them.",
+        "All commands that talk to drives have these options, except those without effect on them.",
         _parameters(first, "option", _shared(first)),
     ]
     for name, context in commands.items():

@@ -31,7 +31,7 @@ PICTURES = {
         door="MQTT door",
         through="MQTT broker",
         users=("Home Assistant", "historian", "your programs"),
-        out=("values, retained;", "what was missed"),
+        out=("values, retained;", "missed values"),
         back=("commands with id,", "session and time"),
     ),
     "door-sparkplug.svg": Picture(
@@ -45,7 +45,7 @@ PICTURES = {
         door="OPC UA door",
         users=("SCADA", "UaExpert", "your programs"),
         out=("values with unit, status and", "source time; events; history"),
-        back=("methods with an answer,", "under a lock"),
+        back=("methods with a result,", "under a lock"),
     ),
     "door-modbus-tcp.svg": Picture(
         door="Modbus TCP door",

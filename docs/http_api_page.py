@@ -13,33 +13,33 @@ if TYPE_CHECKING:
 
 _JSON = "application/json"
 _INTRODUCTION = """\
-What a server answers, on its local door and over HTTP; made from the models by which it checks requests.
-A running server gives the same as OpenAPI 3.1 at `/openapi.json`, and `/metrics` for Prometheus.
-`/healthz` says that the process is there, `/readyz` that all lines are open.
+Requests that a server accepts at its local door and over HTTP; this page is made from the models that check requests.
+A running server describes the same as OpenAPI 3.1 at `/openapi.json`; `/metrics` is for Prometheus.
+`/healthz` says that the process is running, `/readyz` that all lines are open.
 
-Requests and answers are JSON. Numbers keep their digits: 10.00 is not 10.0.
-Who asks is told by `Authorization: Bearer TOKEN`.
-What is not done is answered as [problem details](https://www.rfc-editor.org/rfc/rfc9457).
-`detail` is the sentence, `error` the error that Python callers get.
-For a command they also have its `id`, its `outcome` and its `result`, and the status says why it was not done:
+Requests and responses are JSON. Numbers keep their digits: 10.00 is not 10.0.
+The header `Authorization: Bearer TOKEN` identifies the caller.
+A request that is not carried out gets [problem details](https://www.rfc-editor.org/rfc/rfc9457).
+`detail` is the message, `error` the error that Python callers get.
+For a command they also have its `id`, its `outcome` and its `result`, and the status gives the reason:
 
 | outcome | status |
 |---|---|
 | `done` | 200 |
 | `refused`, the caller may not | 403 |
-| `refused`, another has the drive, the lease is over, or a stop came first | 409 |
-| `refused`, the verb or its arguments cannot be | 422 |
-| `refused`, asked too often | 429 |
-| `refused`, the server cannot, such as without room for its audit | 503 |
-| `failed`: the drive said no, or what was only to be read was not read | 502 |
-| `open`: it was sent, and whether the drive acted is not known | 504 |
+| `refused`, another caller has the drive, the lease has expired, or a stop came first | 409 |
+| `refused`, the verb or its arguments are invalid | 422 |
+| `refused`, too many requests | 429 |
+| `refused`, the server cannot, for example because there is no space for its audit | 503 |
+| `failed`: the drive refused, or a read failed | 502 |
+| `open`: it was sent, and the drive may or may not have acted | 504 |
 
-Of what was refused nothing was sent.
-So `curl --fail`, Node-RED and others that know HTTP alone take none of these for done.
-A status alone never says that a motor has stopped: a stop answered 504 goes on being sent until the drive confirms it.
+Nothing was sent for a refused command.
+So `curl --fail`, Node-RED and other plain HTTP clients never take a failure for success.
+A status alone never says that a motor has stopped: after a 504 the server retries a stop until the drive confirms it.
 `POST /api/v1/stop` stops many drives and always answers 200, with an outcome for each.
 
-What keeps strangers out is on the [security checklist](security-checklist.md)."""
+Access protection is described on the [security checklist](security-checklist.md)."""
 
 
 def http_api_page() -> str:
@@ -63,7 +63,7 @@ def http_api_page() -> str:
     ]
     for method, path, operation in operations:
         parts += _section(method, path, operation, described["components"]["schemas"])
-    parts.append("## Answers")
+    parts.append("## Responses")
     schemas = described["components"]["schemas"]
     for name in sorted(schemas.keys() - {_name(_body(operation)) for _, _, operation in operations}):
         parts += _answer(name, schemas[name])
@@ -74,7 +74,7 @@ def _section(method: str, path: str, operation: dict[str, Any], schemas: dict[st
     yield f"## {method} {path} {{ #{_anchor(method, path)} }}"
     forms = operation["responses"]["200"]["content"].items()
     answers = " or ".join(_type(each["schema"]) if form == _JSON else code(form) for form, each in forms)
-    yield f"{operation['summary']} {operation['description']} Answers {answers}."
+    yield f"{operation['summary']} {operation['description']} Response: {answers}."
     given = [
         (each["name"], each["in"], each["schema"], each["description"], each["required"])
         for each in operation.get("parameters", ())
@@ -87,7 +87,7 @@ def _section(method: str, path: str, operation: dict[str, Any], schemas: dict[st
         given.append((name, "body", schema, f"{schema['description']}{local}{network}", name in needed))
     if given:
         yield table(
-            ("name", "in", "type", "needed", "what it is"),
+            ("name", "in", "type", "needed", "meaning"),
             ((code(name), at, _type(schema), "yes" if must else "", what) for name, at, schema, what, must in given),
         )
 

@@ -44,8 +44,8 @@ def overview(plugins: list[Protocol]) -> str:
         )
         for plugin in plugins
     )
-    heads = ("protocol", "name", "addresses", "line, unless told otherwise", "parameters like", "models")
-    text = "These pages are made from the packages themselves: from the schemas that read and write the telegrams, "
+    heads = ("protocol", "name", "addresses", "default line settings", "parameters like", "models")
+    text = "These pages are made from the packages: from the schemas that read and write the telegrams, "
     text += "from the model files and from the vectors. `drivecomm protocols` prints the same table in short."
     return f"# Protocols\n\n{text}\n\n{table(heads, rows)}\n"
 
@@ -58,12 +58,12 @@ def protocol_page(plugin: Protocol) -> str:
         *_readme(plugin),
         "## Line and timing",
         *_facts(plugin),
-        "## What a drive can be asked to do",
+        "## Capabilities and verbs",
         *_capabilities(plugin),
         "## Options of a drive",
         *_options(plugin),
         "## Telegrams, drawn",
-        "Each box is a field, with the place of its characters above it; `n` is a length that another field gives.",
+        "Each box is a field, with the positions of its characters above it; `n` is a length given by another field.",
         *_telegrams(plugin),
         "## Telegrams printed in manuals",
         *_printed(plugin),
@@ -129,8 +129,8 @@ def _facts(plugin: Protocol) -> Iterator[str]:
     rows = [("line", str(settings), of_line), ("addresses", f"{plugin.addresses[0]} to {plugin.addresses[-1]}", "")]
     timed = [(field.name, getattr(timing, field.name)) for field in fields(timing)]
     rows += [(code(name), f"{value:g}", said.get(name, "")) for name, value in timed]
-    yield table(("fact", "default", "demanded by"), rows)
-    yield f"Where they come from: {plugin.facts_source}."
+    yield table(("fact", "default", "required by"), rows)
+    yield f"Sources: {plugin.facts_source}."
 
 
 def _capabilities(plugin: Protocol) -> Iterator[str]:
@@ -202,9 +202,9 @@ def _printed(plugin: Protocol) -> Iterator[str]:
         _LOG.warning("no vectors of the protocol %s: %s", plugin.name, error)
         return
     if not vectors:
-        yield "No telegram stands byte by byte in a manual that was read."
+        yield "No manual that we have prints a telegram byte by byte."
         return
-    yield "Every byte of these stands in the document named; the tests decode them and build them again."
+    yield "Every byte of these is printed in the document named; the tests decode them and build them again."
     rows = (
         (code(vector.data.hex(" ").upper()), vector.direction, ", ".join(f"{k} {v}" for k, v in vector.fields.items()),
          vector.source)
@@ -248,7 +248,7 @@ def _model(plugin: Protocol, model: Model, extends: str | None) -> Iterator[str]
 def _identification(model: Model) -> Iterator[str]:
     if model.identified_by:
         rules = ", ".join(f"{name} {code(pattern)}" for name, pattern in model.identified_by.items())
-        yield f"A drive is taken for this model by what it tells of itself: {rules} (regular expressions)."
+        yield f"A drive is recognised as this model by its identification: {rules} (regular expressions)."
 
 
 def _common_names(model: Model, base: Model | None) -> Iterator[str]:
@@ -283,8 +283,8 @@ def _watchdog(model: Model, base: Model | None) -> Iterator[str]:
         for policy, number in watchdog.actions.items()
     )
     off = f"{code(f'{watchdog.time} = {watchdog.off}')}" if watchdog.off is not None else "by the action for hold"
-    rows = [("time, in seconds", code(watchdog.time)), ("what it can do", actions), ("switched off", off)]
-    rows += [("besides", watchdog.note), ("source", watchdog.source), ("how sure", watchdog.sure)]
+    rows = [("time, in seconds", code(watchdog.time)), ("policies", actions), ("switched off", off)]
+    rows += [("note", watchdog.note), ("source", watchdog.source), ("how sure", watchdog.sure)]
     yield table(("watchdog", ""), [row for row in rows if row[1]])
 
 

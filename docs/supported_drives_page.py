@@ -104,7 +104,7 @@ def _name_plate(model: Model) -> str:
 def _identified_by(model: Model) -> str:
     """Return the keys that identify a drive's model, or the identity that such a drive reports if there is no rule."""
     told = ", ".join(model.control.get("identity", ()))
-    return ", ".join(model.identified_by) or (f"no rule; tells {told}" if told else "no rule")
+    return ", ".join(model.identified_by) or (f"no rule; reports {told}" if told else "no rule")
 
 
 def _counted(number: int, what: str) -> str:
