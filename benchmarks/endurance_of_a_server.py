@@ -159,7 +159,7 @@ class Endurance:
                 for parameter in (*POLLED, STATUS):
                     table.put_value(_value(name, parameter, at_s))
                 if random.random() < 1e-4:
-                    table.happened("silent", f"does not answer since {at_s:.0f}", drive=name)
+                    table.record_event("silent", f"does not answer since {at_s:.0f}", drive=name)
                 if place % 50 == 0:
                     await asyncio.sleep(0.003)
             # Some values come from elsewhere: the server itself marks values of unpolled lines as bad now and then.

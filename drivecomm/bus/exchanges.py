@@ -85,7 +85,7 @@ class Exchanges:
             raise self._unknown(parameter, error) from error
 
     def _told(self, exchange: Exchange[Reading], common: CommonName) -> Exchange[Reading]:
-        return self._plausibility.judged(common.told((yield from exchange)))
+        return self._plausibility.judged(common.convert((yield from exchange)))
 
     def reader(self, parameter: str, options: Mapping[str, Any]) -> Callable[[], Exchange[Reading]]:
         """Return a function that makes a new exchange of `to_read` at each call. Raises the errors of `to_read`."""
@@ -106,10 +106,10 @@ class Exchanges:
         common = self._common_name(parameter)
         return common.address if common else parameter
 
-    def told(self, parameter: str, reading: Reading) -> Reading:
+    def converted_reading(self, parameter: str, reading: Reading) -> Reading:
         """Return a reading for the caller: converted and checked for plausibility if it was read by a common name."""
         common = self._common_name(parameter)
-        return self._plausibility.judged(common.told(reading)) if common else reading
+        return self._plausibility.judged(common.convert(reading)) if common else reading
 
     def to_write(self, parameter: str, value: Value | float, options: Mapping[str, Any]) -> Exchange[Reading | None]:
         """Write a parameter, named as for `read`; for a common name, the value is in the unit of its quantity."""
@@ -123,7 +123,7 @@ class Exchanges:
         common = self._common_name(parameter)
         if common is not None:
             return _confirmed(
-                call_checked(self.operations.write, common.address, common.given(value), **options), common
+                call_checked(self.operations.write, common.address, common.to_drive_unit(value), **options), common
             )
         try:
             return call_checked(self.operations.write, parameter, value, **options)
@@ -228,7 +228,7 @@ class Exchanges:
         parameter, value = given["parameter"], given["value"]
         common = self._common_name(parameter)
         if common is not None:
-            given["parameter"], value = common.address, common.given(value)
+            given["parameter"], value = common.address, common.to_drive_unit(value)
         given["value"] = self._number_of(parameter, value)
         return self.operations.may_start("write", given)
 
@@ -250,7 +250,7 @@ class Exchanges:
 
 def _confirmed(exchange: Exchange[Reading | None], common: CommonName) -> Exchange[Reading | None]:
     reading = yield from exchange
-    return None if reading is None else common.told(reading)
+    return None if reading is None else common.convert(reading)
 
 
 def _compared(

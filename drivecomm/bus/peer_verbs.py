@@ -51,7 +51,7 @@ B = TypeVar("B", bound=VerbsBus)
 class PeerVerbs(Discoverable, Generic[B]):
     """Base of the verbs of one drive, and of those of all drives of a protocol."""
 
-    _inner = frozenset({"bus", "checked", "peer", "with_stop_notice"})
+    _inner = frozenset({"bus", "peer", "with_check", "with_stop_notice"})
     _check: Callable[[], None] | None = None
     _stop_goes_out: Callable[[], None] | None = None
 

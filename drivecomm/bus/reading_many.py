@@ -60,7 +60,7 @@ class ManyReads:
         found = yield from operations.read_many([self._exchanges.address_of(each) for each in parameters])
         now = self._time()
         return [
-            self._exchanges.told(parameter, reading).at(now)
+            self._exchanges.converted_reading(parameter, reading).at(now)
             for parameter, reading in zip(parameters, found, strict=True)
         ]
 

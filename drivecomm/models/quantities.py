@@ -51,7 +51,7 @@ class CommonName:
         info = parameter_at(self.address, model)
         self._unit = info.unit if info else ""
 
-    def told(self, reading: Reading) -> Reading:
+    def convert(self, reading: Reading) -> Reading:
         """Return a reading of the parameter as a reading of the quantity, with its name and unit."""
         value, unit, asked = reading.value, reading.unit, self.quantity
         if unit != asked.unit and not isinstance(value, str):
@@ -69,7 +69,7 @@ class CommonName:
             time_s=reading.time_s,
         )
 
-    def given(self, value: Value | float) -> Value | float:
+    def to_drive_unit(self, value: Value | float) -> Value | float:
         """Return a value converted from the quantity's unit to the parameter's. Raises ValueRefusedError for a text."""
         if self._unit == self.quantity.unit:
             return value

@@ -151,15 +151,15 @@ class Dialect:
         """Return a request that names no drive, completed from the one before; other requests stay as they are."""
         return request
 
-    def told(self, request: Any, words: Sequence[int]) -> Message:
+    def read_reply(self, request: Any, words: Sequence[int]) -> Message:
         """Return the reply to a read."""
         raise NotImplementedError
 
-    def taken(self, request: Any) -> Message:
+    def write_reply(self, request: Any) -> Message:
         """Return the reply to a write, or to a request that only prepares another one."""
         raise NotImplementedError
 
-    def refused(self, request: Any, code: int) -> Message:
+    def refusal_reply(self, request: Any, code: int) -> Message:
         """Return the refusal of a request."""
         raise NotImplementedError
 
@@ -167,7 +167,7 @@ class Dialect:
         """Return whether a drive may refuse a request."""
         return isinstance(request, self.requests)
 
-    def damaged(self, find: Damaged) -> Message | None:  # noqa: ARG002 - overriding methods use it
+    def damage_reply(self, find: Damaged) -> Message | None:  # noqa: ARG002 - overriding methods use it
         """Return the reply of a drive to a damaged telegram; None if the drive stays silent."""
         return None
 

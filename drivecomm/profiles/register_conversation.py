@@ -49,7 +49,7 @@ class RegisterConversation:
         called: the name of the request in the error for a refusal.
         """
         self.must_be_one()
-        reply = yield from self.asked(self._dialect.reading(place, count), called, place)
+        reply = yield from self.send_request(self._dialect.reading(place, count), called, place)
         return self._dialect.words(reply, place)
 
     def word(self, place: str) -> Exchange[int]:
@@ -104,7 +104,7 @@ class RegisterConversation:
         raw = (yield from self.raw(self._fault_code)) if self._fault_code else 0
         return raw if isinstance(raw, int) and raw else None
 
-    def asked(self, ask: Ask, called: str, place: RegisterPlace | None = None) -> Exchange[Any]:
+    def send_request(self, ask: Ask, called: str, place: RegisterPlace | None = None) -> Exchange[Any]:
         """Send a request; repeat it while the drive is busy, or if it arrived damaged. Raises RefusedError.
 
         A stop is not repeated here while the drive is busy, but by its caller. called: the name of the request in the
@@ -158,13 +158,13 @@ class RegisterConversation:
         """
         doubted = self._dialect.doubts_echoes and ask.mirrored and not self.is_there
         first = self._dialect.probe
-        look = partial(self.asked, self._dialect.reading(first, 1), self._dialect.address_at(first), first)
+        look = partial(self.send_request, self._dialect.reading(first, 1), self._dialect.address_at(first), first)
         if doubted and not ask.urgent:
             yield from look()
-        reply = yield from self.asked(ask, called, place)
+        reply = yield from self.send_request(ask, called, place)
         if doubted and ask.urgent:
             yield from look()
-            reply = yield from self.asked(ask, called, place)
+            reply = yield from self.send_request(ask, called, place)
         return reply
 
     def _prepared(self, ask: Ask, called: str, place: RegisterPlace | None) -> Exchange[Any]:
@@ -188,4 +188,4 @@ class RegisterConversation:
 
     def _prepare(self, place: RegisterPlace, called: str, *, urgent: bool) -> Exchange[None]:
         if (ask := self._dialect.preparing(place)) is not None:
-            yield from self.asked(replace(ask, urgent=urgent), called)
+            yield from self.send_request(replace(ask, urgent=urgent), called)

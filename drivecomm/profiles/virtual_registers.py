@@ -111,15 +111,15 @@ class VirtualRegisterDrive(DriveRepr):
         """Carry out a request and return the reply. Raises RegisterRefusal."""
         dialect, access = self._dialect, self._dialect.access_of(request)
         if access is None:
-            return dialect.taken(request)
+            return dialect.write_reply(request)
         first, words = access.place, access.words
         names = [f"{first.kind}{first.start + each}" for each in range(access.count if words is None else len(words))]
         if words is None:
-            return dialect.told(request, self._machine.read(names))
+            return dialect.read_reply(request, self._machine.read(names))
         if "not set up" in dialect.codes and self._machine.ignores(names):
             raise RegisterRefusal("not set up")
         self._machine.write(names, words, now, only_ram=access.only_ram)
-        return dialect.taken(request)
+        return dialect.write_reply(request)
 
     def refuse(self, request: Any, why: Why) -> Message:
         """Return the refusal of a request."""
@@ -133,11 +133,11 @@ class VirtualRegisterDrive(DriveRepr):
 
     def _refused(self, request: Any, code: int) -> Message:
         self._keep(code)
-        return self._dialect.refused(request, code)
+        return self._dialect.refusal_reply(request, code)
 
     def complain(self, find: Damaged) -> Message | None:
         """Return the reply to a damaged telegram; None if the drive stays silent."""
-        reply = self._dialect.damaged(find)
+        reply = self._dialect.damage_reply(find)
         if reply is not None and (code := self._dialect.codes.get(find.error.category)) is not None:
             self._keep(code)
         return reply

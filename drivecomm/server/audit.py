@@ -75,7 +75,7 @@ class Audit:
         self._thread = Thread(target=self._write_all, name="audit", daemon=True)
         self._thread.start()
 
-    async def asked(self, caller: Caller, command: CommandRequest, lease: Lease | None = None) -> int:
+    async def record_command(self, caller: Caller, command: CommandRequest, lease: Lease | None = None) -> int:
         """Record that a command is about to be sent; return the number of the record.
 
         Waits until the record is on the disk. Raises NotAllowedError if it cannot be written.

@@ -133,7 +133,7 @@ class CommandExecutor:
         wanted.check()
         core.merged_stops.commanded(line.line.name)
         asked_s = time.time()
-        number = await core.audit.asked(caller, command, wanted.lease)
+        number = await core.audit.record_command(caller, command, wanted.lease)
         core.writes.note(config.name, command, Write(str(caller), number, asked_s), now_s=time.monotonic())
         try:
             await core.kept.settled(config.name, command.valid_s)
@@ -143,7 +143,7 @@ class CommandExecutor:
             answer = CommandAnswer(id=command.id, outcome=outcome_of(error), error=error_of(command, error))
         words = command_words(command.verb, command.arguments)
         text = words if answer.error is None else f"{words}: {answer.outcome}, {in_one_line(answer.error)}"
-        core.table.happened("command", text, drive=config.name, line=line.line.name, who=str(caller))
+        core.table.record_event("command", text, drive=config.name, line=line.line.name, who=str(caller))
         record_safely(core.audit.outcome, caller, command, number, answer)
         record_safely(core.remember, caller, command, answer, asked_s)
         return answer

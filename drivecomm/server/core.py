@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 class AuditTrail(Protocol):
     """A trail of commands, such as an `Audit`."""
 
-    async def asked(self, caller: Caller, command: CommandRequest, lease: Lease | None = None) -> int:
+    async def record_command(self, caller: Caller, command: CommandRequest, lease: Lease | None = None) -> int:
         """Record that a command is about to be sent; return the number of the record.
 
         Raises NotAllowedError if the record cannot be written.
@@ -224,7 +224,7 @@ class Core:
             name = each.config.name
             if runs and name not in self.kept and self.standing_stops.of(name) is None:
                 text = "keeps running without this server; stop it with drivecomm stop, or at the drive"
-                self.table.happened("warning", text, drive=name, line=each.config.line)
+                self.table.record_event("warning", text, drive=name, line=each.config.line)
 
     async def _look(self) -> None:
         """Expire leases, release the motors kept under them, and mark old values as stale; runs until cancelled."""
@@ -287,7 +287,7 @@ class Core:
             self.changing = frozenset()
             self._unchanging.set()
         for text in told:
-            self.table.happened("server", text)
+            self.table.record_event("server", text)
         return told
 
     async def settled(self) -> None:
@@ -316,7 +316,7 @@ class Core:
                 await served.pause()
                 self._forget(gone_here, before)
                 try:
-                    served.has(self._drives_of(name))
+                    served.set_drives(self._drives_of(name))
                 finally:
                     served.start()
                 return f"line {name} has other drives, or other values to poll"
@@ -351,7 +351,7 @@ class Core:
                 status_seen=self._status_seen,
             )
         except Exception as error:  # noqa: BLE001 - one failing line must not affect the others
-            self.table.happened("line", in_one_line(error), line=line.name)
+            self.table.record_event("line", in_one_line(error), line=line.name)
             return
         self.lines[line.name] = served
         served.start()

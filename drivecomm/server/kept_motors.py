@@ -109,13 +109,15 @@ class KeptMotors:
         """Record that a lease has expired, and apply the policy of the motor that was kept under it."""
         if self._is_under(lease):
             text = f"{lease.holder} does not renew their lease; the motor is treated by its policy, "
-            self._table.happened("link loss", text + self.policy(lease.drive), drive=lease.drive, who=str(lease.holder))
+            self._table.record_event(
+                "link loss", text + self.policy(lease.drive), drive=lease.drive, who=str(lease.holder)
+            )
             self.release(lease.drive)
 
     def given_back(self, lease: Lease) -> None:
         """Apply the policy of the motor that was kept under a lease, because its commander has released the lease."""
         if self._is_under(lease):
-            self._table.happened("command", "released", drive=lease.drive, who=str(lease.holder))
+            self._table.record_event("command", "released", drive=lease.drive, who=str(lease.holder))
             self.release(lease.drive)
 
     async def settled(self, drive: str, within_s: float) -> None:
@@ -159,7 +161,7 @@ class KeptMotors:
 
         def tell(done: str, text: str, further: Mapping[str, Any]) -> None:
             if done in ("not answering", "answers again", "failed"):
-                self._table.happened("link loss", text, drive=config.name, line=config.line)
+                self._table.record_event("link loss", text, drive=config.name, line=config.line)
             story.tell({"done": done, "text": text, **further})
 
         return tell

@@ -164,7 +164,7 @@ class PlantForDoors:
 
     def tell(self, text: str, *, drive: str = "", who: str = "") -> None:
         """Record a message of a door as an event."""
-        self._later(partial(self._core.table.happened, "door", text, drive=drive, who=who))
+        self._later(partial(self._core.table.record_event, "door", text, drive=drive, who=who))
 
     async def stop_all(self, caller: Caller, how: str, lines: Sequence[str] = ()) -> Sequence[Stopped]:
         """Stop all drives, or those of the named lines, in parallel: on each line by a broadcast, then each drive."""

@@ -91,14 +91,14 @@ class ServedLine:
         self._tried = asyncio.Event()
         self._never_open: DriveCommError | None = None
         self._tasks: list[asyncio.Task[None]] = []
-        self.has(drives)
+        self.set_drives(drives)
 
     @property
     def drives(self) -> Sequence[DriveConfig]:
         """The drives that the plant has on this line."""
         return tuple(self._configs.values())
 
-    def has(self, drives: Sequence[DriveConfig]) -> None:
+    def set_drives(self, drives: Sequence[DriveConfig]) -> None:
         """Replace the drives of this line; keep what is known about those that remain."""
         # A protocol without a broadcast stop is left out here: its drives are stopped one by one.
         self.everybody = tuple(each for _, each in broadcasts_of(self.bus, drives, lambda *_: None))
@@ -112,7 +112,7 @@ class ServedLine:
                     error if isinstance(error, UsageError) else UsageError(f"{config.name} cannot be made: {error!r}")
                 )
                 wrong = f"cannot be served: {in_one_line(unusable[config.name])}"
-                self._table.happened("line", wrong, drive=config.name, line=self.line.name)
+                self._table.record_event("line", wrong, drive=config.name, line=self.line.name)
                 continue
             if self._open is None:
                 self._open = OpenLine(WatchedLine(name=self.line.name, port="", drives=tuple(drives)), self.bus)
@@ -124,7 +124,7 @@ class ServedLine:
             self._monitoring_only[config.name] = only_read
             seen[config.name] = TrackedDrive(self._open, drive, view)
             if wrong := wrong_policy(config, drive.model):
-                self._table.happened("link loss", wrong, drive=config.name, line=self.line.name)
+                self._table.record_event("link loss", wrong, drive=config.name, line=self.line.name)
         # Assigned in one statement, because doors read them from their own threads.
         self._configs, self._seen, self._unusable = {each.name: each for each in drives}, seen, unusable
 
@@ -201,23 +201,23 @@ class ServedLine:
         self._update(seen, replace(seen.view, late=True, error=why))
         if self._late.seen(now_s):
             text = f"is late: it had no time to ask for the status of {drive}, and may not have for others"
-            self._table.happened("line", f"{text}; drivecomm forecast shows what it carries", line=self.line.name)
+            self._table.record_event("line", f"{text}; drivecomm forecast shows what it carries", line=self.line.name)
 
     def look(self, now_s: float) -> None:
         """Report lateness and missed polls that have ended. now_s: seconds of a monotonic clock."""
         if self._late.ends(now_s):
             spell = f"{self._late.incidents} late within {self._late.lasted_s:.0f} s"
-            self._table.happened("line", f"asks for every status in time again ({spell})", line=self.line.name)
+            self._table.record_event("line", f"asks for every status in time again ({spell})", line=self.line.name)
         if self._missing.ends(now_s):
             spell = f"{self._missing.incidents} missed within {self._missing.lasted_s:.0f} s"
-            self._table.happened("line", f"keeps up with its polls again ({spell})", line=self.line.name)
+            self._table.record_event("line", f"keeps up with its polls again ({spell})", line=self.line.name)
 
     def _polls_missed(self, number: int) -> None:
         self._missed += number
         if self._missing.seen(time.monotonic(), number):
             count, seconds = self._missing.incidents, self._missing.lasted_s
             text = f"misses polls: it had no time for {count} of them within {seconds:.0f} s"
-            self._table.happened("line", f"{text}; drivecomm forecast shows what it carries", line=self.line.name)
+            self._table.record_event("line", f"{text}; drivecomm forecast shows what it carries", line=self.line.name)
 
     async def opened(self) -> None:
         """Wait for the first attempt to open the line.
@@ -347,7 +347,7 @@ class ServedLine:
         )
         if (why := self.bus.other_master) != self._other_master:
             self._other_master = why
-            self._table.happened("line", why or "no other master was heard for a minute", line=self.line.name)
+            self._table.record_event("line", why or "no other master was heard for a minute", line=self.line.name)
         view = seen.view_after(result, result.cause)
         if has_answered(result.error):
             self._answered(seen, result)
@@ -371,7 +371,7 @@ class ServedLine:
             self._silent_with_line.add(result.drive)
         elif result.drive in self._silent_with_line:
             self._silent_with_line.discard(result.drive)
-            self._table.happened("silent", result.cause, drive=result.drive, line=self.line.name)
+            self._table.record_event("silent", result.cause, drive=result.drive, line=self.line.name)
 
     def _update(self, seen: TrackedDrive, view: DriveView) -> None:
         before, seen.view = seen.view, view
@@ -384,13 +384,13 @@ class ServedLine:
             elif change.text == "the fault is gone":
                 kind = "fault over"
             text = change.text.removeprefix("fault: ")
-            self._table.happened(kind, text, drive=view.name, line=self.line.name)
+            self._table.record_event(kind, text, drive=view.name, line=self.line.name)
 
     def _is_up(self, up: bool, error: str = "") -> None:
         if up and not self._up and self._error:
-            self._table.happened("line", "works again", line=self.line.name)
+            self._table.record_event("line", "works again", line=self.line.name)
         elif not up and (self._up or not self._error):
-            self._table.happened("line", error, line=self.line.name)
+            self._table.record_event("line", error, line=self.line.name)
         self._up, self._error = up, error
 
 

@@ -189,7 +189,7 @@ class Serving:
                 holding = asyncio.create_task(give_up_when_exhausted(_SPARE), name="spare descriptors")
                 backing_up = asyncio.create_task(self._backups.run(), name="backups")
                 self._manager.ready(self._size(core))
-                core.table.happened("server", f"begins, drivecomm {__version__}")
+                core.table.record_event("server", f"begins, drivecomm {__version__}")
                 self._check_polls(core)
                 self._open = True
                 if self._wished:
@@ -200,7 +200,7 @@ class Serving:
                 finally:
                     self._manager.stopping("stops the motors that it keeps")
                     await cancel_and_wait(backing_up)
-                    core.table.happened("server", "ends")
+                    core.table.record_event("server", "ends")
                     # Before the doors close, so that clients can watch the motors stop.
                     await core.release_all()
                     if self._reading is not None:
@@ -231,7 +231,7 @@ class Serving:
         """Report the lines that do not keep up, some seconds later."""
 
         def report(line: str, text: str) -> None:
-            core.table.happened("line", text, line=line)
+            core.table.record_event("line", text, line=line)
 
         self._checking = asyncio.create_task(report_overload(self.path, report), name="checking the polls")
 
@@ -276,7 +276,7 @@ class Serving:
         loop, core = self._loop, self._core
         if loop is not None and core is not None:
             with suppress(RuntimeError):
-                loop.call_soon_threadsafe(partial(core.table.happened, kind, text, **about))
+                loop.call_soon_threadsafe(partial(core.table.record_event, kind, text, **about))
 
     def _size(self, core: Core) -> str:
         return f"{len(core.lines)} lines, {len(core.plant.drives)} drives"
@@ -310,9 +310,9 @@ class Serving:
             if self._alarms is not None:
                 self._alarms.change_rules(rules)
             elif rules:
-                core.table.happened("server", "alarms are watched when the server is started again")
+                core.table.record_event("server", "alarms are watched when the server is started again")
         except DriveCommError as error:
-            core.table.happened("warning", f"the alarms stay as they are: {error}")
+            core.table.record_event("warning", f"the alarms stay as they are: {error}")
 
     def _read_again(self, core: Core, record: Path) -> None:
         self._wished += 1
@@ -337,20 +337,20 @@ class Serving:
             settings = await asyncio.to_thread(read_settings, self.path)
             await asyncio.to_thread(check_ports, self._registration(plant))
         except Exception as error:  # noqa: BLE001 - no plant file may stop the server
-            core.table.happened("warning", f"the plant file cannot be read, so that all stays as it is: {error}")
+            core.table.record_event("warning", f"the plant file cannot be read, so that all stays as it is: {error}")
         else:
             said = await core.changed(plant)
             # Frees the objects that doors held for removed drives.
             search_everything()
             self.plant = plant
             if _of_a_start(settings) != _of_a_start(self.settings):
-                core.table.happened("server", "doors and files of the server change when it is started again")
+                core.table.record_event("server", "doors and files of the server change when it is started again")
             with suppress(OSError):
                 rewrite_record(record, self._registration())
             self._take_alarms(core, settings)
             if self._backups is not None:
                 self._backups.change(settings.backups)
-            core.table.happened("server", f"plant file read again: {'; '.join(said) or 'nothing has changed'}")
+            core.table.record_event("server", f"plant file read again: {'; '.join(said) or 'nothing has changed'}")
             await self._end_check()
             self._check_polls(core)
         self._manager.ready(self._size(core))

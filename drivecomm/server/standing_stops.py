@@ -106,7 +106,7 @@ class StandingStops:
         if stop is not None:
             self._ended(drive, stop)
             if stop.told:
-                self._table.happened("command", f"stop ({stop.how.value}) confirmed", drive=drive, who=stop.who)
+                self._table.record_event("command", f"stop ({stop.how.value}) confirmed", drive=drive, who=stop.who)
 
     def end(self, drive: str, why: str) -> None:
         """Cancel the standing stop of a drive, and report the reason."""
@@ -114,7 +114,7 @@ class StandingStops:
         if stop is not None:
             self._ended(drive, stop)
             text = f"stop ({stop.how.value}) was not confirmed, and is retried no longer: {why}"
-            self._table.happened("warning", text, drive=drive, who=stop.who)
+            self._table.record_event("warning", text, drive=drive, who=stop.who)
 
     @contextmanager
     def giving_way(self, drive: str, who: str) -> Iterator[None]:
@@ -210,4 +210,4 @@ class StandingStops:
         if not stop.told:
             stop.told = True
             text = f"stop ({stop.how.value}) not confirmed; retrying until the drive answers: {in_one_line(error)}"
-            self._table.happened("warning", text, drive=drive, who=stop.who)
+            self._table.record_event("warning", text, drive=drive, who=stop.who)

@@ -120,5 +120,5 @@ class StopDemands:
         latest = demand.held[-1]
         if was_started:
             text = f"runs although a stop is demanded; stop ({latest.how.value}) sent again"
-            self._table.happened("warning", text, drive=drive, who=latest.who)
+            self._table.record_event("warning", text, drive=drive, who=latest.who)
         self._send(drive, latest.how, latest.who)

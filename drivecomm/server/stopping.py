@@ -56,7 +56,9 @@ class StopExecutor:
         job.callers.add(caller)
         asked_s = time.time()
         number = record_safely(core.audit.record_stop, caller, command) or 0
-        core.table.happened("command", f"stop ({how.value})", drive=config.name, line=line.line.name, who=str(caller))
+        core.table.record_event(
+            "command", f"stop ({how.value})", drive=config.name, line=line.line.name, who=str(caller)
+        )
         answer = await self._answered(caller, command, line, config, how, job)
         record_safely(core.audit.outcome, caller, command, number, answer)
         record_safely(core.remember, caller, command, answer, asked_s)
@@ -75,7 +77,7 @@ class StopExecutor:
             answer = CommandAnswer(id=command.id, outcome="open", error=error_of(command, error))
             if not drives or core.ending:
                 text = f"stop is not confirmed: {in_one_line(error)}"
-                core.table.happened("warning", text, drive=config.name, who=str(caller))
+                core.table.record_event("warning", text, drive=config.name, who=str(caller))
         else:
             answer = CommandAnswer(id=command.id, outcome="done")
         there = {each.name for each in core.plant.drives}

@@ -76,7 +76,7 @@ class ValueTable:
             self.put_value(replace(value, quality="stale", cause=NOT_ASKED, time_s=time.time()))
         return overdue
 
-    def happened(
+    def record_event(
         self, kind: EventKind, text: str, *, drive: str = "", line: str = "", who: str = "", alarm: str = ""
     ) -> Event:
         """Record an event; texts from callers and drives are made printable, so they cannot control a terminal."""

@@ -155,23 +155,23 @@ class CtDialect(Dialect):
         # The drive cuts off decimals that the parameter does not have (Unidrive SP p. 402).
         return Access(place=place, words=(int(steps or 0) & 0xFFFFFFFF,))
 
-    def told(self, request: Any, words: Sequence[int]) -> CtReply:
+    def read_reply(self, request: Any, words: Sequence[int]) -> CtReply:
         """Return the reply with a value."""
         place = self.access_of(request).place
         self._last = place.start
         data = self._data(words[0], place)[:MOST]
         return CtReply(kind="value", menu=request.menu, parameter=request.parameter, data=data)
 
-    def taken(self, request: Any) -> CtReply:
+    def write_reply(self, request: Any) -> CtReply:
         """Return ACK."""
         self._last = self.access_of(request).place.start
         return CtReply(kind="ack")
 
-    def refused(self, request: Any, code: int) -> CtReply:
+    def refusal_reply(self, request: Any, code: int) -> CtReply:
         """Return EOT for a read of an unknown parameter, otherwise NAK."""
         return CtReply(kind="unknown" if request.kind == "read" and code == _UNKNOWN else "nak")
 
-    def damaged(self, find: Damaged) -> Message | None:
+    def damage_reply(self, find: Damaged) -> Message | None:
         """Return NAK for a write that arrived damaged (UD p. 6-10); a read request has no check character."""
         group, unit = divmod(self.address, 10)
         is_mine = find.data[:6] == b"\x04%d%d%d%d\x02" % (group, group, unit, unit)

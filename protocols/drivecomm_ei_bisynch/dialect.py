@@ -163,19 +163,19 @@ class EiDialect(Dialect):
             raise RegisterRefusal("limits")
         return Access(place=place, words=(word or 0,))
 
-    def told(self, request: Any, words: Sequence[int]) -> Message:
+    def read_reply(self, request: Any, words: Sequence[int]) -> Message:
         """Return the reply with a value."""
         return EiValue(mnemonic=request.mnemonic, data=self._data(words[0], self.place_of(request.mnemonic)))
 
-    def taken(self, request: Any) -> Message:  # noqa: ARG002 - ACK names nothing
+    def write_reply(self, request: Any) -> Message:  # noqa: ARG002 - ACK names nothing
         """Return ACK."""
         return EiAnswer(kind="ack")
 
-    def refused(self, request: Any, code: int) -> Message:  # noqa: ARG002 - EE holds the code
+    def refusal_reply(self, request: Any, code: int) -> Message:  # noqa: ARG002 - EE holds the code
         """Return EOT to an enquiry, and NAK to a selection."""
         return EiAnswer(kind="end" if request.kind == "enquiry" else "nak")
 
-    def damaged(self, find: Damaged) -> Message | None:
+    def damage_reply(self, find: Damaged) -> Message | None:
         """Return NAK for a write to this drive that arrived damaged; an enquiry has no check character."""
         head = "\x04{0}{0}{1:X}{1:X}\x02".format(*divmod(self.address, 16)).encode()
         is_mine = find.data[:6] == head and find.error.category in self.codes

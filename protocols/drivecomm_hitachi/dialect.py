@@ -152,7 +152,7 @@ class HitachiDialect(Dialect):
         )
         return Access(place=place, words=(request.value,) if request.kind == "write" else None)
 
-    def told(self, request: Any, words: Sequence[int]) -> Message:
+    def read_reply(self, request: Any, words: Sequence[int]) -> Message:
         """Return the reply to a read."""
         if request.kind == "status":
             return self._reply("data", data=f"{words[0] >> 8:02d}{words[0] & 0xFF:02d}{words[1]:02d}00")
@@ -162,18 +162,18 @@ class HitachiDialect(Dialect):
             return self._reply("data", data="".join(shown))
         return self._reply("ack_data", data=f"{words[0]:0{_LENGTHS[request.kind][1]}d}")
 
-    def taken(self, request: Any) -> Message:  # noqa: ARG002 - ACK is the same for all requests
+    def write_reply(self, request: Any) -> Message:  # noqa: ARG002 - ACK is the same for all requests
         """Return the confirmation of a request."""
         return self._reply("ack")
 
-    def refused(self, request: Any, code: int) -> Message:  # noqa: ARG002 - NAK depends only on the code
+    def refusal_reply(self, request: Any, code: int) -> Message:  # noqa: ARG002 - NAK depends only on the code
         """Return the refusal of a request."""
         return self._reply("nak", error=f"{code:02d}")
 
-    def damaged(self, find: Damaged) -> Message | None:
+    def damage_reply(self, find: Damaged) -> Message | None:
         """Return the refusal of a damaged request to this drive; no manual states how a real drive answers."""
         code = _DAMAGED.get(find.error.category)
-        return self.refused(None, code) if code and find.data[1:3] == b"%02d" % self.address else None
+        return self.refusal_reply(None, code) if code and find.data[1:3] == b"%02d" % self.address else None
 
     def _ask(self, kind: str, **fields: Any) -> Request:
         return Request(kind=kind, node=self.address, **fields)

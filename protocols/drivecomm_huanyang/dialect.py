@@ -115,17 +115,17 @@ class HuanyangDialect(Dialect):
         place = RegisterPlace("s" if request.function == fn.STATUS else "", request.parameter)
         return Access(place=place, words=words if request.function == fn.WRITE else None)
 
-    def told(self, request: Any, words: Sequence[int]) -> Reply:
+    def read_reply(self, request: Any, words: Sequence[int]) -> Reply:
         """Return the reply to a read; some parameters are one byte."""
         info = self.places.get(RegisterPlace("", request.parameter)) if request.function == fn.READ else None
         is_byte = info is not None and info.extra.get("bytes") == 1
         return self._reply(request, 2 if is_byte else 3, request.parameter, words[0])
 
-    def taken(self, request: Any) -> Reply:
+    def write_reply(self, request: Any) -> Reply:
         """Return the reply to a write, which repeats the request."""
         return self._reply(request, request.length, request.parameter, request.value)
 
-    def refused(self, request: Any, code: int) -> Reply:
+    def refusal_reply(self, request: Any, code: int) -> Reply:
         """Return the refusal of a parameter."""
         return Reply(address=self.address, function=code, length=1, parameter=request.parameter)
 
@@ -140,7 +140,7 @@ class HuanyangDialect(Dialect):
 class HuanyangConversation(RegisterConversation):
     """Requests to one drive. Until it is known to answer, no reply that may be an echo is accepted."""
 
-    def asked(self, ask: Ask, called: str, place: RegisterPlace | None = None) -> Exchange[Any]:
+    def send_request(self, ask: Ask, called: str, place: RegisterPlace | None = None) -> Exchange[Any]:
         """Send a request and return the reply; verify with a status request if the reply could be an echo.
 
         The check comes before a request that acts, or after an urgent one and after a first value of 0.
@@ -149,11 +149,11 @@ class HuanyangConversation(RegisterConversation):
         if doubted and ask.acts and not ask.urgent:
             yield from self._look(called)
             doubted = False
-        reply = yield from super().asked(ask, called, place)
+        reply = yield from super().send_request(ask, called, place)
         if doubted and (ask.urgent or reply.value == 0):
             # The reply may have been an adapter's echo. The stop has been sent; now the drive itself confirms it.
             yield from self._look(called)
-            reply = yield from super().asked(ask, called, place)
+            reply = yield from super().send_request(ask, called, place)
         self.is_there = True
         return reply
 
@@ -168,7 +168,7 @@ class HuanyangConversation(RegisterConversation):
         return None if reply is None else {TURNS.name: reply.value & RUN}
 
     def _look(self, called: str) -> Exchange[None]:
-        yield from super().asked(self._dialect.reading(self._dialect.probe, 1), called)
+        yield from super().send_request(self._dialect.reading(self._dialect.probe, 1), called)
 
 
 @cache

@@ -142,15 +142,15 @@ class LecomDialect(Dialect):
             raise RegisterRefusal("limits")
         return Access(place=place, words=(word,))
 
-    def told(self, request: Any, words: Sequence[Any]) -> Reply:
+    def read_reply(self, request: Any, words: Sequence[Any]) -> Reply:
         """Return the answer with a value."""
         return self._reply(request, kind="value", data=self._data(words[0], self.access_of(request).place))
 
-    def taken(self, request: Any) -> Reply:  # noqa: ARG002 - ACK is the same for all requests
+    def write_reply(self, request: Any) -> Reply:  # noqa: ARG002 - ACK is the same for all requests
         """Return ACK."""
         return Reply(kind="ack")
 
-    def refused(self, request: Any, code: int) -> Reply:
+    def refusal_reply(self, request: Any, code: int) -> Reply:
         """Return the refusal of a request: "unknown" if a read names a code that does not exist, otherwise NAK."""
         is_asked = request.kind == "receive" and code == _REFUSALS["unknown"]
         return self._reply(request, kind="unknown") if is_asked else Reply(kind="nak")
@@ -158,7 +158,7 @@ class LecomDialect(Dialect):
     def _reply(self, request: Any, **fields: Any) -> Reply:
         return Reply(code=request.code, subcode=request.subcode, extended=request.extended, **fields)
 
-    def damaged(self, find: Damaged) -> Reply | None:
+    def damage_reply(self, find: Damaged) -> Reply | None:
         """Return NAK for a damaged value (L p. 8-20); a read request has no check characters."""
         is_mine = find.data[:4] == b"\x04%02d\x02" % self.address
         return Reply(kind="nak") if is_mine and find.error.category in ("checksum", "field") else None

@@ -112,13 +112,13 @@ class LsBusDialect(Dialect):
         """Clear the registered addresses."""
         self.registered = ()
 
-    def told(self, request: Any, words: Sequence[int]) -> Message:
+    def read_reply(self, request: Any, words: Sequence[int]) -> Message:
         """Return the reply to R or Y."""
         kind = sent.Data if request.kind == "read" else sent.Monitored
         reply: Message = kind(address=self.address, values=tuple(words))
         return reply
 
-    def taken(self, request: Any) -> Message:
+    def write_reply(self, request: Any) -> Message:
         """Return the reply to W, which repeats the written words, or to X."""
         reply: Message = (
             sent.Registered(address=self.address)
@@ -127,11 +127,11 @@ class LsBusDialect(Dialect):
         )
         return reply
 
-    def refused(self, request: Any, code: int) -> Message:
+    def refusal_reply(self, request: Any, code: int) -> Message:
         """Return the refusal of a request."""
         return self._nak(_of(request), _ERRORS[code])
 
-    def damaged(self, find: Damaged) -> Message | None:
+    def damage_reply(self, find: Damaged) -> Message | None:
         """Return FE for a damaged request to this drive (SV-iG5A manual p. 11-6), IF for an unknown command."""
         command = find.data[3:4].decode("latin-1")
         if find.data[:3] != b"\x05%02X" % self.address or not " " <= command <= "~":
@@ -155,7 +155,7 @@ class VirtualLsBusDrive(VirtualRegisterDrive):
         if request.kind == "monitor":
             if not dialect.registered:
                 raise RegisterRefusal("unknown")
-            return dialect.told(
+            return dialect.read_reply(
                 request, self._machine.read([RegisterPlace("", each).name for each in dialect.registered])
             )
         enabled = self._machine.words.get(WRITE_ENABLE.name, 1)

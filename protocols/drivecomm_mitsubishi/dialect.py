@@ -128,23 +128,23 @@ class MitsubishiDialect(Dialect):
         """Reset the page, as a restart of the drive does."""
         self.page = 0
 
-    def told(self, request: Any, words: Sequence[int]) -> Any:
+    def read_reply(self, request: Any, words: Sequence[int]) -> Any:
         """Return the value of a place; the meaning of a Shihlin drive's unit is unknown."""
         data, unit = f"{words[0]:0{self._digits(int(request.code, 16))}X}", self.options.dialect == "shihlin"
         return Data(station=self.address, data=data, unit="00" if unit else None)
 
-    def taken(self, _request: Any) -> Any:
+    def write_reply(self, _request: Any) -> Any:
         """Return the reply to a write."""
         return Ack(station=self.address)
 
-    def refused(self, _request: Any, code: int) -> Any:
+    def refusal_reply(self, _request: Any, code: int) -> Any:
         """Return the refusal of a request."""
         return Nak(station=self.address, error_code=code)
 
-    def damaged(self, find: Any) -> Any:
+    def damage_reply(self, find: Any) -> Any:
         """Return the refusal of a damaged telegram (FR-D700 manual p. 192); None if it is for another station."""
         code = {"checksum": 2, "field": 7}.get(find.error.category, 3)
-        return self.refused(None, code) if find.data[:3] == b"\x05%02X" % self.address else None
+        return self.refusal_reply(None, code) if find.data[:3] == b"\x05%02X" % self.address else None
 
     def _digits(self, code: int) -> int:
         return 2 if f"{code:02X}" in SHORT and self.options.dialect != "shihlin" else 4

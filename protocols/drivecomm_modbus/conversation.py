@@ -32,7 +32,7 @@ class ModbusConversation(RegisterConversation):
         if not wanted.wide:
             return (yield from super().raw(wanted))
         request = Request(address=self._modbus.address, function=fn.READ_LONG, start=wanted.place.start)
-        reply = yield from self.asked(Ask(message=request, nameless=True), wanted.address)
+        reply = yield from self.send_request(Ask(message=request, nameless=True), wanted.address)
         return int(reply.value or 0)
 
     def put(self, wanted: RegisterParameter, raw: int | str, goal: RegisterPlace, **how: Any) -> Exchange[None]:
@@ -72,14 +72,14 @@ class ModbusConversation(RegisterConversation):
         is_late = self._memory.unanswered and not ask.mirrored
         if is_late and not ask.urgent:
             yield self._probing()
-        yield from self.asked(ask, called)
+        yield from self.send_request(ask, called)
         if not self.is_there or (is_late and ask.urgent):
             # An adapter's echo could be the mirrored reply, but not the reply to a read. A stop has already been sent.
             yield self._probing()
             self.is_there = True
             if ask.urgent:
                 # Repeat the stop, so that the drive itself confirms it.
-                yield from self.asked(ask, called)
+                yield from self.send_request(ask, called)
 
     def _probing(self) -> Ask:
         return self._modbus.reading(self._modbus.probe, 1)

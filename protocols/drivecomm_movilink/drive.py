@@ -125,18 +125,18 @@ class MovilinkDialect(profiles.Dialect, profiles.WordTelegrams):
         service = 0 if request.management is None else request.management & 0x0F
         return Intent(access="write" if service in (2, 3) else "read" if service else "", commands=bool(request.pd))
 
-    def told(self, request: Any, words: Sequence[int]) -> Reply:
+    def read_reply(self, request: Any, words: Sequence[int]) -> Reply:
         """Return the reply to a read."""
-        return self.taken(request, value=words[0])
+        return self.write_reply(request, value=words[0])
 
-    def taken(self, request: Any, **changed: Any) -> Reply:
+    def write_reply(self, request: Any, **changed: Any) -> Reply:
         """Return a reply that repeats its request, except for the process words and the changed fields."""
         return Reply(**{**asdict(request), "pd": self.actual[: len(request.pd)], **changed})
 
-    def refused(self, request: Any, code: int) -> Reply:
+    def refusal_reply(self, request: Any, code: int) -> Reply:
         """Return the refusal of a service, of error class 8 unless the code contains another."""
         value = (code >> 16 or 8) << 24 | code & 0xFFFF
-        return self.taken(request, management=request.management | _ERROR, value=value)
+        return self.write_reply(request, management=request.management | _ERROR, value=value)
 
     def can_refuse(self, request: Any) -> bool:
         """Whether a request has a parameter channel."""
@@ -157,7 +157,7 @@ class MovilinkDialect(profiles.Dialect, profiles.WordTelegrams):
         """
         if self.address == BROADCAST:
             yield Tell(message=ask.message)
-            return self.taken(ask.message)
+            return self.write_reply(ask.message)
         reply: Reply = yield ask
         if not reply.pd and (code := self.refusal(reply)) is not None:
             raise RefusedError(self.address_at(_STATUS), code, self.refusal_text(code, ""))

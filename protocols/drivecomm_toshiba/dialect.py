@@ -119,11 +119,11 @@ class ToshibaDialect(Dialect):
             return Access(place=place, count=2 if place.kind else 1)
         return Access(place=place, words=(request.data or 0,), only_ram=request.command == "P")
 
-    def told(self, request: Any, words: Sequence[int]) -> Reply:
+    def read_reply(self, request: Any, words: Sequence[int]) -> Reply:
         """Return the reply to a read."""
         return self._reply(request, data=words[0])
 
-    def taken(self, request: Any) -> Reply:
+    def write_reply(self, request: Any) -> Reply:
         """Return the reply to a write, which repeats the data."""
         return self._reply(request, data=request.data)
 
@@ -131,11 +131,11 @@ class ToshibaDialect(Dialect):
         same = {name: getattr(request, name) for name in ("mode", "command", "communication_number")}
         return Reply(number=self.address if self.named else None, **{**same, **fields})
 
-    def refused(self, request: Any, code: int) -> Reply:
+    def refusal_reply(self, request: Any, code: int) -> Reply:
         """Return the refusal of a request."""
         return self._reply(request, command="N", communication_number=None, error_code=code)
 
-    def damaged(self, find: Damaged) -> Reply | None:
+    def damage_reply(self, find: Damaged) -> Reply | None:
         """Return the refusal of a wrong sum; other damage is left without a reply (E6581315 p. 20)."""
         found = _DAMAGED.match(find.data) if find.error.category == "checksum" else None
         number = found and (int(found[1]) if found[1] else found[2][0] if found[2] else None)

@@ -103,31 +103,31 @@ class WegDialect(Dialect):
         """Return the intent of a request; EOT only ends an exchange."""
         return Intent() if request.kind == "end" else super().intent(request)
 
-    def told(self, request: Any, words: Sequence[int]) -> Reply:
+    def read_reply(self, request: Any, words: Sequence[int]) -> Reply:
         """Return the reply to a read."""
         return Reply(kind="data", address=self.address, code=request.code, value=words[0])
 
-    def taken(self, request: Any) -> Reply:  # noqa: ARG002 - ACK is the same for all requests
+    def write_reply(self, request: Any) -> Reply:  # noqa: ARG002 - ACK is the same for all requests
         """Return ACK."""
         return Reply(kind="ack", address=self.address)
 
-    def refused(self, request: Any, code: int) -> Reply:  # noqa: ARG002 - NAK is the same for all requests
+    def refusal_reply(self, request: Any, code: int) -> Reply:  # noqa: ARG002 - NAK is the same for all requests
         """Return NAK."""
         return Reply(kind="nak", address=self.address)
 
-    def damaged(self, find: Damaged) -> Reply | None:
+    def damage_reply(self, find: Damaged) -> Reply | None:
         """Return NAK for a wrong BCC, and None for any other damage (CFW-08 p. 180)."""
         is_mine = find.data[:3] == bytes([4, 0x40 + self.address, 2])
-        return self.refused(None, _NAK) if is_mine and find.error.category == "checksum" else None
+        return self.refusal_reply(None, _NAK) if is_mine and find.error.category == "checksum" else None
 
 
 class WegConversation(RegisterConversation):
     """Requests to one drive: each exchange ends with EOT (CFW-08 p. 138), and V02 gives the reason of a NAK."""
 
-    def asked(self, ask: Ask, called: str, place: RegisterPlace | None = None) -> Exchange[Any]:
+    def send_request(self, ask: Ask, called: str, place: RegisterPlace | None = None) -> Exchange[Any]:
         """Send a request, return the reply and close the exchange. Raises RefusedError with the error code from V02."""
         try:
-            reply = yield from super().asked(ask, called, place)
+            reply = yield from super().send_request(ask, called, place)
         except RefusedError:
             yield Tell(message=Request(kind="end"), pause_s=0)
             if place is None or replace(place, part="") != STATE:

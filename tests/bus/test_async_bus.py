@@ -57,7 +57,7 @@ AT_ONCE = {
     "check_read",
     "check_write",
     "may_start",
-    "checked",
+    "with_check",
     "on_engine",
     "poller",
     "to_poll_many",

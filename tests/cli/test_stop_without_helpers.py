@@ -19,7 +19,7 @@ NOBODY = 65534
 
 HELPERS = (
     # Holders of the port, and the folders in which they are looked up
-    "drivecomm.cli.stop.stop_ways.why_unusable",
+    "drivecomm.cli.stop.stop_ways.unusable_reason",
     "drivecomm.cli.stop.stop_ways.servers_of_port",
     "drivecomm.cli.stop.stop_ways.holders_of_port",
     "drivecomm.client.runtime_folders.users_folder",
@@ -27,7 +27,7 @@ HELPERS = (
     "drivecomm.client.runtime_folders.is_private",
     "drivecomm.client.runtime_folders._owner_of_system_folder",
     "drivecomm.client.registration.folders_to_search",
-    "drivecomm.client.registration.read_held",
+    "drivecomm.client.registration.read_locked_record",
     "drivecomm.client.registration._records",
     "platformdirs.user_runtime_path",
     "os.path.realpath",

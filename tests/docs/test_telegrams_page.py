@@ -16,7 +16,7 @@ def test_telegrams_page_lists_every_leaf():
         name for name, each in made.items() if inspect.isfunction(each) and each.__annotations__["return"] == "Leaf"
     }
     rows = set(re.findall(r"^\| `(\w+)\(", TEXT, re.MULTILINE))
-    assert rows == leaves | {"Check", "Leaf"}
+    assert rows == leaves | {"CheckCharacters", "Leaf"}
 
 
 def test_every_number_leaf_has_the_argument_allowed():

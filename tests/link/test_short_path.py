@@ -357,7 +357,7 @@ def test_reply_in_pieces_takes_the_short_path(protocol, kind, monkeypatch):
         drive = bus.drive(protocol, address_of(protocol), **MODELS.get(protocol, {}))
         held = drive.read(READABLE[protocol])
         line.advance(CAREFUL_S)
-        monkeypatch.setattr("drivecomm.link.link.go_on", odd)
+        monkeypatch.setattr("drivecomm.link.link.resume_exchange", odd)
         for _ in range(5):
             assert drive.read(READABLE[protocol]).value == held.value
 

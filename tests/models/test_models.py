@@ -207,8 +207,8 @@ def test_array_element_may_have_its_own_unit(read):
         HEAD + "[quantities]\nacceleration_time = '481[1]'\ndeceleration_time = '481[2]'\n" + PARAMETER
         + 'unit = "s"\n' + PARAMETER.replace("481", "481[1]").replace("fixed", "first") + 'unit = "ms"\n'
     )  # fmt: skip
-    assert CommonName("acceleration_time", model).given(2) == 2000
-    assert CommonName("deceleration_time", model).given(2) == 2
+    assert CommonName("acceleration_time", model).to_drive_unit(2) == 2000
+    assert CommonName("deceleration_time", model).to_drive_unit(2) == 2
     assert parameter_at("481[2]", model) is model.parameters["481"]
     assert parameter_at("482", model) is None
 

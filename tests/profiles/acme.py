@@ -151,16 +151,16 @@ class AcmeDialect(Dialect):
         place = RegisterPlace("", number) if number >= 100 else RegisterPlace("p", 10 * self._page + number)
         return Access(place=place, words=(request.data,) if request.kind == "write" else None)
 
-    def told(self, request, words):
+    def read_reply(self, request, words):
         return Reply(kind="read", address=request.address, register=request.register, data=words[0])
 
-    def taken(self, request):
+    def write_reply(self, request):
         return Reply(kind=request.kind, address=request.address, register=request.register, data=request.data)
 
-    def refused(self, request, code):
+    def refusal_reply(self, request, code):
         return Refusal(kind="refused", address=request.address, register=request.register, error=code)
 
-    def damaged(self, find):
+    def damage_reply(self, find):
         if find.error.category == "checksum" and find.data[1] == self.address:
             return Refusal(kind="refused", address=self.address, register=find.data[3], error=SUM_ERROR)
         return None

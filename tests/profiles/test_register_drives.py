@@ -143,7 +143,7 @@ def test_stop_and_its_page_request_are_urgent():
     drive = RegisterConversation(dialect, RegisterCommandMemory())
     stopping = drive.write(dialect.place_of("11"), (0,), "11", urgent=True, attempts=None)
     page = next(stopping)
-    stop = stopping.send(dialect.taken(page.message))
+    stop = stopping.send(dialect.write_reply(page.message))
     assert (page.message.kind, page.urgent, stop.message.kind, stop.urgent) == ("page", True, "write", True)
 
 
@@ -275,12 +275,12 @@ def test_drive_without_a_model_is_read_but_not_commanded():
 def test_reply_must_match_the_repeated_fields_of_its_request():
     dialect = AcmeDialect(1, AcmeOptions(), None)
     asked = dialect.writing(dialect.place_of("126"), (5,)).message
-    right = dialect.taken(asked)
+    right = dialect.write_reply(asked)
     assert dialect.mismatch(asked, right) == ""
     for field, value in (("address", 2), ("register", 125), ("data", 6), ("kind", "read")):
         other = Reply(**{"kind": "write", "address": 1, "register": 126, "data": 5, field: value})
         assert dialect.mismatch(asked, other) == field
-    assert dialect.mismatch(asked, dialect.refused(asked, 3)) == ""
+    assert dialect.mismatch(asked, dialect.refusal_reply(asked, 3)) == ""
 
 
 def test_probe_is_sent_once():

@@ -56,7 +56,7 @@ class NoteBook:
     def __init__(self):
         self.asked_for, self.ended_with, self.stops, self.refuses = [], [], [], None
 
-    async def asked(self, caller, command, _lease=None):
+    async def record_command(self, caller, command, _lease=None):
         if self.refuses is not None:
             raise self.refuses
         self.asked_for.append((str(caller), command.drive, command.verb))

@@ -73,7 +73,7 @@ def test_audit_records_a_command_and_its_outcome(tmp_path):
     path = tmp_path / "state" / "audit.jsonl"
 
     async def use(audit):
-        number = await audit.asked(ANNA, START, LEASE)
+        number = await audit.record_command(ANNA, START, LEASE)
         assert [each["record"] for each in lines_of(path)] == ["asked"], "the record must precede the command"
         error = StateError("the drive\nis not ready")
         audit.outcome(ANNA, START, number, CommandAnswer(id="17", outcome="failed", error=error))
@@ -120,7 +120,7 @@ def test_full_disk_refuses_every_command_except_a_stop(tmp_path):
 
     async def use(audit):
         with pytest.raises(NotAllowedError) as caught:
-            await audit.asked(ANNA, START, LEASE)
+            await audit.record_command(ANNA, START, LEASE)
         assert str(caught.value) == (
             "start of pump is not carried out, because its audit record cannot be written: "
             f"{path}: No space left on device; a stop is carried out all the same"
@@ -130,11 +130,11 @@ def test_full_disk_refuses_every_command_except_a_stop(tmp_path):
             audit.record_stop(ANNA, CommandRequest(drive="pump", verb="stop"))
         assert time.perf_counter() - begun < 1, "a stop must not wait"
         with pytest.raises(NotAllowedError):
-            await audit.asked(ANNA, START, LEASE)
+            await audit.record_command(ANNA, START, LEASE)
         # The disk has room again.
         path.unlink()
-        await audit.asked(ANNA, START, LEASE)
-        await audit.asked(ANNA, START, LEASE)
+        await audit.record_command(ANNA, START, LEASE)
+        await audit.record_command(ANNA, START, LEASE)
 
     told = with_audit(path, use)
     assert told == [
@@ -152,7 +152,7 @@ def test_unwritable_audit_folder_is_reported_at_the_start(tmp_path):
     async def use(audit):
         await asyncio.sleep(0.1)
         with pytest.raises(NotAllowedError, match=r"audit.jsonl: File exists|audit.jsonl: Not a directory"):
-            await audit.asked(ANNA, START)
+            await audit.record_command(ANNA, START)
 
     assert len(with_audit(tmp_path / "state" / "audit.jsonl", use)) == 1
 
@@ -168,16 +168,16 @@ def test_hanging_disk_refuses_commands_and_counts_missing_stops(tmp_path, monkey
         begun = time.perf_counter()
         for _ in range(2):
             with pytest.raises(NotAllowedError, match="the disk does not answer; a stop is carried out all the same"):
-                await audit.asked(ANNA, START)
+                await audit.record_command(ANNA, START)
         for number in range(20):
             audit.record_stop(ANNA, CommandRequest(drive=f"fan{number}", verb="stop"))
         with pytest.raises(NotAllowedError, match="the disk does not answer"):
-            await audit.asked(ANNA, START)
+            await audit.record_command(ANNA, START)
         assert time.perf_counter() - begun < 5
         go_on.set()
         monkeypatch.setattr(audit_module, "LONGEST_WAIT_S", 5.0)
         await asyncio.sleep(0.1)
-        await audit.asked(ANNA, replace(START, drive="last"))
+        await audit.record_command(ANNA, replace(START, drive="last"))
 
     told = with_audit(path, use)
     assert ["the disk does not answer" in each for each in told] == [True, False]
@@ -196,7 +196,7 @@ def test_cancelled_command_leaves_no_record(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "fsync", lambda descriptor: go_on.wait(10) and real(descriptor))
 
     async def use(audit):
-        waiting = asyncio.create_task(audit.asked(ANNA, START))
+        waiting = asyncio.create_task(audit.record_command(ANNA, START))
         await asyncio.sleep(0.05)
         waiting.cancel()
         with pytest.raises(asyncio.CancelledError):
@@ -228,7 +228,7 @@ def test_any_command_is_one_line_without_its_lease_key(tmp_path, arguments, leas
     command = CommandRequest(drive="pump", verb="write", lease=lease, arguments={**arguments, "again": lease})
 
     async def use(audit):
-        await audit.asked(ANNA, command)
+        await audit.record_command(ANNA, command)
 
     with_audit(path, use)
     (line,) = path.read_bytes().splitlines()
@@ -243,7 +243,7 @@ def test_audit_omits_keys_tokens_and_passwords(tmp_path):
     arguments = dict.fromkeys(("key", "Lease", "token", "PASSWORD"), "Kq7secret")
 
     async def use(audit):
-        await audit.asked(ANNA, replace(START, arguments={**arguments, "deeper": dict(arguments)}), LEASE)
+        await audit.record_command(ANNA, replace(START, arguments={**arguments, "deeper": dict(arguments)}), LEASE)
 
     with_audit(tmp_path / "audit.jsonl", use)
     text = (tmp_path / "audit.jsonl").read_text()
@@ -258,7 +258,7 @@ def test_audit_shortens_very_long_arguments(tmp_path):
     arguments = {"a": "x" * 1_000_000, "b": list(range(100_000)), "c": deep, "d": 10**9999}
 
     async def use(audit):
-        await audit.asked(ANNA, replace(START, arguments=arguments, id="y" * 1_000_000))
+        await audit.record_command(ANNA, replace(START, arguments=arguments, id="y" * 1_000_000))
 
     with_audit(tmp_path / "audit.jsonl", use)
     assert (tmp_path / "audit.jsonl").stat().st_size < 10_000
@@ -269,7 +269,7 @@ def test_incomplete_line_is_terminated_at_the_next_start(tmp_path):
     path.write_bytes(b'{"whole":1}\n{"half":')
 
     async def use(audit):
-        await audit.asked(ANNA, START)
+        await audit.record_command(ANNA, START)
 
     with_audit(path, use)
     first, second, third = path.read_bytes().splitlines()
@@ -371,14 +371,14 @@ import asyncio, sys
 from pathlib import Path
 from drivecomm.server.audit import Audit
 from drivecomm.server.callers import Caller, Role
-from drivecomm.server.door import Command
+from drivecomm.server.door import CommandRequest
 
 async def main():
     audit = Audit(Path(sys.argv[1]), print, file_bytes=20_000, files=100)
     anna = Caller(name="anna", role=Role.OPERATE, door="http")
     async def commands(who):
         for number in range(10_000):
-            await audit.asked(anna, Command(drive="pump", verb="start", id=f"{who}-{number}"))
+            await audit.record_command(anna, CommandRequest(drive="pump", verb="start", id=f"{who}-{number}"))
             print(f"{who}-{number}", flush=True)
     await asyncio.gather(*map(commands, range(5)))
 asyncio.run(main())
@@ -405,7 +405,7 @@ def test_concurrent_records_share_one_sync(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "fsync", lambda descriptor: flushed.append(1) or real(descriptor))
 
     async def use(audit):
-        await asyncio.gather(*(audit.asked(ANNA, replace(START, id=str(number))) for number in range(200)))
+        await asyncio.gather(*(audit.record_command(ANNA, replace(START, id=str(number))) for number in range(200)))
 
     with_audit(tmp_path / "audit.jsonl", use)
     assert sorted(int(each["id"]) for each in lines_of(tmp_path / "audit.jsonl")) == list(range(200))

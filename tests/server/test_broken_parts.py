@@ -124,7 +124,7 @@ class TestBrokenPackage:
 
             monkeypatch.setattr(line.bus, "drive", broken)
             await line.pause()
-            line.has(line.drives)
+            line.set_drives(line.drives)
             line.start()
             assert "a mistake" in served.drive("mixer").error
             (told,) = [each for each in served.table.events() if each.kind == "line" and each.drive == "mixer"]

@@ -81,7 +81,7 @@ def test_log_has_plain_lines_for_the_text_of_an_exception(tmp_path):
 
 @given(FOREIGN, FOREIGN, FOREIGN)
 def test_event_text_has_no_control_characters(text, drive, who):
-    event = ValueTable(lambda _, call: call()).happened("door", text, drive=drive, who=who)
+    event = ValueTable(lambda _, call: call()).record_event("door", text, drive=drive, who=who)
     assert isinstance(event, Event)
     assert not any(map(commands_a_terminal, (event.text, event.drive, event.who)))
 

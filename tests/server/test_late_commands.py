@@ -141,7 +141,7 @@ class Gate(NoteBook):
         super().__init__()
         self.open, self.waits = asyncio.Event(), asyncio.Event()
 
-    async def asked(self, caller, command, lease=None):
+    async def record_command(self, caller, command, lease=None):
         self.waits.set()
         await self.open.wait()
         return await super().asked(caller, command, lease)

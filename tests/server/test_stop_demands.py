@@ -136,7 +136,7 @@ async def test_waiting_start_is_refused_by_a_later_demand(tmp_path):
         def __getattr__(self, name):
             return getattr(self._trail, name)
 
-        async def asked(self, *given):
+        async def record_command(self, *given):
             self.waits.set()
             await self.open.wait()
             return await self._trail.asked(*given)

@@ -155,7 +155,7 @@ class TestOptions:
     @pytest.mark.parametrize("option", ["rs485", "low_latency"])
     @pytest.mark.parametrize("url", ["socket://127.0.0.1:1", "rfc2217://127.0.0.1:1", "loop://"])
     def test_remote_port_refuses_rs485_and_low_latency(self, url, option):
-        with pytest.raises(drivecomm.UsageError, match=f"{option} is for ports of this machine, and {url} is none"):
+        with pytest.raises(drivecomm.UsageError, match=f"{option} is for ports of this machine, and {url} is not one"):
             SerialPort(url, **{option: True})
 
     @pytest.mark.parametrize(("wanted", "asked"), [(None, [True]), (True, [True]), (False, [])])

@@ -83,7 +83,9 @@ def test_history_of_0_1_is_continued(file):
 
 
 def test_history_of_0_1_is_shown_by_the_command(file):
-    shown = drivecomm("history", "pump", "output_frequency", "--file", file("history.sqlite"), "--json")
+    shown = drivecomm(
+        "history", "pump", "output_frequency", "--file", file("history.sqlite"), "--from", "2026-11-28", "--json"
+    )
     assert shown.returncode == 0, shown.stderr
     assert json.loads(shown.stdout.splitlines()[0])["drive"] == "pump"
 
@@ -94,7 +96,7 @@ def test_audit_file_of_0_1_is_continued(file):
 
     async def stop_is_recorded():
         audit = Audit(path, lambda _text: None)
-        await audit.asked(
+        await audit.record_command(
             Caller(name="anna", role=Role.OPERATE, door="http"), CommandRequest(drive="pump", verb="stop")
         )
         await audit.close()

@@ -199,10 +199,10 @@ class Backups:
         self._again_at[drive.name, extent] = self._clock() + AGAIN_S
         if self._cannot.get(drive.name) != why:
             self._cannot[drive.name] = why
-            self._core.table.happened("warning", f"cannot be backed up: {why}", drive=drive.name, line=drive.line)
+            self._core.table.record_event("warning", f"cannot be backed up: {why}", drive=drive.name, line=drive.line)
 
     def _tell(self, drive: DriveConfig, kept: StoredBackup) -> None:
-        happened, about = self._core.table.happened, {"drive": drive.name, "line": drive.line}
+        happened, about = self._core.table.record_event, {"drive": drive.name, "line": drive.line}
         if kept.another and kept.before is not None:
             happened("warning", f"differs from its last backup, {kept.before.name}: {'; '.join(kept.another)}", **about)
         if kept.changed and kept.before is not None:

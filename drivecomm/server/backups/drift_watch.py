@@ -152,7 +152,7 @@ class DriftWatch:
         return {address: words_for(drive.name, address, name, after_s=after_s) for address, name in common.items()}
 
     def _tell(self, drive: DriveConfig, before: DriveDrift, now: DriveDrift, writers: Mapping[str, str]) -> None:
-        happened, about = self._core.table.happened, {"drive": drive.name, "line": drive.line}
+        happened, about = self._core.table.record_event, {"drive": drive.name, "line": drive.line}
         if now.state == "no baseline":
             if before.approved_s is not None:
                 happened("warning", "its baseline is gone, so that no drift is seen any more", **about)

@@ -67,7 +67,7 @@ class Audit(NoteBook):
         self._free = threading.Event()
         self._free.set()
 
-    async def asked(self, caller, command, lease=None):
+    async def record_command(self, caller, command, lease=None):
         if not self._free.is_set():
             self.waiting.set()
             await asyncio.to_thread(self._free.wait, 30)

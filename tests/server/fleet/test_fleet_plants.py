@@ -195,7 +195,7 @@ class Refusing:
 def test_refused_deep_subscription_does_not_affect_other_plants(monkeypatch):
     deep = {"drives": [{"name": "pump", "topic": "drivecomm/leeds/mixing/l1/pump"}]}
     kept = [("leeds/mixing/bridge/info", deep), ("mill/bridge/state", ONLINE), ("mill/pump/status", RUNNING)]
-    monkeypatch.setattr(following, "connected", Refusing("+/+/+/+/status", kept).connected)
+    monkeypatch.setattr(following, "connect_to_broker", Refusing("+/+/+/+/status", kept).connected)
     settings = SimpleNamespace(client_id="")
 
     async def test():

@@ -23,9 +23,9 @@ from decimal import Decimal
 from pathlib import Path
 from drivecomm.protocol import Reading
 from drivecomm.server import CurrentValue
-from drivecomm.server.history import Journal
+from drivecomm.server.history import HistoryWriter
 
-journal, number = Journal(Path(sys.argv[1])), 0
+journal, number = HistoryWriter(Path(sys.argv[1])), 0
 while True:
     batch = []
     for _ in range(50):
@@ -205,7 +205,7 @@ def test_hanging_disk_does_not_block_the_caller(file, said, monkeypatch):
 
 
 def test_full_disk_at_the_start_delays_only_the_history(file, said, monkeypatch):
-    begin = journals.Store
+    begin = journals.HistoryFile
     full = [True]
 
     def opened(path):
@@ -215,7 +215,7 @@ def test_full_disk_at_the_start_delays_only_the_history(file, said, monkeypatch)
             raise error
         return begin(path)
 
-    monkeypatch.setattr(journals, "Store", opened)
+    monkeypatch.setattr(journals, "HistoryFile", opened)
     journal = HistoryWriter(file, tell=said.append)
     journal.add_values([value(1)])
     full[0] = False
@@ -301,7 +301,7 @@ def test_history_in_a_read_only_folder_is_refused(tmp_path):
 
 def test_second_writer_is_refused_and_the_first_continues(file):
     journal = HistoryWriter(file)
-    program = f"from pathlib import Path; from drivecomm.server.history import Journal; Journal(Path({str(file)!r}))"
+    program = f"from pathlib import Path; from drivecomm.server.history import HistoryWriter; HistoryWriter(Path({str(file)!r}))"
     second = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert "another server writes this history; stop it, or give this one another file" in second.stderr
     with pytest.raises(FileFormatError, match="another server writes this history"):

@@ -128,8 +128,8 @@ def test_fastapi_is_imported_only_when_a_door_runs():
     program = (
         "import sys, drivecomm, drivecomm.cli, drivecomm.server.fleet.page\n"
         "from drivecomm.server.http import check_place, files_of, guarded, http_door, own_names, serve\n"
-        "from drivecomm.tomlfile import Table\n"
-        "http_door(Table({}, 'plant.toml'))\n"
+        "from drivecomm.tomlfile import TomlTable\n"
+        "http_door(TomlTable({}, 'plant.toml'))\n"
         "def loaded(): return {each for each in ('fastapi', 'pydantic', 'opentelemetry') if each in sys.modules}\n"
         "assert not loaded(), loaded()\n"
         "import drivecomm.server.http.application\n"

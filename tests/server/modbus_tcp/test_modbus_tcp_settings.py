@@ -133,8 +133,8 @@ def test_pymodbus_is_imported_only_to_serve_a_door(tmp_path):
         f"assert main(['serve', {str(path)!r}, '--registers']) == 0\n"
         "assert not [each for each in sys.modules if each.partition('.')[0] in ('pymodbus', 'uvicorn', 'serial')]\n"
         "from drivecomm.server.modbus_tcp import modbus_tcp_door\n"
-        "from drivecomm.tomlfile import Table\n"
-        "modbus_tcp_door(Table({'units': {'pump': 1}}, 'plant.toml'))\n"
+        "from drivecomm.tomlfile import TomlTable\n"
+        "modbus_tcp_door(TomlTable({'units': {'pump': 1}}, 'plant.toml'))\n"
         "assert 'pymodbus' in sys.modules\n"
     )
     subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, timeout=60)

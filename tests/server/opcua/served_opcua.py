@@ -67,7 +67,7 @@ class NoteBook:
     def __init__(self):
         self.asked_for, self.refusals, self.stops = [], [], []
 
-    async def asked(self, caller, command, _lease=None):
+    async def record_command(self, caller, command, _lease=None):
         self.asked_for.append((caller.name, caller.door_kind, command.drive, command.verb, dict(command.arguments)))
         return len(self.asked_for)
 
@@ -155,7 +155,7 @@ async def opened(tmp_path, text=PLANT, *, users=True, history=False, reached=Tru
                     alarms = PlantAlarms(
                         served, rules, file=tmp_path / "alarms.json",
                         write_event=lambda *said, **more: loop.call_soon_threadsafe(
-                            partial(core.table.happened, *said, **more)
+                            partial(core.table.record_event, *said, **more)
                         ),
                     )  # fmt: skip
                     served.set_alarms(alarms)

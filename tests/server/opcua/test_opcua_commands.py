@@ -274,13 +274,13 @@ def test_stop_does_not_wait_for_other_calls_of_its_session(door):
         async with one.client("otto") as otto:
             await lock(otto)
             gate = asyncio.Event()
-            asked = one.core.audit.asked
+            asked = one.core.audit.record_command
 
             async def slowly(*given):
                 await gate.wait()
                 return await asked(*given)
 
-            one.core.audit.asked = slowly
+            one.core.audit.record_command = slowly
             starting = asyncio.create_task(call(otto, "Start"))
             await asyncio.sleep(0.1)
             assert await asyncio.wait_for(call(otto, "Stop"), 2) == ("Good", ["done", ""])
