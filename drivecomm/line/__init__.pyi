@@ -38,3 +38,4 @@ from .task_turns import TaskTurn as TaskTurn, TaskTurns as TaskTurns
 from .thread_host import run_steps as run_steps
 from .thread_line import ThreadLine as ThreadLine
 from .thread_turns import LOOK_S as LOOK_S, ThreadTurn as ThreadTurn, ThreadTurns as ThreadTurns
+from .uncancelled import result_of as result_of

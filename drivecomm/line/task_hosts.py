@@ -16,6 +16,7 @@ from drivecomm.line.effects import carry_out
 from drivecomm.line.lent_port import LentPort
 from drivecomm.line.runner import LineRunner
 from drivecomm.line.thread_host import run_steps
+from drivecomm.line.uncancelled import result_of
 from drivecomm.link import split_transactions
 from drivecomm.transport import open_timer
 
@@ -113,7 +114,7 @@ class OwnThreadHost:
             self._thread, run_steps, begin(self._port.now()), LentPort(self._port, check), stop_waits
         )
         try:
-            return await asyncio.shield(running)
+            return await result_of(running)
         except asyncio.CancelledError:
             stop.set()
             while not running.done():

@@ -14,6 +14,7 @@ from drivecomm.line.owner import LineOwner
 from drivecomm.line.queue import Rank, line_was_busy
 from drivecomm.line.task_hosts import task_host_for
 from drivecomm.line.task_turns import TaskTurn, TaskTurns
+from drivecomm.line.uncancelled import result_of
 from drivecomm.link import HeldBack
 
 if TYPE_CHECKING:
@@ -124,7 +125,7 @@ class TaskLine(LineOwner):
             self.let_go()
             working = asyncio.ensure_future(in_own_thread(carry_out))
             try:
-                return await asyncio.shield(working)
+                return await result_of(working)
             except asyncio.CancelledError:
                 wanted = False
                 await asyncio.wait([working])

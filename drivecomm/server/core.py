@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from drivecomm.errors import DriveCommError, UsageError, in_one_line, suggestion
-from drivecomm.line import STATUS
+from drivecomm.line import STATUS, result_of
 from drivecomm.protocol import DriveState as Motor, Stop
 from drivecomm.server.drift_state import NOT_COMPARED
 from drivecomm.server.kept_motors import KeptMotors
@@ -211,7 +211,7 @@ class Core:
             await whom.with_stop_notice(job.goes_out).stop(used)
             self.standing_stops.confirmed(drive)
 
-        await asyncio.shield(self.merged_stops.job(StopKey(config.line, str(config), used), send).task)
+        await result_of(self.merged_stops.job(StopKey(config.line, str(config), used), send).task)
 
     def _status_seen(self, drive: str, status: DriveStatus) -> None:
         self.stop_demands.seen(drive, running=status.running)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from drivecomm.bus import KeepReports, carry_out_async, keep_async, reading_speed, starting, starting_by
 from drivecomm.client import error_content
 from drivecomm.errors import CommandCancelledError, DriveCommError, in_one_line
+from drivecomm.line import result_of
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
@@ -100,7 +101,7 @@ class KeptMotor:
         self._task = asyncio.create_task(self._keep(begun), name=f"keeping {self._drive.name}")
         self._task.add_done_callback(lambda _: self._set_off(begun, self._released_first()))
         try:
-            await asyncio.shield(begun)
+            await result_of(begun)
         except asyncio.CancelledError:
             self._end.set()
             raise

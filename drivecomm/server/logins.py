@@ -14,6 +14,7 @@ from threading import Lock
 from typing import TYPE_CHECKING
 
 from drivecomm.errors import FileFormatError, NotAllowedError
+from drivecomm.line import result_of
 from drivecomm.server.callers import Caller
 from drivecomm.server.credentials import new_token, password_fits, password_hash, token_hash
 from drivecomm.server.users import read_users
@@ -103,7 +104,7 @@ class Users:
             user = self._users.get(name)
             known = user.password if user else ""
             self._checked += 1
-        fits = await asyncio.shield(asyncio.to_thread(self._check, password, known))
+        fits = await result_of(asyncio.ensure_future(asyncio.to_thread(self._check, password, known)))
         if user is None or not fits:
             raise NotAllowedError("the name or the password is wrong")
         with self._lock:

@@ -11,6 +11,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from drivecomm.errors import DriveCommError, NotAllowedError, TooOftenError, UsageError
+from drivecomm.line import result_of
 from drivecomm.server.callers import LOCAL, Role
 from drivecomm.server.commands import CommandExecutor
 from drivecomm.server.door import CommandAnswer, CommandRequest
@@ -286,7 +287,7 @@ class PlantForDoors:
 
     async def _handed(self, work: Coroutine[Any, Any, T]) -> T:
         """Run a coroutine in the core and wait for it. It runs to its end, even if the waiting caller is cancelled."""
-        return await asyncio.shield(self._lent(work))
+        return await result_of(self._lent(work))
 
     def _lent(self, work: Coroutine[Any, Any, T]) -> asyncio.Future[T]:
         """Run a coroutine in the core; cancelling the returned future cancels the coroutine."""

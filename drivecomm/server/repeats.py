@@ -10,6 +10,7 @@ from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 from drivecomm.errors import DriveCommError, UsageError
+from drivecomm.line import result_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Mapping
@@ -64,7 +65,7 @@ class AnswerCache:
             once.task.add_done_callback(_without_frames)
             while len(of_caller) > MOST:
                 of_caller.popitem(last=False)
-        return await asyncio.shield(once.task)
+        return await result_of(once.task)
 
     def _forget(self) -> None:
         before = self._clock() - REMEMBERED_S

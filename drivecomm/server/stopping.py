@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivecomm.bus import stop_of_all
 from drivecomm.errors import DriveCommError, UsageError, in_one_line, suggestion
+from drivecomm.line import result_of
 from drivecomm.protocol import Stop
 from drivecomm.server.addressing import covered_drives, find_stop_target, on_bus, open_drive
 from drivecomm.server.command_results import error_of, record_safely
@@ -70,7 +71,7 @@ class StopExecutor:
         """Return the answer to a stop, and retry an unconfirmed stop until it is confirmed."""
         core, drives = self._core, covered_drives(line, config)
         try:
-            await asyncio.shield(job.task)
+            await result_of(job.task)
         except UsageError as error:
             return CommandAnswer(id=command.id, outcome="refused", error=error)
         except Exception as error:  # noqa: BLE001 - the caller gets every error in the answer

@@ -54,7 +54,7 @@ class Gate(NoteBook):
     async def record_command(self, caller, command, lease=None):
         self.waits.set()
         await self.open.wait()
-        return await super().asked(caller, command, lease)
+        return await super().record_command(caller, command, lease)
 
 
 class TestWhileStarting:

@@ -157,7 +157,8 @@ def test_unspoken_protocols_cost_little_and_delay_nothing():
         polled(Sniffer([each for each in PROTOCOLS if each.name == "vabus"], settings=SETTINGS))
     with counted() as among_all:
         certain = polled(Sniffer(PROTOCOLS, settings=SETTINGS))
-    assert among_all[0] < 2 * alone[0]
+    # From Python 3.12 on, each turn of a comprehension counts as a line.
+    assert among_all[0] < 2.1 * alone[0]
     settled = certain[30:]
     # An EOT is certain when the next request is there.
     assert settled == [2, 1, 0] * (len(settled) // 3)

@@ -34,6 +34,10 @@ LOCKS = f"{OPENS}; fcntl.flock(descriptor, fcntl.LOCK_EX)"
 CONNECTS = "connection = socket.create_connection(('127.0.0.1', int(sys.argv[1])))"
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells who holds a port")
+named_python = pytest.mark.skipif(
+    sys.platform == "linux" and not Path("/proc/self/comm").read_text(encoding="ascii").startswith("python"),
+    reason="this Python runs as a program of another name",
+)
 
 
 @contextlib.contextmanager
@@ -53,6 +57,7 @@ def refused(open_port):
 
 
 @linux
+@named_python
 @pytest.mark.parametrize("opens", [SerialPort, lambda name: listening_port(name, SETTINGS)])
 def test_port_locked_by_another_program_is_refused_with_its_name(terminal, opens):
     with other_program(LOCKS, terminal) as process:

@@ -83,9 +83,8 @@ def test_history_of_0_1_is_continued(file):
 
 
 def test_history_of_0_1_is_shown_by_the_command(file):
-    shown = drivecomm(
-        "history", "pump", "output_frequency", "--file", file("history.sqlite"), "--from", "2026-11-28", "--json"
-    )
+    period = ("--from", "2026-11-28", "--to", "2026-11-29")
+    shown = drivecomm("history", "pump", "output_frequency", "--file", file("history.sqlite"), *period, "--json")
     assert shown.returncode == 0, shown.stderr
     assert json.loads(shown.stdout.splitlines()[0])["drive"] == "pump"
 

@@ -2,4 +2,16 @@
 
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+from drivecomm.former_names import with_former_names
+
+_FORMER_NAMES = {
+    "Entry": "ParameterEntry",
+    "Journal": "RestoreJournal",
+    "Plan": "RestorePlan",
+    "Planned": "PlannedItem",
+    "Restored": "RestoreResult",
+    "Subject": "SetSubject",
+    "way_through": "backup_plan",
+}
+_find, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__ = with_former_names(__name__, _find, _FORMER_NAMES)

@@ -2,4 +2,12 @@
 
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+from drivecomm.former_names import with_former_names
+
+_FORMER_NAMES = {
+    "Proof": "MistakeProof",
+    "Reader": "TelegramFinder",
+    "partners_of": "line_drives_of",
+}
+_find, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__ = with_former_names(__name__, _find, _FORMER_NAMES)

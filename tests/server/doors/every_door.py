@@ -71,7 +71,7 @@ class Audit(NoteBook):
         if not self._free.is_set():
             self.waiting.set()
             await asyncio.to_thread(self._free.wait, 30)
-        return await super().asked(caller, command, lease)
+        return await super().record_command(caller, command, lease)
 
     @contextmanager
     def held(self):
