@@ -120,3 +120,20 @@ def test_http_door_of_the_installed_wheel_can_be_loaded(installed):
         "(door,) = entry_points(group='drivecomm.doors', name='http')\n"
         "assert callable(door.load())\n"
     )
+
+
+def test_installed_wheel_passes_the_conformance_checks_of_a_package(installed):
+    done = tried(installed.programs / "python", "-m", "drivecomm", "conformance", "vabus", cwd=installed.folder)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_source_distribution_builds_the_same_wheel_every_time(environment, wheel, tmp_path):
+    environment.pip("install", "hatchling")
+    python = environment.programs / "python"
+    run(python, "-m", "hatchling", "build", "--target", "sdist", "--directory", tmp_path, cwd=ROOT)
+    (source,) = tmp_path.iterdir()
+    for folder in (tmp_path / "first", tmp_path / "second"):
+        environment.pip("wheel", "--no-deps", "--wheel-dir", folder, source)
+        (built,) = folder.iterdir()
+        assert built.name == wheel.name
+        assert built.read_bytes() == wheel.read_bytes()
