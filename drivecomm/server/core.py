@@ -272,7 +272,7 @@ class Core:
         self.changing = frozenset(gone)
         self._unchanging.clear()
         try:
-            # First, while the lines are open and the drives are known as the ones that were started.
+            # First, while the lines are open and still have the drives that were started.
             await self.kept.release_all(gone)
             self.plant = plant
             self.rights = Rights(plant.file, self._users_file)

@@ -64,7 +64,7 @@ def unseen(_step: ExplorationStep) -> None:
 def exploring(
     way: ExplorationPlan, asks: Asks, logbook: AnswerRecord, progress: Progress
 ) -> Procedure[list[AddressAnswer]]:
-    """Request all addresses of a course; return the answers in its order.
+    """Request all addresses of an exploration plan; return the answers in its order.
 
     Raises NoReplyError if the drive stays silent, and LinkError if the line is lost.
     """

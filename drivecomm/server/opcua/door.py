@@ -66,7 +66,7 @@ class OpcuaDoor:
 
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
         """Serve until cancelled. Raises UsageError and PortError."""
-        # Both modules import asyncua.
+        # Imported here, because both modules import asyncua, which is slow and optional.
         from drivecomm.server.opcua.serving import OpcuaService, read_certificate, serve
         from drivecomm.server.opcua.trusted import TrustedClients
 
