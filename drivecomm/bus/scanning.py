@@ -302,7 +302,7 @@ def scanning(
 
 
 def probe(asking: ScanProbe, operations: Operations, settings: LineSettings) -> Exchange[Found | None]:
-    """Probe one address; return None if no drive answers. settings: those of the line."""
+    """Probe one address; return None if no drive answers. settings: settings of the line."""
     try:
         yield from operations.probe()
     except OvertakenError:

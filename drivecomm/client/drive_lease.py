@@ -72,7 +72,7 @@ class DriveLease:
 
 
 class LeaseFeeding:
-    """Keeps a motor by a lease: the server feeds its watchdog while this program renews the lease.
+    """Lease that keeps a motor: the server feeds its watchdog while this program renews the lease.
 
     If the program dies, the lease expires; the server then treats the motor by the policy and stops feeding.
     """

@@ -103,7 +103,7 @@ class StateTransition:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ControlProfile:
-    """How drives are commanded, by control words and status words.
+    """Profile by which drives are commanded: their control words and status words.
 
     valid: bits without which a control word commands nothing, 0 if every one commands. idle: a word that commands
     nothing, None if there is none. off: bits that stop by being 0, even in a word without the valid bits. reverse: bits

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 
 class AuditTrail(Protocol):
-    """A trail of commands, such as an `Audit`."""
+    """Interface to record commands and their outcomes, such as an `Audit`."""
 
     async def record_command(self, caller: Caller, command: CommandRequest, lease: Lease | None = None) -> int:
         """Record that a command is about to be sent; return the number of the record.

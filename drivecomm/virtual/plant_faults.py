@@ -88,7 +88,7 @@ _SHORTEST_S = 0.01
 
 
 class ConditionWatch:
-    """Makes a drive trip when its parameter meets a condition while the drive has power.
+    """Watch that trips a drive when its parameter meets a condition while the drive has power.
 
     speed: seconds of the process per second of the line. Raises UsageError if the parameter does not hold a number.
     """

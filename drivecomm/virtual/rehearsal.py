@@ -103,7 +103,8 @@ class Shares:
 class RoundResult:
     """One round of a plan on a busy line.
 
-    shares: of each read, in order. causes: reason why each read fails, empty if it succeeds. settings: of each drive.
+    shares: share of each read, in order. causes: reason why each read fails, empty if it succeeds. settings: settings
+    of each drive.
     """
 
     shares: Sequence[Shares]

@@ -51,7 +51,7 @@ _TREND_PERIODS = 60
 
 
 class Watcher:
-    """Watches drives, as an asynchronous context manager that holds their lines open; sends no commands by itself.
+    """Watcher of drives: an asynchronous context manager that holds their lines open; sends no commands by itself.
 
     names: common names to read from each drive whose model maps them. period_s: seconds between reads. told: called
     with every result, the status as a result with the name "status". A drive or a line that fails is shown as silent,

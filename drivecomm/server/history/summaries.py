@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 class PeriodSummary:
     """The summary of one period, in seconds since 1970 and in the unit of the number.
 
-    number, total, lowest, highest: of the values that were read in it; a value at its end belongs to the next period.
-    at_begin: the number at the beginning, None before the first value. area, known_s: the integral over the time in
-    which the number is known, and the length of that time. has_gap: values were missing. is_held: the number was held
-    constant after the last value.
+    number, total, lowest, highest: count, sum, minimum and maximum of the values that were read in it; a value at its
+    end belongs to the next period. at_begin: the number at the beginning, None before the first value. area, known_s:
+    the integral over the time in which the number is known, and the length of that time. has_gap: values were missing.
+    is_held: the number was held constant after the last value.
     """
 
     begin_s: float

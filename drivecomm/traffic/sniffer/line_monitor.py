@@ -141,7 +141,7 @@ class Pair(NamedTuple):
 class Pairing:
     """Pairs the requests and replies of one line, whose master has one request open at a time.
 
-    protocols: those that may be spoken.
+    protocols: protocols that may be spoken.
     """
 
     protocols: Iterable[Protocol]

@@ -65,9 +65,9 @@ def _told_apart(protocols: Iterable[Protocol]) -> list[Protocol]:
 class Sniffer:
     """Decoder for the traffic of one line.
 
-    protocols: those to look for; of two that declare each other ambiguous, only the first is used. settings: the line
-    settings if known, for pieces without their own. options: drive options by protocol name, such as pnu_bits, if they
-    differ from the protocol's defaults.
+    protocols: protocols to look for; of two that declare each other ambiguous, only the first is used. settings: the
+    line settings if known, for pieces without their own. options: drive options by protocol name, such as pnu_bits, if
+    they differ from the protocol's defaults.
 
     Feed pieces in the order of their times, in any sizes. Items are returned once they are certain, in the order of the
     line. Call `flush` during silence, so that no item that only silence can end is held back, and `finish` at the end.
