@@ -203,7 +203,7 @@ class Search:
         return replace(found, candidates=candidates)
 
     def _first(self, wanted: Callable[[ScanProbe], bool]) -> None:
-        # A stable sort, so that the likely ones go first among them, too.
+        # A stable sort keeps the likely settings first, both among the wanted probes and among the others.
         self._left = deque(sorted(self._left, key=lambda each: not wanted(each)))
 
     def _models_of(self, plugin: Protocol) -> Sequence[Model]:

@@ -158,7 +158,7 @@ class Fleet:
         self.plants: dict[str, FleetPlant] = {}
         self.unreadable = 0
         """Number of unreadable messages."""
-        # The plant of each drive that publishes elsewhere than at PLANT/DRIVE, by that place.
+        # By topic: the plant of each drive that publishes at another topic than PLANT/DRIVE.
         self._plant_at: dict[str, str] = {}
         self.depths = frozenset({1})
         """Numbers of levels above drives; grows as plants publish the topics of their drives."""

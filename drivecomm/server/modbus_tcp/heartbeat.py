@@ -100,7 +100,7 @@ class HeldLease:
             try:
                 await self._plant.renew_lease(caller, self._drive, self.key, self._seconds)
             except LeaseError:
-                # The lease has expired; it may still be free.
+                # The lease has expired, but perhaps no other caller has acquired it.
                 self.key = ""
             else:
                 return
