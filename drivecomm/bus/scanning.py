@@ -150,7 +150,7 @@ class Search:
 
     @property
     def left(self) -> Sequence[ScanProbe]:
-        """The probes that are not made yet, in their order."""
+        """The remaining probes, in order."""
         return tuple(self._left)
 
     def leave_out(self, foreign: Callable[[Protocol], bool]) -> None:

@@ -73,7 +73,7 @@ OnResult: TypeAlias = "Callable[[StopResult], None]"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrivesToStop:
-    """The drives of a line that are stopped."""
+    """Drives to stop on a line."""
 
     name: str = ""
     drives: tuple[DriveConfig, ...] = ()

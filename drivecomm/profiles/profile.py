@@ -41,9 +41,9 @@ class BitCondition:
 class ControlStep:
     """One control word in a sequence.
 
-    unless: the step is left out if one of these conditions holds at the start of the sequence. until: conditions of
-    which one is awaited after the step. repeats: whether the word may be sent again if no reply came; not so for a word
-    that starts a motor or has an edge. mask: the bits that a drive examines. pause_s: pause before the step.
+    unless: the step is left out if one of these conditions holds at the start of the sequence. until: after the
+    step, one of these conditions is awaited. repeats: whether the word may be sent again if no reply came; not for a
+    word that starts a motor or has an edge. mask: the bits that a drive examines. pause_s: pause before the step.
     """
 
     word: int

@@ -158,7 +158,7 @@ class ServedLine:
         return (name for name, seen in self._seen.items() if seen.view.reachability == "answers")
 
     def is_monitoring_only(self, drive: str) -> bool:
-        """Return whether the model of a drive has no orders; False for a drive that could not be made."""
+        """Return whether the model of a drive has no commands; False for a drive that could not be made."""
         return self._monitoring_only.get(drive, False)
 
     def states(self) -> Sequence[DriveSnapshot]:

@@ -141,7 +141,7 @@ class Watcher:
         return _TREND_PERIODS * max(1.0, self.period_s)
 
     def cells(self, drive: str, name: str, number: int) -> list[float | None]:
-        """Return the course of a quantity up to now in a number of cells; None where the drive gave no value."""
+        """Return the curve of a quantity up to now in N cells; None in a cell without a value."""
         seen = self._seen[drive]
         trend = seen.trends.get(name)
         if trend is None:
