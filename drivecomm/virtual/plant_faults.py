@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class TelegramDisturbance:
-    """Disturbs the telegrams that a fault selects.
+    """Disturbance of the telegrams that a fault selects.
 
     met: number of selected telegrams. happened: number of disturbed ones. speed: seconds of the process per second of
     the line.

@@ -267,7 +267,7 @@ def _with(model: Model, added: Mapping[str, ParameterInfo]) -> Model:
 
 
 class _Ledger:
-    """Assigns the time on a line to the items that use it, from the trace of the bus."""
+    """Ledger of the time on a line by the items that use it, from the trace of the bus."""
 
     def __init__(self) -> None:
         self.events: list[TraceEvent] = []

@@ -30,7 +30,7 @@ def opcua_door(table: TomlTable) -> OpcuaDoor:
 
 
 class OpcuaDoor:
-    """OPC UA on a TCP port. Raises UsageError if asyncua is not installed."""
+    """Door that serves OPC UA on a TCP port. Raises UsageError if asyncua is not installed."""
 
     def __init__(self, table: TomlTable) -> None:
         if find_spec("asyncua") is None:

@@ -1,4 +1,4 @@
-"""Readings of the bytes at one position of a stretch, made with the codecs of the protocols."""
+"""Readings of the undecided bytes at one position, made with the codecs of the protocols."""
 
 from __future__ import annotations
 

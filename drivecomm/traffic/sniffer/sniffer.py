@@ -159,7 +159,7 @@ class Sniffer:
         return readings if estimator.expects(readings[0], began_s, silence_s) else ()
 
     def _decide_single(self, piece: Piece, silence_s: float) -> bool:
-        """Classify a single character before a whole telegram; return whether it was removed from the stretch."""
+        """Classify a single character before a whole telegram; return whether it was removed."""
         if self._place or silence_s > self._shortest_gap_s:
             return False
         ways, unfinished = self._single_before(self._stretch.data, piece.data)
