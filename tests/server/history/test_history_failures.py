@@ -301,7 +301,10 @@ def test_history_in_a_read_only_folder_is_refused(tmp_path):
 
 def test_second_writer_is_refused_and_the_first_continues(file):
     journal = HistoryWriter(file)
-    program = f"from pathlib import Path; from drivecomm.server.history import HistoryWriter; HistoryWriter(Path({str(file)!r}))"
+    program = (
+        "from pathlib import Path; from drivecomm.server.history import HistoryWriter; "
+        f"HistoryWriter(Path({str(file)!r}))"
+    )
     second = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert "another server writes this history; stop it, or give this one another file" in second.stderr
     with pytest.raises(FileFormatError, match="another server writes this history"):
