@@ -106,7 +106,7 @@ class ReadOnlyError(UsageError):
 
 
 class NotAllowedError(UsageError):
-    """The caller is unknown, or has no right to do this."""
+    """The caller is unknown, or may not do this."""
 
 
 class TooOftenError(NotAllowedError):

@@ -1,4 +1,4 @@
-"""Drives, and all drives of a protocol at once, on a line of any kind: blocking and asynchronous."""
+"""Drives and broadcasts on a line of any kind, for blocking and asynchronous callers."""
 
 from __future__ import annotations
 

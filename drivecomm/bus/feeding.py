@@ -57,7 +57,7 @@ class WatchdogFeeding:
             self._earlier = yield from reading_watchdog(name, model)
             status: DriveStatus = yield ask_status()
             if not status.running and not status.fault:
-                # Changes nothing but restarts the watchdog time, which an old command may have left nearly over.
+                # Only restarts the watchdog time, which may have nearly expired since the last command.
                 yield stop_motor(Stop.RAMP)
             self.setting = yield from setting
         elif policies(model):

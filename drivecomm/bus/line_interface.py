@@ -41,7 +41,10 @@ class LineInterface(VerbsBus, Protocol[D_co, E_co]):
         """Return the drive at an address; nothing is sent. Raises UsageError for invalid arguments."""
 
     def broadcast(self, protocol: str, *, model: str | Path | Model | None = None, **options: Any) -> E_co:
-        """Return all drives of a protocol at once. Raises NotSupported for a protocol without a broadcast."""
+        """Return an object that broadcasts to all drives of a protocol.
+
+        Raises NotSupported for a protocol without a broadcast.
+        """
 
     def now(self) -> float:
         """Return the time on the line's clock in seconds; only differences are meaningful."""

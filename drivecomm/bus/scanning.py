@@ -150,7 +150,7 @@ class Search:
 
     @property
     def left(self) -> Sequence[ScanProbe]:
-        """The probes that are not made yet, in their order."""
+        """The remaining probes, in order."""
         return tuple(self._left)
 
     def leave_out(self, foreign: Callable[[Protocol], bool]) -> None:
@@ -203,7 +203,7 @@ class Search:
         return replace(found, candidates=candidates)
 
     def _first(self, wanted: Callable[[ScanProbe], bool]) -> None:
-        # A stable sort, so that the likely ones go first among them, too.
+        # A stable sort keeps the likely settings first, both among the wanted probes and among the others.
         self._left = deque(sorted(self._left, key=lambda each: not wanted(each)))
 
     def _models_of(self, plugin: Protocol) -> Sequence[Model]:
@@ -302,7 +302,7 @@ def scanning(
 
 
 def probe(asking: ScanProbe, operations: Operations, settings: LineSettings) -> Exchange[Found | None]:
-    """Probe one address; return None if no drive answers. settings: those of the line."""
+    """Probe one address; return None if no drive answers. settings: settings of the line."""
     try:
         yield from operations.probe()
     except OvertakenError:

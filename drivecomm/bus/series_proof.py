@@ -146,7 +146,7 @@ class SeriesProof:
 
     def _evident(self, operations: KnowsSeries) -> Exchange[str]:
         known = packaged(self.plugin)
-        # A user's own model file is for the user's drive: only that drive's status is checked, without other models.
+        # A user's own model file describes the user's own drive, so it is not compared with other models.
         others = known if self.model in known else ()
         found = yield from operations.check_series(others)
         if found.against:

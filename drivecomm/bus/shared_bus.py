@@ -24,7 +24,7 @@ E = TypeVar("E")
 
 
 class SharedBus(Discoverable, Generic[D, E]):
-    """The master's side of one line. D: type of its drives. E: type for all drives of a protocol at once.
+    """The master's side of one line. D: type of its drives. E: type of its broadcasts.
 
     line: its port, its queue, and the execution of jobs. roster: the drives and the settings that all of them share.
     """
@@ -92,7 +92,7 @@ class SharedBus(Discoverable, Generic[D, E]):
         return self._roster.member(protocol, address, model, None, options)
 
     def broadcast(self, protocol: str, *, model: str | Path | Model | None = None, **options: Any) -> E:
-        """Return all drives of a protocol at once; they never answer what is sent to them."""
+        """Return an object that broadcasts to all drives of a protocol; broadcasts are never answered."""
         member = self._roster.all_drives(protocol, model, options)
         return self._broadcast(self, member.peer, member.operations)
 

@@ -73,7 +73,7 @@ OnResult: TypeAlias = "Callable[[StopResult], None]"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrivesToStop:
-    """The drives of a line that are stopped."""
+    """Drives to stop on a line."""
 
     name: str = ""
     drives: tuple[DriveConfig, ...] = ()
@@ -295,7 +295,7 @@ def _checking_right_drives(
 def checking_right_drive(drive: Any) -> Procedure[None]:
     """Raise WrongDriveError for a drive that is not of the model by which it was stopped.
 
-    The check comes afterwards, so that no stop waits for it; nothing is raised if it has no result.
+    The check comes afterwards, so that no stop waits for it; nothing is raised if the check has no result.
     """
     run, check = getattr(drive.bus, "run", None), drive.peer.check_series
     if run is None or check is None:

@@ -316,7 +316,7 @@ class DriveVerbs(PeerVerbs[B]):
 
 
 class BroadcastVerbs(PeerVerbs[B]):
-    """Verbs of all drives of a protocol at once."""
+    """Verbs that are broadcast to all drives of a protocol."""
 
     @Verb
     def write(self, /, parameter: str, value: Value | float, **options: Any) -> Job[None]:

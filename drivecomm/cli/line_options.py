@@ -284,7 +284,7 @@ class LineArguments:
 
     @property
     def said_facts(self) -> dict[str, Any]:
-        """Line facts that are given."""
+        """Line facts given on the command line."""
         return {name: value for name, value in self.facts.items() if value is not None}
 
     @property

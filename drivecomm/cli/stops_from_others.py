@@ -130,7 +130,7 @@ class StopsFromOthers:
         kept.stopping.set()
         wrong: DriveCommError | None = None
         if order.protocol != ALL:
-            # The end also writes the watchdog's parameters, so the stop is sent before.
+            # Releasing the motor also writes the watchdog's parameters, so the stop is sent first.
             try:
                 stop(order)
             except NotSupported:
@@ -139,7 +139,7 @@ class StopsFromOthers:
             except DriveCommError as error:
                 wrong = error
         kept.end(order.how)
-        # The end stops the motor once more.
+        # Releasing the motor stops it a second time.
         if not (kept.left.wait(_END_S) and not kept.failed) and wrong is not None:
             raise wrong
 

@@ -46,7 +46,7 @@ class DriveLease:
         self._drive.server.order(f"{self._drive.place}/lease", asked, method="PUT", limit_s=self.seconds)
 
     def release(self) -> None:
-        """Release the lease, so that the server treats a motor kept under it by its policy. Raises LeaseError."""
+        """Release the lease; the server then applies the policy of a motor kept under it. Raises LeaseError."""
         self._drive.server.order(f"{self._drive.place}/lease", {"key": self.key}, method="DELETE", limit_s=END_S)
 
     def keep(self, policy: LinkLoss, watchdog_s: Decimal | float, **choices: Any) -> None:
@@ -72,9 +72,9 @@ class DriveLease:
 
 
 class LeaseFeeding:
-    """Keeps a motor by a lease: the server feeds its watchdog while this program renews the lease.
+    """Lease that keeps a motor: the server feeds its watchdog while this program renews the lease.
 
-    If the program dies, the lease expires; the server then treats the motor by the policy and stops feeding.
+    If the program dies, the lease expires; the server then applies the policy to the motor and stops feeding.
     """
 
     def __init__(self, drive: RemoteDriveBase, policy: LinkLoss, watchdog_s: Decimal, on_leaving: Stop | None) -> None:

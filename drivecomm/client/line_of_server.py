@@ -117,7 +117,7 @@ class LineOfServer(Discoverable):
         read_only: bool,
         machine: MachineUnit | None = None,
     ) -> dict[str, Any]:
-        """Return the description of a drive, as arguments of `SentDrive`.
+        """Return the description of a drive, as arguments of `RemoteDriveBase`.
 
         Raises UsageError for options that do not work through a server.
         """

@@ -38,7 +38,7 @@ class HeldRecord:
         os.ftruncate(self._descriptor, len(data))
 
     def release(self) -> None:
-        """Remove the file and unlock it."""
+        """Remove the file and release its lock."""
         # Removed before the unlock, so no record of another process is removed; Windows cannot remove an open file.
         with suppress(OSError):
             self.path.unlink()

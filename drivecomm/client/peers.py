@@ -39,7 +39,7 @@ def user_of_peer(connected: socket.socket) -> int | None:
 
 
 def may_command(connected: socket.socket) -> bool:
-    """Return whether the other end is this user or root, whose orders are carried out."""
+    """Return whether the other end is this user or root, whose requests are carried out."""
     return user_of_peer(connected) in (ROOT, os.getuid())
 
 

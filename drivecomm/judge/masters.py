@@ -95,7 +95,7 @@ class StartedMaster:
             enough = until or _observed(stand, goes_on)
             in_time = process.wait(limit_s, lambda: self._stopped.is_set() or enough())
             if process.has_ended:
-                # Its last bytes may still be on the wire.
+                # The last bytes of the process may still be on the wire.
                 stand.comes_about(lambda: False, _QUIET_S)
         finally:
             run = process.end(too_long=not in_time and not goes_on)

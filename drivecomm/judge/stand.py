@@ -34,11 +34,11 @@ class TelegramMeddler:
         self.on_reply: Callable[[bytes], Sequence[tuple[float, bytes]]] = lambda data: [(0.0, data)]
 
     def request(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:  # noqa: ARG002 - signature required by the line
-        """Return the delays and bytes that arrive of a request."""
+        """Return the parts of a request that arrive, as pairs of delay and bytes."""
         return self.on_request(data)
 
     def reply(self, data: bytes, drive: VirtualDrive, now: float) -> Sequence[tuple[float, bytes]]:  # noqa: ARG002
-        """Return the delays and bytes that arrive of a reply."""
+        """Return the parts of a reply that arrive, as pairs of delay and bytes."""
         return self.on_reply(data)
 
 

@@ -25,8 +25,8 @@ def fail(reason: str) -> NoReturn:
 class Verdict:
     """Result of one case.
 
-    case: its name. title: its disturbance. reason: the reason of the result, in one sentence. seed: of this case alone.
-    trace: the decoded telegrams, a text for each line that was used. output: the master's output. violations:
+    case: its name. title: its disturbance. reason: the reason of the result, in one sentence. seed: seed of this case
+    alone. trace: the decoded telegrams, a text for each line that was used. output: the master's output. violations:
     violations of timing and line settings as sentences; they fail only the cases about these.
     """
 

@@ -97,7 +97,7 @@ class EngineLine:
             return
         if not self._turns.has_come(turn):
             if (now := self._now()) < self._deadline:
-                # A thread that was interrupted while handing on has woken no other, so every waiting line polls.
+                # An interrupted thread may have ended its turn without waking another, so every waiting line polls.
                 self._engine.call_at(min(now + LOOK_S, self._deadline), self._called_back)
                 return
             if self._turns.leave(turn):

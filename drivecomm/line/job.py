@@ -19,7 +19,8 @@ class Job(NamedTuple, Generic[T]):
     """An exchange with a drive, or with all drives of a protocol, that the bus carries out.
 
     command: the command call that a later stop cancels. insists: whether to send even to a drive that is known to be
-    silent. again: makes the exchange anew, for a stop that lets other calls go between its attempts.
+    silent. again: makes the exchange anew, for a stop that lets other calls use the line
+    between its attempts.
     """
 
     peer: Peer

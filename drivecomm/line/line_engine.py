@@ -1,4 +1,4 @@
-"""Event loop for many lines in one thread: one selector for their ports, one alarm for their pauses."""
+"""Event loop for many lines in one thread: one selector for their ports, one kernel timer for their pauses."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from drivecomm.transport import open_timer
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-# Typical delay between an alarm and the wake-up of the thread.
+# Typical delay between the end of the kernel timer and the wake-up of the thread.
 _LEAD_S = 25e-6
 
 _monotonic = time.monotonic
@@ -103,7 +103,7 @@ class Engine:
             heapq.heappop(timers)[2]()
 
     def _longest_sleep_s(self) -> float | None:
-        """Return the maximum sleep in seconds; None with an alarm, which wakes the loop more precisely."""
+        """Return the maximum sleep in seconds; None with a kernel timer, which wakes the loop more precisely."""
         first = self._timers[0][0] if self._timers else float("inf")
         if self._alarm is None:
             return None if first == float("inf") else max(0.0, first - _monotonic())

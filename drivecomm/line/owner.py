@@ -36,8 +36,8 @@ _STOP = Rank.STOP
 class LineOwner:
     """One line and its port.
 
-    open_port: opens the port, now and again after it was lost. link, commands: those of this line. on_opened: called
-    with each port that was opened. on_close: called after the line was closed.
+    open_port: opens the port, now and again after it was lost. link, commands: link and command history of this line.
+    on_opened: called with each port that was opened. on_close: called after the line was closed.
     """
 
     _opened_with: str
@@ -110,7 +110,7 @@ class LineOwner:
         return StopAttempts(job, self.queue, self._link.health, self._commands.called(job.peer.name))
 
     def begin(self, job: Job[T], deadline: float, now: float, attempts: StopAttempts[T] | None = None) -> LinkSteps[T]:
-        """Return the link's steps for a job that begins now. attempts: those of a stop."""
+        """Return the link's steps for a job that begins now. attempts: attempts of a stop."""
         link = self._link
         if job.rank is _STOP:
             exchange = stopping(self._commands, job.peer.name, job.exchange)

@@ -46,7 +46,7 @@ def poll_async(
 
 
 def readable(items: Sequence[PollItem[D]]) -> Sequence[PollItem[D]]:
-    """Return these items. Raises UsageError that lists all items which can never be read, with the reasons."""
+    """Return these items. Raises UsageError if some can never be read; the error lists them with the reasons."""
     refused = []
     for item in items:
         try:

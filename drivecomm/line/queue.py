@@ -41,7 +41,7 @@ _SHARES = {Rank.POLL: TURNS_PER_POLL, Rank.SURVEY: TURNS_PER_SURVEY}
 
 
 class QueueEntry:
-    """The place of one caller in the queue, from before it waits until its turn is over.
+    """Entry of one caller in the queue; it exists from before the caller waits until its turn is over.
 
     behind: whether all others of its rank go first, whenever they come. caller: the thread or task that waits.
     """
@@ -59,7 +59,7 @@ class QueueEntry:
         raise NotImplementedError
 
     def begin_waiting(self) -> None:
-        """Prepare for `wake`; called before the place joins the queue."""
+        """Prepare for `wake`; called before the entry joins the queue."""
         raise NotImplementedError
 
     def wake(self) -> None:
@@ -71,7 +71,7 @@ class QueueEntry:
 
 
 class LineQueue:
-    """Queue of one line, which is handed directly from one caller to the next, so that no newcomer slips in between.
+    """Queue of one line. The line passes directly from one caller to the next, so no newcomer slips in between.
 
     Every step is complete in itself: a caller that is interrupted between two steps costs no other caller its turn.
     """
@@ -80,14 +80,14 @@ class LineQueue:
 
     def __init__(self) -> None:
         self.owner: QueueEntry | None = None
-        """The place that has the line; its caller may be gone."""
+        """The entry that has the line; its caller may be gone."""
         self.waiting: list[QueueEntry] = []
-        """The places that wait, in no order."""
+        """The waiting entries, in no order."""
         self._last_order = 0
         self._passed_over = dict.fromkeys(_SHARES, 0)
 
     def ask(self, place: QueueEntry) -> bool:
-        """Return True if the line is free and the turn has come immediately; otherwise the place waits to be woken.
+        """Return True if the line is free and the turn has come immediately; otherwise the entry waits to be woken.
 
         Raises UsageError if the caller has the line already, such as in a trace function.
         """
@@ -107,7 +107,7 @@ class LineQueue:
         return False
 
     def has_come(self, place: QueueEntry) -> bool:
-        """Return whether the turn of a waiting place has come."""
+        """Return whether the turn of a waiting entry has come."""
         self.hand_on()
         return self.owner is place
 
@@ -133,7 +133,7 @@ class LineQueue:
         first.wake()
 
     def _fair(self, first: QueueEntry, alive: list[QueueEntry]) -> QueueEntry:
-        """Return the next of the waiting places, none of which is a stop or a command."""
+        """Return the next of the waiting entries, none of which is a stop or a command."""
         due = first
         for rank, turns in _SHARES.items():
             waiting = [each for each in alive if each.rank is rank]

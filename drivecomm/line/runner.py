@@ -114,7 +114,7 @@ class LineRunner:
         elif until - now > _NOT_WORTH_SLEEPING_S:
             self._wake_precisely(until)
         else:
-            # Busy waiting: on a busy event loop an alarm would come too late for even one more round.
+            # Busy waiting: on a busy event loop a timer would end too late for even one more round.
             while now < until:
                 now = self._now()
             paused, self._paused = self._paused, None

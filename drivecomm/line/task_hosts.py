@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-# Typical delay between an alarm and the wake-up of the event loop.
+# Typical delay between the end of the kernel timer and the wake-up of the event loop.
 _LEAD_S = 0.000025
 
 
@@ -118,7 +118,7 @@ class OwnThreadHost:
         except asyncio.CancelledError:
             stop.set()
             while not running.done():
-                # Hand on the line only after the thread has released it, even after repeated cancellation.
+                # Pass on the line only after the thread has released it, even after repeated cancellation.
                 try:
                     await asyncio.wait([running])
                 except asyncio.CancelledError:
@@ -242,5 +242,5 @@ class ReadinessHost:
         self._look_whether_cancelled()
         self._runner.time_passed()
         if self._alarm is not None and not self._alarm_set:
-            # The alarm stays readable until it is cleared or set again.
+            # The timer stays readable until it is cleared or set again.
             self._alarm.clear()

@@ -63,7 +63,7 @@ class ThreadTurns:
             left = until - time.monotonic()
             if left <= 0:
                 return not self.leave(turn)
-            # A thread that was interrupted while handing on has woken no other, so every waiting thread polls.
+            # An interrupted thread may have ended its turn without waking another, so every waiting thread polls.
             turn.called.acquire(timeout=min(left, LOOK_S))
         return True
 

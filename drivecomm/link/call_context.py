@@ -24,8 +24,8 @@ class CallContext:
 
     peer: the drive. partner: the link's record of this drive. paced: whether characters take their real time on this
     port. stop_waits: returns whether a stop waits for the line. deadline: end of the call's time. gives_way: whether a
-    stop overtakes this call. command: the command of this call; None if no stop can cancel the call. others_first:
-    called after a failed attempt; returns whether to make no further attempt because others wait for the line.
+    stop overtakes this call. command: the command of this call; None if no stop can cancel the call.
+    yields_to_others: called after a failed attempt; returns whether to end the attempts because others wait.
     listen_until: time when a probe stops listening; None for the whole reply time. failed: error of the last request
     that was given up. told: whether a telegram without a reply was sent. may_be_held_back: whether nothing was sent
     yet, so that others may use the line first.

@@ -24,7 +24,7 @@ def in_place_of_echo(telegram: bytes, place: int, excused: int) -> bool:
 class EchoFilter:
     """Filter that removes the echo of each request from the received bytes.
 
-    Bytes are removed if they are exactly what was sent, or if they are a beginning of it with nothing after. All other
+    Bytes are removed if they are exactly what was sent, or the beginning of that with nothing after it. All other
     bytes go to the framer, which skips them: an echo that lost or changed a character is usually not a telegram, and
     one that stands `in_place_of_echo` is not believed. `excused` is the number of bytes that may belong to the echo.
 

@@ -152,7 +152,7 @@ def _ask(call: CallContext, ask: Ask, begun: PartialReply | None) -> LinkSteps[M
             found = yield from await_reply(call, ask, data, came)
             if not answers.is_certain(found):
                 attempt -= 1
-                # The drive does answer, so the row of failures ends.
+                # The drive does answer, so its series of failures ends.
                 failed_in_a_row = 0
                 continue
         except ReplyError as error:

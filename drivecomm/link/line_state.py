@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 class LineState:
     """State of one line, shared by all its drives.
 
-    now: time of the last effect. settings: those of the port; None if unknown. free_at: time when the next telegram may
-    be sent. sent_at: time when the last request is completely on the wire. heard_at: time of the last received bytes.
-    unclean: whether an exchange was cut off, so that the line must be drained first. delays: usual delays of the
+    now: time of the last effect. settings: settings of the port; None if unknown. free_at: time when the next telegram
+    may be sent. sent_at: time when the last request is completely on the wire. heard_at: time of the last received
+    bytes. unclean: whether an exchange was cut off, so that the line must be drained first. delays: usual delays of the
     replies. tuning: monitor of the tuned turnarounds. probed: the last drive that was probed in vain for less than its
     whole reply time. talk: filled in for each request on the short path. told: the last telegram without a reply.
     echoes: whether a sent telegram came back although the adapter should have no echo. others: knowledge about other

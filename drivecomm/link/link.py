@@ -124,7 +124,7 @@ class Link:
         self._partner(peer).health.away = True
 
     def repeat_within(self, peer: Peer, watchdog_s: float) -> None:
-        """Set the maximum age of repeated commands: the seconds since the drive was last sent its command."""
+        """Set the maximum age of repeated commands: the seconds since the last command was sent to the drive."""
         self._partner(peer).watchdog_s = watchdog_s
 
     def run(

@@ -166,7 +166,7 @@ Effect: TypeAlias = SingleEffect | Transaction
 
 
 class Arrival(NamedTuple):
-    """Result of an effect: the time, the received bytes (Receive and Talk), and the port's note (Configure)."""
+    """Result of an effect: the time, the received bytes (Receive and Transaction), and the port's note (Configure)."""
 
     time: float
     data: bytes = b""

@@ -1,4 +1,4 @@
-"""Models without orders, whose drives are only read and never commanded."""
+"""Models without commands, whose drives are only read and never commanded."""
 
 from __future__ import annotations
 

@@ -83,7 +83,7 @@ def lacks(content: Mapping[str, Any], model: Model, base: Model | None) -> Itera
 
 
 def addresses_behind(control: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the addresses used by the orders, the status, the references and the fault code of a `[control]`."""
+    """Yield the addresses used by the commands, the status, the references and the fault code of a `[control]`."""
     steps = [step for order in _ORDERS for step in control.get(order, ())]
     for place in (*steps, *control.get("status", {}).values()):
         yield place[0].partition(".")[0]

@@ -27,7 +27,10 @@ def checked_groups(names: Sequence[str], table: TomlTable) -> tuple[str, ...]:
 
 
 def check_apart(drives: Sequence[DriveConfig], tables: Sequence[TomlTable]) -> None:
-    """Raise FileFormatError for a group that has the name of a drive. tables: of these drives, in the same order."""
+    """Raise FileFormatError for a group that has the name of a drive.
+
+    tables: tables of these drives, in the same order.
+    """
     names = {drive.name for drive in drives}
     for drive, table in zip(drives, tables, strict=True):
         for group in drive.groups:

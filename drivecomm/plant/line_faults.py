@@ -146,7 +146,7 @@ class FaultPlan:
 def disturbed(
     fault: LineFault, data: bytes, random: Random, *, delay_s: float = 0.0, bits: int = 8
 ) -> list[tuple[float, bytes]]:
-    """Return the bytes that arrive of a faulty transmission, with delays in seconds. delay_s: delay of Fault.DELAY."""
+    """Return the bytes that arrive of a faulty transmission, with delays in seconds. delay_s: for LineFault.DELAY."""
     if fault is LineFault.DROP:
         return []
     if fault is LineFault.CORRUPT:

@@ -93,7 +93,7 @@ class ControlTable:
 
     further_starts: addresses of registers and coils that can start the motor in addition to those of `start`. starts:
     the places of all these, and of registers and coils that pass on writes to them. imported: whether any fact of the
-    model comes from a file of another program; without orders, such a drive accepts no write, since its registers may
+    model comes from a file of another program; without commands, such a drive accepts no write, since its registers may
     have wrong numbers.
 
     sure_stop: the stop whose words start nothing, whatever the parameters of `needs` hold, if other stops could start

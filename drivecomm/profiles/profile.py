@@ -41,9 +41,9 @@ class BitCondition:
 class ControlStep:
     """One control word in a sequence.
 
-    unless: the step is left out if one of these conditions holds at the start of the sequence. until: conditions of
-    which one is awaited after the step. repeats: whether the word may be sent again if no reply came; not so for a word
-    that starts a motor or has an edge. mask: the bits that a drive examines. pause_s: pause before the step.
+    unless: the step is left out if one of these conditions holds at the start of the sequence. until: after the
+    step, one of these conditions is awaited. repeats: whether the word may be sent again if no reply came; not for a
+    word that starts a motor or has an edge. mask: the bits that a drive examines. pause_s: pause before the step.
     """
 
     word: int
@@ -103,7 +103,7 @@ class StateTransition:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ControlProfile:
-    """How drives are commanded, by control words and status words.
+    """Profile by which drives are commanded: their control words and status words.
 
     valid: bits without which a control word commands nothing, 0 if every one commands. idle: a word that commands
     nothing, None if there is none. off: bits that stop by being 0, even in a word without the valid bits. reverse: bits

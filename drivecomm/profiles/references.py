@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 class ReferenceConverter:
     """References of one drive, converted to the form that the drive takes.
 
-    capabilities: those of its model, with both forms if one can be converted. read: reads a parameter by its address.
+    capabilities: capabilities of its model, with both forms if one can be converted. read: reads a parameter by its
+    address.
     """
 
     def __init__(self, dialect: Dialect, read: Callable[[str], Exchange[Reading]]) -> None:

@@ -38,7 +38,7 @@ class RegisterTelegrams(Protocol):
 
 
 class RegisterCommandTransport:
-    """A `Carrier` for one drive's commands that repeats the command in force for the drive's watchdog.
+    """A `WordTransport` for one drive's commands that repeats the command in force for the drive's watchdog.
 
     A start is remembered only after the drive has confirmed it. Any other step is remembered before it is sent.
     """

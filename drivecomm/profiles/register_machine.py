@@ -118,7 +118,7 @@ class RegisterMachine:
             actual = self._targets[self._control.actual_percent]
             self._show(actual, self._share(motor.output_hz))
         self.words |= self._orders.status_words(self._said)
-        # After the status, which may be in the other byte of the same register.
+        # Set after the status, which may be in the other byte of the same register.
         code = self._control.fault_code
         shown = motor.fault if self._is_numbered or "fault" not in self._said else 0
         if motor.fault and not self._remembered:

@@ -132,7 +132,8 @@ class RegisterOperations:
     def may_start(self, verb: str, arguments: Mapping[str, Any]) -> bool:
         """Return whether a call may start the motor.
 
-        A write may do so if the model lists it as a start; without a model, none does. Verbs of the protocol's own may.
+        A write may do so if the model lists it as a start; without a model, none does. The
+        protocol's own verbs count as possible starts.
         """
         if verb != "write":
             return verb in self.extra

@@ -35,7 +35,7 @@ class StateMachine:
 
 
 class StateMachineOrders:
-    """The drive's side of a control profile with states, in place of an `OrderMachine`.
+    """The drive's side of a control profile with states, in place of a `RegisterCommandMachine`.
 
     wanted_hz: returns the present reference, signed, before the control word gives it a direction. control_word:
     returns the present control word. parts: further places that hold bits of it. is_set_up: returns whether the drive
@@ -59,12 +59,12 @@ class StateMachineOrders:
             machine.profile, motor, lambda word: machine.profile.directed(word, wanted_hz()), machine.reset_lock_s
         )
 
-    def power_up(self, words: Words, now: float) -> None:  # noqa: ARG002 - `OrderMachine` uses it
+    def power_up(self, words: Words, now: float) -> None:  # noqa: ARG002 - for `RegisterCommandMachine`
         """Begin with mains switched on, and with the control word that is in its register then."""
         self._machine.power_up(now)
         self._machine.control(self._control_word(), now)
 
-    def written(self, places: Collection[str], words: Words, now: float) -> None:  # noqa: ARG002 - `OrderMachine` uses it
+    def written(self, places: Collection[str], words: Words, now: float) -> None:  # noqa: ARG002 - for the other class
         """Obey the control word if it, or a part of it, has been written."""
         if self._control_places.isdisjoint(places):
             return

@@ -64,7 +64,7 @@ class Capabilities:
     the reference themselves, or no such parameter is known. stored_writes: `store=True` writes to EEPROM.
     volatile_writes: `store=False` keeps a write out of EEPROM. broadcast: whether one telegram can command all drives.
     faults: whether the drive reports that it has tripped, and can be reset; if not, `DriveStatus.fault` is always
-    False, and a trip looks like a stop. monitoring_only: the model of its series has no orders, so that the drive is
+    False, and a trip looks like a stop. monitoring_only: the model of its series has no commands, so that the drive is
     read and never commanded: start, stop, reset, references and writes to command registers raise NotSupported.
 
     The `Drive` object fills in the rest. verbs: the common verbs that it has in addition (jog, hold, select_setup,

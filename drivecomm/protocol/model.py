@@ -22,8 +22,8 @@ Sureness: TypeAlias = Literal["printed", "derived", "field", "unconfirmed", "imp
 
 printed: a document prints it. derived: it follows from a document. field: seen on a drive. unconfirmed: claimed
 somewhere. imported: taken from a file of another program, so that it counts as unconfirmed, and a drive of a model
-without orders accepts no write at all. drive: a proof has checked it on a drive and confirmed it. contradicted: a proof
-has shown something else, so that it counts as unconfirmed.
+without commands accepts no write at all. drive: a proof has checked it on a drive and confirmed it. contradicted: a
+proof has shown something else, so that it counts as unconfirmed.
 """
 
 _NOTES: Mapping[Sureness, str] = {

@@ -33,12 +33,12 @@ class Reading:
     """One value of one parameter.
 
     parameter: its address, in the protocol's form. value: the physical value if type and scale are known, otherwise the
-    certain part (the characters or the unsigned number). raw: the value as the telegram carried it. unit: of value,
-    empty if it has none or it is unknown. type: in the words of the protocol's manual, empty if unknown. name: the
-    common name that was requested, or the model's name, empty without one. text: the meaning of the value, such as the
-    name of an option or a fault. note: how certain type, scale and unit are, if no document prints them; this does not
-    affect the quality of the value. doubt: the reason against the value, empty for a good one. time_s: when the reply
-    had arrived, in seconds since 1970 (on a virtual line: since its start).
+    certain part (the characters or the unsigned number). raw: the value as the telegram carried it. unit: unit of
+    value, empty if it has none or it is unknown. type: in the words of the protocol's manual, empty if unknown. name:
+    the common name that was requested, or the model's name, empty without one. text: the meaning of the value, such as
+    the name of an option or a fault. note: how certain type, scale and unit are, if no document prints them; this does
+    not affect the quality of the value. doubt: the reason against the value, empty for a good one. time_s: when the
+    reply had arrived, in seconds since 1970 (on a virtual line: since its start).
     """
 
     parameter: str
@@ -184,7 +184,7 @@ def whole_number(value: Value | float, parameter: str, info: ParameterInfo | Non
 def must_fit(raw: int, allowed: range, what: str, factor: Decimal, *, unit: str, type: str) -> None:
     """Raise ValueRefusedError for a whole number that its type cannot hold.
 
-    what: the value and its parameter, for the message. factor, unit: of the value.
+    what: the value and its parameter, for the message. factor, unit: factor and unit of the value.
     """
     if raw not in allowed:
         end, where, which = (allowed[0], "below", "lowest") if raw < allowed[0] else (allowed[-1], "above", "highest")

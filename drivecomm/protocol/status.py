@@ -64,9 +64,9 @@ class DriveStatus:
 
     word: the status word as received. state: the one state that it means. running: the motor is being driven. fault:
     tripped. warning: a warning is active. at_reference: speed equals the reference. reverse: the motor turns backwards.
-    remote: the bus may command the drive. fault_code, fault_text: of the active fault, if the drive reports it.
-    actual_percent: output as a share of the reference range. actual_hz: output frequency. flags: the names of the set
-    bits in the manual's words.
+    remote: the bus may command the drive. fault_code, fault_text: code and text of the active fault, if the drive
+    reports it. actual_percent: output as a share of the reference range. actual_hz: output frequency. flags: the names
+    of the set bits in the manual's words.
     """
 
     word: int

@@ -35,7 +35,7 @@ _TENS = (1, 10, 100, 1000)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WordFormat:
-    """How a value is laid out in words.
+    """Layout of a value in words.
 
     type: one of WORD_TYPES, empty for a word of unknown type. size: number of words. low_first: whether the low word
     comes first. allowed: the whole numbers that fit, if they differ from those of the type. scale: the factor if no

@@ -21,7 +21,7 @@ _RANGES: Mapping[str, tuple[float, float]] = {
     "motor_rated_power": (0.01, 3000),  # kW
     "motor_rated_current": (0.05, 5000),  # A
     "maximum_frequency": (10, 1500),  # Hz
-    "dc_link_voltage": (100, 1300),  # V; below it the mains are off
+    "dc_link_voltage": (100, 1300),  # V; the mains are off below 100 V
     "heat_sink_temperature": (-30, 120),  # degC
     "inside_temperature": (-30, 100),  # degC
     "switching_frequency": (0.5, 20),  # kHz

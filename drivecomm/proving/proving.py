@@ -76,8 +76,8 @@ def _unseen(_detail: str, _done: int, _total: int) -> None:
 class Proving:
     """A proof in progress.
 
-    findings: so far. identity: the drive's own identity, without private data. at: the present request in words; empty
-    when all requests are done.
+    findings: findings so far. identity: the drive's own identity, without private data. at: the present request, in
+    words; empty when all requests are done.
     """
 
     drive: Drive

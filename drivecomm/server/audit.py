@@ -50,8 +50,8 @@ class Audit:
     """The audit of commands, written by a separate thread that flushes each record to the disk.
 
     tell: called with a sentence when records cannot be written, and when writing works again; runs in the event loop in
-    which this object was made. session: of this run of the server. A file that cannot be written is retried with each
-    record.
+    which this object was made. session: session of this run of the server. A file that cannot be written is retried
+    with each record.
     """
 
     def __init__(

@@ -28,8 +28,8 @@ class Role(IntEnum):
 class Caller:
     """The sender of a request or command.
 
-    name: of the user, or another identification of the caller. door: the door by which the request came, "local" for
-    programs on the same machine that use the server's own socket.
+    name: name of the user, or another identification of the caller. door: the door by which the request came, "local"
+    for programs on the same machine that use the server's own socket.
     """
 
     name: str

@@ -51,7 +51,7 @@ LOCAL_BOUNDS = Bounds(256, 256)
 class TakesConnections(Protocol):
     """A door whose clients use descriptors.
 
-    connections: the bounds that it wants; the server replaces them with the bounds that it grants.
+    connections: the requested bounds; the server replaces them with the granted bounds.
     """
 
     connections: Bounds

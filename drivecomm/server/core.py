@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 
 class AuditTrail(Protocol):
-    """A trail of commands, such as an `Audit`."""
+    """Interface to record commands and their outcomes, such as an `Audit`."""
 
     async def record_command(self, caller: Caller, command: CommandRequest, lease: Lease | None = None) -> int:
         """Record that a command is about to be sent; return the number of the record.
@@ -272,7 +272,7 @@ class Core:
         self.changing = frozenset(gone)
         self._unchanging.clear()
         try:
-            # First, while the lines are open and the drives are known as the ones that were started.
+            # First, while the lines are open and still have the drives that were started.
             await self.kept.release_all(gone)
             self.plant = plant
             self.rights = Rights(plant.file, self._users_file)

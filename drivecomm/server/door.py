@@ -364,7 +364,7 @@ class AddressesValues(Protocol):
     def address_of(self, plant: str, drive: DriveConfig, name: str) -> str:
         """Return the address of a value, empty if the door does not have it; called before `run`, or without it.
 
-        plant: the name of the plant. name: of the value, as the plant polls it, or "status".
+        plant: the name of the plant. name: name of the value, as the plant polls it, or "status".
         """
 
 

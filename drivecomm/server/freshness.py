@@ -22,8 +22,8 @@ LONGEST_VALID_S = 10.0
 def check_fresh(command: CommandRequest, *, session: str, time_s: float, waited_s: float = 0.0) -> None:
     """Raise NotAllowedError for a command that is too old or meant for another run, UsageError for invalid times.
 
-    session: of this run. time_s: now, in seconds since 1970. waited_s: seconds that the command has waited in this
-    server.
+    session: session of this run. time_s: now, in seconds since 1970. waited_s: seconds that the command has waited in
+    this server.
     """
     if command.verb == "stop":
         return

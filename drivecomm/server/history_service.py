@@ -51,7 +51,7 @@ class HistoryService:
     async def points(
         self, drive: str, name: str, from_s: float, to_s: float, points: int
     ) -> Sequence[tuple[float, Value | None, str]]:
-        """Return the course of a quantity in about `points` points.
+        """Return the curve of a quantity in about `points` points.
 
         Raises UsageError for a quantity that was never read.
         """

@@ -112,8 +112,8 @@ def check_kept(caller: Caller, command: CommandRequest, drive: AsyncDrive) -> No
 def why_looser(policy: object, watchdog_s: Value | float | None, said: LinkLossPolicy | None) -> str:
     """Return why the link-loss policy of a start is looser than the plant file, as a clause; empty if it is not.
 
-    policy, watchdog_s: of the start; None if left to the plant file. said: `link_loss` of the plant file, None if it
-    has none.
+    policy, watchdog_s: policy and watchdog time of the start; None if left to the plant file. said: `link_loss` of the
+    plant file, None if it has none.
 
     From loose to strict: hold, then a watchdog with a longer time, then one with a shorter time. The policies that stop
     the motor are equally strict, because it depends on the machine whether ramping or coasting is safer. So any policy

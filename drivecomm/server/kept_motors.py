@@ -24,7 +24,7 @@ RELEASED_WITHIN_S = 6.0
 class KeptMotors:
     """The kept motors of a plant; used from the core's event loop, and queried from any thread.
 
-    A motor is kept from `begin` until its release, and is let go when its stop is confirmed after that.
+    A motor is kept from `begin` until its release, and is forgotten when its stop is confirmed after that.
     """
 
     def __init__(self, table: ValueTable, stops: StandingStops, leases: Leases) -> None:
@@ -69,7 +69,7 @@ class KeptMotors:
         return {"policy": order.policy, "watchdog": kept.watchdog}
 
     async def following(self, drive: str) -> AsyncIterator[Mapping[str, Any]]:
-        """Yield past and new events of the motor that was kept last under this drive name, until it is let go."""
+        """Yield past and new events of the motor that was kept last under this drive name, until it is forgotten."""
         if drive in self._stories:
             async for item in self._stories[drive]:
                 yield item
@@ -96,7 +96,7 @@ class KeptMotors:
         return kept is not None and not kept[0].order.start and kept[1].key == lease
 
     def stop_by(self, drive: str, how: Stop | None) -> None:
-        """Set the kind of stop for a released motor that is not let go yet; None if the motor has stopped already."""
+        """Set the kind of stop for a released motor that is still stopping; None if the motor has stopped already."""
         if drive in self._let_go:
             self._let_go[drive][0].stop_by(how)
 
@@ -121,7 +121,7 @@ class KeptMotors:
             self.release(lease.drive)
 
     async def settled(self, drive: str, within_s: float) -> None:
-        """Wait until a motor that was kept before is let go.
+        """Wait until the stop of a motor that was kept before is confirmed.
 
         Raises LeaseError if that takes more than `within_s` seconds.
         """

@@ -28,7 +28,7 @@ The name of the line is empty, because it differs from drive to drive.
 def with_names(table: TomlTable, names: Mapping[str, str]) -> TomlTable:
     """Return the table of a door with the names of its levels filled in. Raises FileFormatError.
 
-    names: of the levels that the plant file names, including that of the plant itself.
+    names: names of the levels that the plant file names, including that of the plant itself.
     """
     listed = table.content.get("levels")
     if listed is None:

@@ -113,9 +113,9 @@ class DriveSnapshot:
     the last request failed, or was not made in time. answered_s: time of its last reply, in seconds since 1970. lease:
     the lease in force. kept: the link-loss policy under which this server keeps it running, empty if it does not.
     statistics: counters of its requests on the line; they continue to count. policies: the link-loss policies with
-    which it can be started. monitoring_only: its model has no orders, so it cannot be commanded. fault_log: the drive's
-    fault log as last read, the newest entry first. standing_stop: the stop that is being retried or demanded, None
-    without one. drift: the result of the latest comparison with its baseline.
+    which it can be started. monitoring_only: its model has no commands, so it cannot be commanded. fault_log: the
+    drive's fault log as last read, the newest entry first. standing_stop: the stop that is being retried or demanded,
+    None without one. drift: the result of the latest comparison with its baseline.
     """
 
     config: DriveConfig

@@ -158,7 +158,7 @@ class ServedLine:
         return (name for name, seen in self._seen.items() if seen.view.reachability == "answers")
 
     def is_monitoring_only(self, drive: str) -> bool:
-        """Return whether the model of a drive has no orders; False for a drive that could not be made."""
+        """Return whether the model of a drive has no commands; False for a drive that could not be made."""
         return self._monitoring_only.get(drive, False)
 
     def states(self) -> Sequence[DriveSnapshot]:
@@ -263,7 +263,7 @@ class ServedLine:
             except Exception as error:  # noqa: BLE001 - polling restarts after any error
                 _log.exception("line %s is polled again", self.line.name)
                 if loop.time() - began_s > REOPEN_LONGEST_S:
-                    # Polling worked for a while, so this failure does not continue the earlier row.
+                    # Polling worked for a while, so this failure begins a new series of failures.
                     waiting = Backoff(REOPEN_FIRST_S, REOPEN_LONGEST_S)
                 self._lost(f"polling has failed: {in_one_line(error)}")
                 waiting.failed(loop.time())

@@ -272,7 +272,7 @@ class Serving:
         return tell
 
     def _written(self, kind: EventKind, text: str, **about: str) -> None:
-        """Record an event from another thread. about: as of `Table.happened`."""
+        """Record an event from another thread. about: as of `ValueTable.record_event`."""
         loop, core = self._loop, self._core
         if loop is not None and core is not None:
             with suppress(RuntimeError):

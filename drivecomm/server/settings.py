@@ -65,10 +65,10 @@ class HistorySettings:
 class ServerSettings:
     """The settings of a server.
 
-    name: of the plant. status_period_s: poll period of each drive's status. users: the users file for network doors,
-    None without one. read_rate: of values that one of these users reads from a line. history: None if no history is
-    written. backups: which drives are backed up by the server, and how. doors: the kind of each, and its own keys.
-    alarms: their tables in the file.
+    name: name of the plant. status_period_s: poll period of each drive's status. users: the users file for network
+    doors, None without one. read_rate: limit of the values that one of these users reads from a line. history: None
+    if no history is written. backups: which drives the server backs up, and how. doors: the kind of each door, and its
+    own keys. alarms: their tables in the file.
     """
 
     name: str

@@ -15,7 +15,7 @@ CHANGING = frozenset({"write", "write_and_read", "call", "set_watchdog", "keep",
 
 @dataclass(frozen=True, slots=True)
 class Write:
-    """One write. number: of its record in the audit. time_s: in seconds since 1970."""
+    """One write. number: number of its record in the audit. time_s: in seconds since 1970."""
 
     who: str
     number: int

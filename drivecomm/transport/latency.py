@@ -30,7 +30,7 @@ def enable_low_latency(port: Any, name: str, sysfs: Path = _SYSFS) -> bool:
         return True
     timer = _timer_file(name, sysfs)
     try:
-        # Only administrators may write it, unless a udev rule permits others.
+        # Only administrators may write this file, unless a udev rule permits others.
         if timer.exists():
             timer.write_text("1")
     except OSError:

@@ -55,7 +55,7 @@ class TtyChannel:
         self._readable = Readable(self.descriptor)
         # Longer than necessary: with a short array Python releases its lock during the call and gets it back late.
         self._waiting = array.array("i", [0] * 512)
-        # The kernel's own record of the attributes, as long for the same reason, and the position of VMIN in it.
+        # A buffer for the kernel's record of the attributes, longer than necessary for the same reason.
         # Setting the record is one system call; `tcsetattr` takes four.
         self._record = bytearray(2048)
         self._vmin_at = -1

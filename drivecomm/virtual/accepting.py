@@ -14,7 +14,7 @@ _EXHAUSTED = (errno.EMFILE, errno.ENFILE)
 
 
 class Accepting:
-    """Accepts connections; without a free descriptor, closes new ones by means of a reserved descriptor.
+    """Acceptor of connections; without a free descriptor, it closes new ones by means of a reserved descriptor.
 
     Otherwise the listening socket would stay readable, and a select on it would never block again.
     """

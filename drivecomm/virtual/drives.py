@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 class DriveType:
     """The data from which a virtual drive is made.
 
-    options: those of its protocol. facts: line facts of the drive. master_facts: line facts of its master, which may
+    options: options of its protocol. facts: line facts of the drive. master_facts: line facts of its master, which may
     allow longer pauses. sources: by the name of a fact, the source that demands its value from a master, or a remark
     that it was set for this drive.
     """

@@ -157,7 +157,7 @@ class VirtualLine:
         time, _, _, unheard = events[0]
         if self.paced and not self.monitors:
             time += self._unheard_s(unheard) if isinstance(unheard, Station) else unheard
-            # The second event of a heap is one of these two.
+            # In a heap, the second earliest event is at index 1 or 2.
             for later in events[1:3]:
                 time = min(time, later[0])
         return min(time, heard_at)

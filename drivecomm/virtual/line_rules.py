@@ -65,7 +65,7 @@ class Violation:
 class LineRules:
     """Rules that a master must keep with one drive.
 
-    name: of the drive, for people. codec: its telegrams. facts: its line settings, and the timing of its master.
+    name: name of the drive, for people. codec: its telegrams. facts: its line settings, and the timing of its master.
     silence_characters: length of the pause inside a telegram that ends it, in characters; 0 if `gap_s` of the facts
     counts. sources: for each demanded value, its source, by the name of the fact; the other values are defaults of
     drivecomm. needs_pause_s: seconds after its reply during which the drive misses a new request. settings_now: returns

@@ -34,8 +34,8 @@ _at_s = attrgetter("at_s")
 class TracedLine:
     """One line of a trace: a telegram, or bytes that are not a telegram.
 
-    number: that of the transmission that ended it, counted from 1; several lines of one transmission share it. time_s:
-    time of its first byte. meaning: kind and fields, or the error. remarks: further findings.
+    number: number of the transmission that ended it, counted from 1; several lines of one transmission share it.
+    time_s: time of its first byte. meaning: kind and fields, or the error. remarks: further findings.
     """
 
     number: int

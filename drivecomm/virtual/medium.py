@@ -180,7 +180,7 @@ class MasterReceiver:
         return data
 
     def ready_at(self, missing: int) -> float:
-        """Return the time at which this many more characters, or a part of them, will be there; infinity if none."""
+        """Return the time at which up to `missing` more characters will have arrived; infinity if none will."""
         # With several senders at the same time each character must be checked.
         step = missing if len(self._audible) == 1 else 1
         return min(

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class TelegramDisturbance:
-    """Disturbs the telegrams that a fault selects.
+    """Disturbance of the telegrams that a fault selects.
 
     met: number of selected telegrams. happened: number of disturbed ones. speed: seconds of the process per second of
     the line.
@@ -88,7 +88,7 @@ _SHORTEST_S = 0.01
 
 
 class ConditionWatch:
-    """Makes a drive trip when its parameter meets a condition while the drive has power.
+    """Watch that trips a drive when its parameter meets a condition while the drive has power.
 
     speed: seconds of the process per second of the line. Raises UsageError if the parameter does not hold a number.
     """

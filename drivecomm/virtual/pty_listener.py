@@ -119,7 +119,7 @@ class PtyListener:
             return
         if not self._path.is_symlink():
             raise PortError(f"{self._path} exists and is not a symbolic link; choose another path, or remove it")
-        # The import that searches the processes of the machine happens only if the path is in use.
+        # Imported here, because only a path in use needs the search through all processes of the machine.
         from drivecomm.transport import server_of_terminal
 
         server = server_of_terminal(str(self._path)) or "another program"

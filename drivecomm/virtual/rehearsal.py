@@ -103,7 +103,8 @@ class Shares:
 class RoundResult:
     """One round of a plan on a busy line.
 
-    shares: of each read, in order. causes: reason why each read fails, empty if it succeeds. settings: of each drive.
+    shares: share of each read, in order. causes: reason why each read fails, empty if it succeeds. settings: settings
+    of each drive.
     """
 
     shares: Sequence[Shares]
@@ -266,7 +267,7 @@ def _with(model: Model, added: Mapping[str, ParameterInfo]) -> Model:
 
 
 class _Ledger:
-    """Assigns the time on a line to the items that use it, from the trace of the bus."""
+    """Ledger of the time on a line by the items that use it, from the trace of the bus."""
 
     def __init__(self) -> None:
         self.events: list[TraceEvent] = []

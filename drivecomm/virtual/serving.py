@@ -35,7 +35,7 @@ _ROOM_S = 0.5
 
 
 class VirtualServedLine:
-    """Couples a virtual line with a listener. Times are seconds of the line's own clock.
+    """A virtual line coupled with a listener. Times are seconds of the line's own clock.
 
     A drive's transmission reaches the master when its last character has been sent. A master that sets no line
     settings, as over a pseudo-terminal or plain TCP, counts as using those with which each drive began.

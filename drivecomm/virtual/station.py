@@ -95,9 +95,9 @@ class PendingAnswer(NamedTuple):
 
 
 class Station:
-    """Feeds one virtual drive with everything that is heard on its line, replies of other drives included.
+    """A virtual drive on its line, which receives everything on the line, replies of other drives included.
 
-    powered: a drive without power neither hears nor answers. pending: bytes of an incomplete telegram. answering:
+    powered: a drive without power neither receives nor answers. pending: bytes of an incomplete telegram. answering:
     number of the answer that the drive prepares; an answer with a lower number is dropped. answer: that answer.
     wakes_at: time at which the line handles it. agreed: settings of the drive when the line was made. right_settings:
     settings to restore after a power cut that changed them. deaf_until: time until which the drive hears nothing after

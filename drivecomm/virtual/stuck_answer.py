@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class StuckAnswer:
-    """Replaces the value in replies to reads of one parameter.
+    """Fault that replaces the value in replies to reads of one parameter.
 
     value: a number as a master reads it, or a text equal to its `Reading.raw`. Raises UsageError if the drive does not
     have the parameter, or if its replies cannot carry this value.

@@ -87,7 +87,7 @@ class _Measured(NamedTuple):
 
 
 class TimingWatch:
-    """Watches the master of one line.
+    """Watch of the timing and line settings of one line's master.
 
     It needs the master's transmissions when they are handed over, and the drives' when they end. The former come from a
     line's `on_transmit`, because the sender is not responsible for what the wire or a fault makes of a request. A

@@ -34,7 +34,7 @@ LARGEST_SPEED = 1000.0
 
 
 class MotorSnapshot(NamedTuple):
-    """The present state of a virtual drive. output_hz: of its motor. fault: its code, 0 for none."""
+    """The present state of a virtual drive. output_hz: output frequency of its motor. fault: its code, 0 for none."""
 
     name: str
     drive: str

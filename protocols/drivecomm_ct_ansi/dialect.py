@@ -43,7 +43,7 @@ class CtDialect(Dialect):
 
     def __init__(self, address: int, options: Any, model: Model | None) -> None:
         super().__init__(address, options, model)
-        self.shared_addresses = {0, address // 10 * 10}  # those of all drives and of its group (Mentor MP p. 209)
+        self.shared_addresses = {0, address // 10 * 10}  # of all drives, and of the drive's group (Mentor MP p. 209)
         known = model.parameters.values() if model else ()
         self._factors = {self.place_of(each.address).start: each.factor for each in known}
         self.forget()

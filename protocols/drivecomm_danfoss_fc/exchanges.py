@@ -101,9 +101,9 @@ class DanfossFcOperations:
         """Read a parameter.
 
         type: int16, int32, uint8, uint16, uint32 or text; without it, a read that the drive refuses for its data type
-        is repeated with the type that the drive reports. index: of an array's element. option_text: read the text of
-        this value of an option parameter instead. element: read this element of the parameter's description instead (1
-        basic characteristics, 2 number of array elements, 4 conversion index and unit, 6 name, 7 and 8 limits, 20
+        is repeated with the type that the drive reports. index: index of an array's element. option_text: read the text
+        of this value of an option parameter instead. element: read this element of the parameter's description instead
+        (1 basic characteristics, 2 number of array elements, 4 conversion index and unit, 6 name, 7 and 8 limits, 20
         default value, 21 additional characteristics).
         """
         if index is None:
@@ -135,8 +135,8 @@ class DanfossFcOperations:
     ) -> Exchange[Reading | None]:
         """Write a parameter to RAM, or with store to EEPROM as well; return the value that the drive reports.
 
-        type: int16, int32, uint8, uint16, uint32 or text. index: of an array's element. EEPROM cells wear out: never
-        store in a cycle. Whether a text is kept over power-off depends on the drive.
+        type: int16, int32, uint8, uint16, uint32 or text. index: index of an array's element. EEPROM cells wear out:
+        never store in a cycle. Whether a text is kept over power-off depends on the drive.
         """
         wanted = target(parameter, self._model, self._options, type=type, index=index)
         if not self.answers:

@@ -75,7 +75,7 @@ class FujiRequests:
         """Returns the request that reads a function; requests are cached."""
 
     def ask_for(self, function: str) -> Exchange[Any]:
-        """Read a value; the reply is a Standard, or a Poll if short frames are used. Raises RefusedError."""
+        """Read a value; the reply is a StandardFrame, or a PollFrame if short frames are used. Raises RefusedError."""
         return self._ask(self.read_ask(function), function)
 
     def _new_read_ask(self, function: str) -> Ask:

@@ -200,7 +200,7 @@ class FujiMachine:
 class SilenceWatch:
     """Detection of a silent host by one inverter, over time.
 
-    functions: `Profile.silence`.
+    functions: `Generation.silence`.
     """
 
     def __init__(self, store: FujiStore, functions: Mapping[str, Any]) -> None:

@@ -94,7 +94,7 @@ class VirtualFujiDrive(DriveRepr):
         number = int(raw)
         with refusals_as_address_errors(parameter):
             self.store.poke(function, number if function in self._profile.sign_functions else number % 0x10000)
-        # An alarm that comes before the next request keeps the value that was set here.
+        # Drop the cached measurement, so that an alarm before the next request stores the value that was set here.
         self.machine.latest.pop(function, None)
 
     def power_cycle(self, now: float) -> None:
@@ -190,7 +190,7 @@ class VirtualFujiDrive(DriveRepr):
         if is_request and len(data) < 16 and code != codes.COMMAND_ERROR:
             kind: type[SelectFrame | PollFrame] = SelectFrame if len(data) == 12 else PollFrame
             return self._reply(kind(kind="nak", address=self.address, command=command), 0.0)
-        # In place of an unlisted command it repeats R, from which a host knows the length.
+        # The reply to an unlisted command has command R, so that a host knows its length.
         command, echo = command if command in "RWAE" else "R", data[5:8].decode("latin-1")
         nak = StandardFrame(kind="nak", address=self.address, command=command, function=echo, error_code=code)
         return self._reply(nak, 0.0)

@@ -45,7 +45,7 @@ class LecomDialect(Dialect):
 
     def __init__(self, address: int, options: Any, model: Model | None) -> None:
         super().__init__(address, options, model)
-        self.shared_addresses = {0, address // 10 * 10}  # for all drives, and for its group (L p. 6-3)
+        self.shared_addresses = {0, address // 10 * 10}  # of all drives, and of the drive's group (L p. 6-3)
         known = {_number(each.address): each for each in (model.parameters.values() if model else ())}
         self._types = {_SOFTWARE: "string"} | {number: each.type or "s32" for number, each in known.items()}
         self._factors = {number: each.factor for number, each in known.items()}
@@ -85,7 +85,7 @@ class LecomDialect(Dialect):
 
     def _ask(self, place: RegisterPlace, **fields: Any) -> Ask:
         subcode, code = divmod(place.start, _SUBCODES)
-        is_long = subcode > 0 or code not in CODES  # two characters cannot express it (L p. 8-16, 8-18)
+        is_long = subcode > 0 or code not in CODES  # two characters cannot express this code (L p. 8-16, 8-18)
         request = Request(address=self.address, code=code, subcode=subcode, extended=is_long, **fields)
         return Ask(message=request, nameless=True, anonymous=True)
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class ModbusConversation(RegisterConversation):
-    """Reads and writes registers of one drive, or writes those of all drives at address 0."""
+    """Reads and writes of one drive's registers, or writes to those of all drives at address 0."""
 
     def __init__(self, dialect: ModbusDialect, memory: ModbusMemory) -> None:
         super().__init__(dialect, memory)

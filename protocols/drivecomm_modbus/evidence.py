@@ -44,7 +44,10 @@ class Evidence:
 
 
 class Series:
-    """The registers of one series, as defined by its model. options: of its drives; None for those of the model."""
+    """The registers of one series, as defined by its model.
+
+    options: options of its drives; None for those of the model.
+    """
 
     def __init__(self, model: Model, options: ModbusOptions | None = None) -> None:
         known = {each.name for each in fields(ModbusOptions)}

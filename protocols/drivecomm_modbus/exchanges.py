@@ -51,7 +51,7 @@ class ModbusOperations(RegisterOperations):
         for function in filter(None, tried):
             told = yield from unless_refused(self._identification(function), ReplyError)
             if told is None:
-                break  # it does not answer unknown functions
+                break  # the drive does not answer unknown functions
             if told:
                 return {**found, **told}
         return found

@@ -111,7 +111,7 @@ def _as_hex(request: Any) -> str:
 def _pair(mode: str, title: str, message: type[Any], commands: str, *leaves: Any, **how: Any) -> dict[str, Form[Any]]:
     """Return the two forms with and without a number.
 
-    commands: those of the form; a reply may have them in lower case.
+    commands: commands of the form; a reply may have them in lower case.
     """
     start, numbers = (b"(", _ASCII_NUMBERS) if mode == "ascii" else (b"/", _BINARY_NUMBERS)
     cases = [(each, False) for each in commands] + [(each, True) for each in commands if message is Reply]

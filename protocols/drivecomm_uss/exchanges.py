@@ -96,7 +96,10 @@ class UssOperations:
     def read(
         self, parameter: str, *, type: str = "", index: int | None = None, parameter_set: int = 1
     ) -> Exchange[Reading]:
-        """Read a parameter. type: U16, I16, U32, I32 or Float. index: of an array. parameter_set: of a NORD drive."""
+        """Read a parameter.
+
+        type: U16, I16, U32, I32 or Float. index: index of an array. parameter_set: parameter set of a NORD drive.
+        """
         return self._read(self._target(parameter, type=type, index=index, parameter_set=parameter_set))
 
     @needs_answer

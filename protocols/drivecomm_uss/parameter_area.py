@@ -60,7 +60,10 @@ def values_of(part: str, ind: str) -> range:
 
 @dataclass(frozen=True, slots=True)
 class ParameterArea:
-    """Conversion of the parameter area. direction: of the telegram. size: in words. ind: layout of the index word."""
+    """Conversion of the parameter area.
+
+    direction: direction of the telegram. size: in words. ind: layout of the index word.
+    """
 
     direction: Direction
     size: int

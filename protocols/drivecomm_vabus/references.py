@@ -92,7 +92,7 @@ class VabusReferences:
         backwards = signs == {True} or (len(signs) > 1 and ((yield from self._effective()) or 0) < 0)
         signed = -max(raw, 1) if backwards else raw
         meant = yield from self._meant_hz(wanted, signed)
-        # Write the other one first: if the line fails in between, the motor slows down.
+        # Write the other reference first: if the line fails in between, the motor slows down.
         if any(others.values()):
             yield from self._write(other, 0)
         yield from self._write(wanted, signed)
@@ -105,7 +105,7 @@ class VabusReferences:
         if shown is None or any(abs(shown - each) <= _HUNDREDTH for each in meant):
             return
         if shown or profile().status((yield from self._talk.look())).running:
-            # Restore the new one first, because the other one adds to it.
+            # Restore the new reference first, because the other one adds to it.
             yield from self._set_back(wanted, held, signed)
             yield from self._set_back(other, others, 0)
             raise StateError(
@@ -149,7 +149,7 @@ class VabusReferences:
                 "turn it round in; write it with store=True",
                 says="store=True",
             )
-        # The smallest number has no positive counterpart; no drive turns as fast as either.
+        # The smallest number has no positive counterpart, but no drive turns that fast.
         highest = range_of(wanted.type)[-1]
         yield from self._talk.select(wanted.number, dataset + 5, data_of(min(raw, highest), wanted.type))
 

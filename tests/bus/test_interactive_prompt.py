@@ -174,7 +174,7 @@ def test_modules_are_attributes_of_drivecomm():
     assert "AttributeError" in done.stderr
 
 
-def test_help_describes_a_maker_and_a_decorator():
+def test_help_describes_a_frozen_factory_and_a_decorator():
     assert new_reading.__doc__.startswith("Return a Reading")
     assert "parameter: its address" in new_reading.__doc__
     assert needs_answer.__name__ == "needs_answer"

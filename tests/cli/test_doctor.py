@@ -185,7 +185,7 @@ def test_wrong_baud_rate_over_rfc_2217_is_found(capsys):
 
 
 @pytest.mark.soak
-def test_doctor_reports_what_a_tcp_port_cannot_show(capsys):
+def test_doctor_reports_the_facts_that_a_tcp_port_hides(capsys):
     with served("tcp:127.0.0.1:0", virtual_drive("fuji", 1)) as address:
         port = f"socket://{address.rpartition('//')[2].removeprefix('tcp:')}"
         assert main(["doctor", port, *FEW]) == 0

@@ -680,7 +680,7 @@ def test_misspelt_protocol_is_reported_before_a_missing_port(shell, words, port)
 PUMP_AND_BLOWER = {"pump": "vabus:1", "blower": "modbus:12"}
 
 
-def test_drive_that_cannot_be_asked_is_not_reported_as_silent(shell, tmp_path):
+def test_drive_that_cannot_be_read_is_not_reported_as_silent(shell, tmp_path):
     shell.line(virtual_drive("vabus", 1))
     path = tmp_path / "plant.toml"
     drives = "".join(f'[[drive]]\nname = "{name}"\ndrive = "{at}"\n' for name, at in PUMP_AND_BLOWER.items())

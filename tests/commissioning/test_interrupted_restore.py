@@ -131,7 +131,7 @@ def test_resumed_restore_brings_back_the_same_bytes(seed, tmp_path):
     assert len(confirmed) == len(set(confirmed)), "nothing is written twice"
 
 
-def test_cuts_covered_all_ways_and_phases():
+def test_interruptions_cover_all_kinds_and_phases():
     if CUTS["courses"] < SEEDS:
         pytest.skip("only some courses were played")
     assert CUTS.total() - CUTS["courses"] >= SEEDS / 4

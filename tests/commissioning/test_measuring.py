@@ -338,7 +338,7 @@ def test_reply_time_close_to_the_timeout_is_noted():
         (PortReport(url="rfc2217://h:1", kind="RFC 2217", stable_name="rfc2217://h:1"), "an RFC 2217 connection"),
     ],
 )
-def test_port_finding_states_what_cannot_be_known(report, part):
+def test_port_finding_lists_the_unknown_facts(report, part):
     _, findings = diagnose(VirtualLine([virtual_drive("vabus", 1)]), report)
     assert problems(findings) == []
     assert any(part in one.text for one in findings if one.about == "port")

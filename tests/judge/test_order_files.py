@@ -58,7 +58,7 @@ def test_value_placeholder_has_a_default():
     assert order.words(order.tasks[0], "p", "12.5")[-1] == "12.5"
 
 
-def test_order_without_tasks_has_the_task_run():
+def test_order_without_tasks_gets_one_task_named_run():
     assert [task.name for task in JudgeOrder(drive=DRIVE, command=("{port}",)).tasks] == ["run"]
 
 

@@ -119,7 +119,7 @@ def test_fields_of_every_protocol_are_json(protocol, caplog):
     assert all(json.dumps(record.fields) for record in caplog.records)
 
 
-def test_tell_all_of_up_to_one_function_adds_no_wrapper():
+def test_combine_traces_adds_no_wrapper_to_a_single_function():
     seen = []
     assert combine_traces() is None
     assert combine_traces(None, None) is None

@@ -391,7 +391,7 @@ class TestStatus:
         assert [report.exit_code for report in reports] == [3, 3, 0, 0]
         assert tried == ["hall"]
 
-    def test_status_asks_all_lines_concurrently(self):
+    def test_status_reads_all_lines_concurrently(self):
         virtual = VirtualPlant(PLANT)
         both = Barrier(2, timeout=20)
 
@@ -516,7 +516,7 @@ def test_plant_file_with_its_drives_in_one_list_cannot_be_extended(tmp_path):
     assert path.read_text() == before
 
 
-def test_write_whole_replaces_the_file_completely(tmp_path):
+def test_write_atomically_replaces_the_whole_file(tmp_path):
     path = tmp_path / "plant.toml"
     write_atomically(path, "one")
     write_atomically(path, "three")
@@ -536,7 +536,7 @@ def test_writability_is_checked_without_leaving_a_file(tmp_path):
         must_be_writable(Path("/proc/plant.toml"))
 
 
-def test_write_whole_keeps_the_old_file_after_an_error(tmp_path, monkeypatch):
+def test_write_atomically_keeps_the_old_file_after_an_error(tmp_path, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 

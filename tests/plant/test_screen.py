@@ -375,7 +375,7 @@ def test_capital_s_key_stops_without_confirmation():
 
 @pytest.mark.soak
 @pytest.mark.parametrize("key", ["p", "t"])
-def test_capital_s_key_stops_from_every_screen_except_a_question(key):
+def test_capital_s_key_stops_from_every_screen_except_a_confirmation(key):
     async def scene():
         async with watched(started(plant_of(PUMP, FAN), "fan")) as watch:
             await watch.press("down", "s", "S")

@@ -51,7 +51,7 @@ def test_drive_that_does_not_answer_is_silent(parameter, error):
 
 @pytest.mark.parametrize("parameter", [STATUS, "481"])
 @pytest.mark.parametrize("error", [OvertakenError("a stop went first"), LineBusyError("busy")])
-def test_drive_that_was_not_asked_keeps_its_reachability(parameter, error):
+def test_drive_without_a_request_keeps_its_reachability(parameter, error):
     """Otherwise a silent drive would be shown as answering while other requests hold the line."""
     for known in (seen(reachability="silent", error=SILENT), seen(reachability="answers", status=READY)):
         assert known.view_after(result(parameter, error), str(error)) is known.view

@@ -16,7 +16,7 @@ class Value:
     counted: list[int] = field(default_factory=list)
 
 
-def test_maker_builds_the_same_value_as_the_constructor():
+def test_frozen_factory_builds_the_same_value_as_the_constructor():
     made = frozen_factory(Value)(drive="fan", number=3, counted=[1])
     assert made == Value(drive="fan", number=3, counted=[1])
     assert type(made) is Value
@@ -24,7 +24,7 @@ def test_maker_builds_the_same_value_as_the_constructor():
     assert replace(made, number=4).number == 4
 
 
-def test_reading_by_its_maker_equals_one_by_the_constructor():
+def test_reading_from_its_factory_equals_one_from_the_constructor():
     given = {"parameter": "481", "value": Decimal("1.5"), "raw": 15, "unit": "A", "type": "I16", "name": "current"}
     made = new_reading(**given)
     assert made == Reading(**given)
@@ -34,7 +34,7 @@ def test_reading_by_its_maker_equals_one_by_the_constructor():
     }  # fmt: skip
 
 
-def test_value_by_a_maker_is_immutable():
+def test_value_from_a_frozen_factory_is_immutable():
     made = frozen_factory(Value)(drive="fan", counted=[])
     with pytest.raises(FrozenInstanceError):
         made.number = 5
@@ -43,12 +43,12 @@ def test_value_by_a_maker_is_immutable():
 
 
 @pytest.mark.parametrize("given", [{}, {"drive": "fan"}, {"drive": "fan", "counted": [], "other": 1}])
-def test_maker_refuses_missing_and_unknown_fields(given):
+def test_frozen_factory_refuses_missing_and_unknown_fields(given):
     with pytest.raises(TypeError):
         frozen_factory(Value)(**given)
 
 
-def test_class_with_post_init_has_no_maker():
+def test_class_with_post_init_has_no_frozen_factory():
     @dataclass(frozen=True, slots=True, kw_only=True)
     class Checked:
         number: int

@@ -98,7 +98,7 @@ def test_contradicting_indices_are_refused() -> None:
         target("502[1]", None, 2)
 
 
-def test_reading_notes_what_is_unknown_or_derived() -> None:
+def test_reading_has_notes_on_unknown_and_derived_facts() -> None:
     bare = reading_of(target("516", None), Decimal("23.750"))
     assert (bare.value, bare.raw, bare.unit, bare.note) == (Decimal("23.75"), "23.750", "", "unit not known")
     known = reading_of(target("516", MODEL), Decimal(80))

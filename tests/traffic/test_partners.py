@@ -8,7 +8,7 @@ from drivecomm.traffic.cohabitation import line_drives_of
 
 
 @pytest.mark.parametrize(("protocol", "address", "fields"), ADDRESSED)
-def test_partner_takes_only_messages_for_its_address(protocol, address, fields):
+def test_drive_on_a_shared_line_accepts_only_messages_for_its_address(protocol, address, fields):
     message = framed(protocol, fields).message
     drives = (DriveConfig(protocol=protocol, address=at) for at in (address, installed[protocol].addresses[-1]))
     assert [partner.is_meant(message) for partner in line_drives_of(drives)] == [True, False]

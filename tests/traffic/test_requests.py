@@ -75,7 +75,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("name", "message", "asks"), CASES, ids=str)
-def test_only_asks_is_true_for_reads_alone(name, message, asks):
+def test_intent_only_asks_is_true_for_reads_only(name, message, asks):
     plugin = installed[name]
     assert plugin.intent(message).only_asks is asks
 
@@ -91,7 +91,7 @@ def _asked(exchange):
 
 
 @pytest.mark.parametrize("plugin", EVERYBODY, ids=lambda plugin: plugin.name)
-def test_probes_and_reads_of_a_scan_only_ask(plugin):
+def test_intent_of_probes_and_reads_is_to_ask_only(plugin):
     model = load_model(plugin.package, plugin.name, plugin.default_model)
     address = address_of(plugin.name)
     options = drive_type(plugin.name, address, model=model, options={}).options
@@ -140,7 +140,7 @@ def test_packaged_requests_are_decoded_and_judged(plugin, vector):
     assert only_asks(vector.data, EVERYBODY) <= plugin.intent(found[plugin.name]).only_asks
 
 
-def test_bytes_that_are_not_a_request_do_not_only_ask():
+def test_only_asks_is_false_for_bytes_that_are_not_a_request():
     assert not only_asks(b"", EVERYBODY)
     assert not only_asks(b"hello", EVERYBODY)
     assert not only_asks(bytes.fromhex("04 41 30 30 34 38 31 05"), [])
@@ -151,7 +151,7 @@ def test_protocol_without_intent_is_not_trusted():
     assert not only_asks(bytes.fromhex("04 41 30 30 34 38 31 05"), [silent])
 
 
-def test_described_shows_bytes_drive_and_kind_of_a_request():
+def test_request_as_text_shows_bytes_drive_and_kind():
     assert (
         request_as_text(bytes.fromhex("04 41 30 30 34 38 31 05"), EVERYBODY)
         == "04 41 30 30 34 38 31 05 (vabus:1 enquiry)"

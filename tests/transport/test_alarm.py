@@ -1,4 +1,4 @@
-"""The alarm: never early, more precise than sleep, usable as a descriptor in a loop, and closed with its port."""
+"""The kernel timer: never early, more precise than sleep, usable as a descriptor, and closed with its port."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ def readable(alarm, wait_s=0.0):
 
 @linux
 class TestAlarm:
-    def test_alarm_never_rings_early(self, alarm):
+    def test_timer_never_ends_early(self, alarm):
         for _ in range(100):
             until = time.monotonic() + 0.001
             alarm.wait(until)
             assert time.monotonic() >= until
 
-    def test_alarm_is_more_precise_than_sleep(self, alarm):
+    def test_timer_is_more_precise_than_sleep(self, alarm):
         """Sleep ends at least 50 us late; on a busy machine both are worse, so the quickest of many count."""
 
         def overshoots(wait):
@@ -50,18 +50,18 @@ class TestAlarm:
         awake = statistics.quantiles(overshoots(alarm.wait), n=10)[0]
         assert awake < asleep
 
-    def test_alarm_in_the_past_does_not_wait(self, alarm):
+    def test_timer_set_to_the_past_does_not_wait(self, alarm):
         began = time.monotonic()
         alarm.wait(began - 10)
         alarm.wait(float("-inf"))
         assert time.monotonic() - began < 0.5
 
     @pytest.mark.parametrize("until", [0.0, -1.0, float("-inf")])
-    def test_alarm_with_a_time_of_zero_or_less_rings_immediately(self, alarm, until):
+    def test_timer_set_to_zero_or_less_ends_immediately(self, alarm, until):
         alarm.set(until)
         assert readable(alarm, 1.0)
 
-    def test_select_loop_can_watch_an_alarm(self, alarm):
+    def test_select_loop_can_watch_a_timer(self, alarm):
         began = time.monotonic()
         alarm.set(began + 0.02)
         assert not readable(alarm)
@@ -71,7 +71,7 @@ class TestAlarm:
         alarm.set(began + 1000)
         assert not readable(alarm)
 
-    def test_alarm_can_be_cleared_before_and_after_it_rings(self, alarm):
+    def test_timer_can_be_cleared_before_and_after_its_end(self, alarm):
         alarm.set(time.monotonic() + 0.01)
         alarm.clear()
         assert not readable(alarm, 0.03)
@@ -80,23 +80,23 @@ class TestAlarm:
         alarm.clear()
         assert not readable(alarm)
 
-    def test_infinite_alarm_never_rings(self, alarm):
+    def test_infinite_timer_never_ends(self, alarm):
         alarm.set(float("inf"))
         assert not readable(alarm)
 
-    def test_alarm_is_not_inherited_by_another_program(self, alarm):
+    def test_timer_is_not_inherited_by_another_program(self, alarm):
         code = f"import os; os.fstat({alarm.descriptor})"
         ran = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, close_fds=False)
         assert b"Bad file descriptor" in ran.stderr
 
-    def test_alarm_may_be_closed_twice(self):
+    def test_timer_may_be_closed_twice(self):
         alarm = open_timer()
         alarm.close()
         alarm.close()
 
 
 @pytest.mark.parametrize("lacking", ["system", "function", "descriptors"])
-def test_port_waits_without_an_alarm_on_systems_that_lack_it(lacking, monkeypatch):
+def test_port_waits_without_a_timer_on_systems_that_lack_it(lacking, monkeypatch):
     if lacking == "system":
         monkeypatch.setattr(alarm_module.sys, "platform", "darwin")
     elif lacking == "function":
@@ -116,7 +116,7 @@ def test_port_waits_without_an_alarm_on_systems_that_lack_it(lacking, monkeypatc
     port.close()
 
 
-def test_closed_port_closes_its_alarm():
+def test_closed_port_closes_its_timer():
     """The watch over all tests in this folder detects descriptors that stay open."""
     port = SerialPort("loop://")
     port.wait(port.now() + 0.002)

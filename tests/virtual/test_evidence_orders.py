@@ -36,7 +36,7 @@ def send_requests(plant, name, times=1):
     line.advance(1)
 
 
-def test_telegrams_are_returned_from_a_number_on():
+def test_telegrams_are_returned_from_the_requested_number_on():
     plant = plant_of("hall")
     send_requests(plant, "hall")
     first = order(plant, "telegrams")
@@ -128,7 +128,7 @@ def test_state_contains_motor_and_line_settings():
 
 
 @pytest.mark.parametrize("name", ["telegrams", "violations", "counters", "state"])
-def test_evidence_order_changes_nothing(name):
+def test_query_order_changes_nothing(name):
     plant = plant_of("hall")
     send_requests(plant, "hall")
     before = order(plant, "show")

@@ -135,7 +135,7 @@ class TestPlaces:
             assert answered(master)[:-1] == VALUE
 
     @pytest.mark.parametrize("listen", ["tcp::0", "rfc2217::0", "pty:line"])
-    def test_closed_listener_does_nothing(self, listen, tmp_path, monkeypatch):
+    def test_closed_listener_receives_and_sends_nothing(self, listen, tmp_path, monkeypatch):
         monkeypatch.chdir(tmp_path)
         listener = parse_listen(listen)
         assert listener.receive(0.0) == b""

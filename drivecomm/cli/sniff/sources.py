@@ -44,7 +44,7 @@ def pieces_from(port: ListeningPort, settings: LineSettings, seconds: float | No
 
 @dataclass(slots=True)
 class DetectionListener:
-    """Listens to a port with changing settings, for the detection of line settings."""
+    """Listener at a port with changing settings, for the detection of line settings."""
 
     port: ListeningPort
 

@@ -43,7 +43,7 @@ def stop_protocol_of(bus: BlockingLine, name: str, how: Stop, tell: OnResult, *,
                 return unreached
             told = StopResult(protocol=name, how=how, error=error)
     except ServerLostError:
-        # The caller tries another way.
+        # The caller then tries another way to stop the drives.
         raise
     except Exception as error:  # noqa: BLE001 - a broken package must not block the stops of other protocols
         told = StopResult(protocol=name, how=how, error=error)

@@ -1,4 +1,4 @@
-"""Observation of an idle port: noise, and an adapter that hands back what it sends."""
+"""Observation of an idle port: noise, and an adapter that echoes its own bytes."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class IdleObservation:
 
     @property
     def echoes(self) -> bool:
-        """Whether the adapter hands back what it sends."""
+        """Whether the adapter echoes the bytes that it sends."""
         return self.echo == "expect" or any(trial.kind == "whole" for trial in self.trials)
 
 

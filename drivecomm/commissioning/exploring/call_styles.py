@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 def explore(
     drive: Drive, way: ExplorationPlan, asks: Asks, logbook: AnswerRecord | None = None, *, progress: Progress = unseen
 ) -> list[AddressAnswer]:
-    """Request all addresses of a course from a drive; return the answers in its order.
+    """Request all addresses of an exploration plan from a drive; return the answers in its order.
 
     asks: returns the request for an address, such as `drivecomm.bus.read_parameter`. logbook: record of the answers,
     from which a later call resumes after an interruption. Raises FileFormatError for a logbook of another drive,
@@ -37,7 +37,7 @@ async def explore_async(
     *,
     progress: Progress = unseen,
 ) -> list[AddressAnswer]:
-    """Request all addresses of a course from a drive; see `explore`."""
+    """Request all addresses of an exploration plan from a drive; see `explore`."""
     return await carry_out_async(drive, _exploring(way, asks, logbook or NoAnswerRecord(), progress))
 
 

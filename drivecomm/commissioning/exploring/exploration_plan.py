@@ -76,7 +76,7 @@ def course(
 
 
 def chosen_course(plugin: Protocol, model: Model | None, addresses: Iterable[str]) -> ExplorationPlan:
-    """Return a course with these addresses and no others."""
+    """Return a plan with these addresses only."""
     _, options = resolve_options(plugin, model, {})
     space = plugin.address_space(options, model) if plugin.address_space is not None else None
     return ExplorationPlan(
@@ -90,7 +90,7 @@ def chosen_course(plugin: Protocol, model: Model | None, addresses: Iterable[str
 
 
 def without_elements(way: ExplorationPlan) -> ExplorationPlan:
-    """Return a course that requests only whole parameters, for drives that describe elements with their parameter."""
+    """Return a plan that requests only whole parameters, for drives that describe elements with their parameter."""
     return replace(way, elements=_none)
 
 

@@ -1,7 +1,7 @@
 """Exploration of a drive, address by address, by reads that cannot move a motor; may take hours.
 
-A refusal counts as an answer. A drive that falls silent is asked again after a pause. The answers so far are recorded,
-so that a later run resumes from there. Other callers may use the line between two requests.
+A refusal counts as an answer. Requests to a drive that falls silent are repeated after a pause. The answers so far
+are recorded, so that a later run resumes from there. Other callers may use the line between two requests.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from drivecomm.commissioning.exploring.logbook import AnswerRecord
 
 PAUSES_S = (1.0, 2.0, 5.0, 10.0, 30.0)
-"""Pauses in seconds before a silent drive is asked again; replacing a fuse or a restart takes less than their sum."""
+"""Pauses in seconds between requests to a silent drive; replacing a fuse or a restart takes less than their sum."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,7 +64,7 @@ def unseen(_step: ExplorationStep) -> None:
 def exploring(
     way: ExplorationPlan, asks: Asks, logbook: AnswerRecord, progress: Progress
 ) -> Procedure[list[AddressAnswer]]:
-    """Request all addresses of a course; return the answers in its order.
+    """Request all addresses of an exploration plan; return the answers in its order.
 
     Raises NoReplyError if the drive stays silent, and LinkError if the line is lost.
     """

@@ -25,7 +25,7 @@ class ExplorationForecast:
 
 
 def forecasting(way: ExplorationPlan, *, remembered: int = 0) -> Procedure[ExplorationForecast]:
-    """Request the status of a drive a few times, and forecast the duration of the whole course.
+    """Request the status of a drive a few times, and forecast the duration of the whole exploration.
 
     remembered: number of addresses that already have an answer. Raises ReplyError for a drive that does not answer.
     """

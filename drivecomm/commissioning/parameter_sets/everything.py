@@ -32,7 +32,7 @@ def backup_plan(of: SetSubject, within: Collection[str] | None = None) -> Explor
 def reading_everything(
     of: SetSubject, way: ExplorationPlan, logbook: AnswerRecord, progress: Progress
 ) -> Procedure[ParameterSet]:
-    """Request all addresses of a course, with reads only, and return the answers as a parameter set.
+    """Request all addresses of an exploration plan, with reads only, and return the answers as a parameter set.
 
     Raises FileFormatError if the logbook has answers of another drive, NoReplyError if the drive stays silent, and
     LinkError if the line is lost. The logbook keeps the answers received until then.

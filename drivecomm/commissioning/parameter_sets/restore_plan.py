@@ -41,7 +41,7 @@ _NO_LIMIT = frozenset({"warning"})
 
 
 def stage_of(info: ParameterInfo, common: str, watchdog: Watchdog | None = None) -> Stage:
-    """Return the stage of a parameter. common: its common name, empty without one. watchdog: of its model."""
+    """Return the stage of a parameter. common: its common name, empty without one. watchdog: watchdog of its model."""
     if watchdog is not None and info.address in (watchdog.time, watchdog.action):
         return Stage.WATCHDOG
     words = frozenset(info.name.split("_"))

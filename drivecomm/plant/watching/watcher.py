@@ -51,7 +51,7 @@ _TREND_PERIODS = 60
 
 
 class Watcher:
-    """Watches drives, as an asynchronous context manager that holds their lines open; sends no commands by itself.
+    """Watcher of drives: an asynchronous context manager that holds their lines open; sends no commands by itself.
 
     names: common names to read from each drive whose model maps them. period_s: seconds between reads. told: called
     with every result, the status as a result with the name "status". A drive or a line that fails is shown as silent,
@@ -141,7 +141,7 @@ class Watcher:
         return _TREND_PERIODS * max(1.0, self.period_s)
 
     def cells(self, drive: str, name: str, number: int) -> list[float | None]:
-        """Return the course of a quantity up to now in a number of cells; None where the drive gave no value."""
+        """Return the curve of a quantity up to now in N cells; None in a cell without a value."""
         seen = self._seen[drive]
         trend = seen.trends.get(name)
         if trend is None:

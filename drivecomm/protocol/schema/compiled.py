@@ -38,7 +38,7 @@ M = TypeVar("M", bound="Message")
 def reader(form: Form[M]) -> Callable[[bytes], M] | None:
     """Return a function that reads a form's telegram; None if a leaf cannot be expressed in code.
 
-    For bytes that are not such a telegram, the function raises a Fault if it knows the gravest one, otherwise any
+    For bytes that are not such a telegram, the function raises a LeafFault if it knows the gravest one, otherwise any
     exception.
     """
     if not _is_compilable(form):

@@ -112,7 +112,7 @@ class Leaf(_Construct):
         self._write = write
 
     def take_at(self, place: int, size: int, data: bytes) -> Any:
-        """Return the value of this leaf, with this size, at a place of a telegram. Raises Fault."""
+        """Return the value of this leaf, with this size, at a place of a telegram. Raises LeafFault."""
         found = data[place : place + size]
         if len(found) < size:
             raise cut_off(size, found)
@@ -130,7 +130,7 @@ class Leaf(_Construct):
         return None
 
     def write_behind(self, before: bytes, value: Any, context: Any = None) -> bytes:  # noqa: ARG002 - check leaves use it
-        """Return the characters for a value. Raises Fault.
+        """Return the characters for a value. Raises LeafFault.
 
         before: the characters of the leaves before this one. context: the values of all leaves.
         """
@@ -148,7 +148,7 @@ class Leaf(_Construct):
         return written
 
     def size_in(self, context: Any, left: int) -> int:
-        """Return the number of characters in this leaf. Raises Fault.
+        """Return the number of characters in this leaf. Raises LeafFault.
 
         context: the values of the fields before it. left: the number of characters that are left for it.
         """

@@ -45,7 +45,7 @@ class _Constant(Leaf):
         self.words = {data: None}
 
     def take_at(self, place: int, size: int, data: bytes) -> None:
-        """Raise Fault unless the bytes are there."""
+        """Raise LeafFault unless the telegram has these bytes at this place."""
         if fault := self.fault_at(place, size, data):
             raise fault
 
@@ -315,7 +315,7 @@ class CheckCharacters(Leaf):
         self.compute = compute
 
     def take_at(self, place: int, size: int, data: bytes) -> bytes:
-        """Return the check characters as found. Raises Fault if they are wrong."""
+        """Return the check characters as found. Raises LeafFault if they are wrong."""
         if fault := self.fault_at(place, size, data):
             raise fault
         return data[place : place + size]

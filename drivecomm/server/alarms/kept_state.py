@@ -23,7 +23,10 @@ _FORMAT = 1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StoredAlarms:
-    """The state of all alarms. number: of the last alarm. alarms: the standing ones. waiting: undelivered alarms."""
+    """The state of all alarms.
+
+    number: number of the last alarm. alarms: the standing ones. waiting: undelivered alarms.
+    """
 
     number: int = 0
     alarms: tuple[Alarm, ...] = ()

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 class Alarms:
     """The alarms of these rules, including alarms that stood before.
 
-    run: a word that is unique to this run of the server. number: of the last alarm before. now_s: seconds of a
+    run: a word that is unique to this run of the server. number: number of the last alarm before. now_s: seconds of a
     monotonic clock. time_s: seconds since 1970.
     """
 

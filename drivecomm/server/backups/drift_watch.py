@@ -76,7 +76,7 @@ class DriftWatch:
     async def look(self, shelf: Shelf, began_s: Mapping[str, float], drives: Collection[str]) -> None:
         """Compare the drives whose baseline files have changed with their newest backups. Raises nothing.
 
-        began_s: when the last readings of drives began, by name. drives: those that are backed up.
+        began_s: when the last readings of drives began, by name. drives: drives that are backed up.
         """
         for name in self._core.drift.keys() - self._names():
             del self._core.drift[name]
@@ -101,7 +101,8 @@ class DriftWatch:
     ) -> None:
         """Compare a drive with its current baseline.
 
-        stamp: of the baseline file, taken before. last: returns the last reading; None if the drive is not backed up.
+        stamp: stamp of the baseline file, taken before. last: returns the last reading; None if the drive is not backed
+        up.
         """
         before = self._core.drift.get(drive.name, NOT_COMPARED)
         writers: Mapping[str, str] = {}

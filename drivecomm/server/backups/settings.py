@@ -34,8 +34,8 @@ class BackupSettings:
     """Backup settings of one drive.
 
     every_s: period in seconds between backups of its parameters. keep: number of files of each kind that are retained.
-    everything_s: period in seconds between full readings; None for never. share: of its line's time, above 0 and up to
-    1.
+    everything_s: period in seconds between full readings; None for never. share: share of its line's time, above 0 and
+    up to 1.
     """
 
     every_s: float = 86400.0
@@ -46,7 +46,10 @@ class BackupSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlantBackups:
-    """Backup settings of a plant. folder: of the files. git: commit each change. drives: backed-up drives, by name."""
+    """Backup settings of a plant.
+
+    folder: folder of the files. git: commit each change. drives: backed-up drives, by name.
+    """
 
     folder: Path
     git: bool

@@ -61,7 +61,7 @@ class Identity:
                 await connection.publish(BrokerMessage(topic=self._asked_topic, payload=json_text(asking.word)))
                 holder = await asking.holder()
         except IdentityRefused:
-            # This broker admits only known client ids, so it cannot be asked. It admits each id only once anyway.
+            # This broker admits only configured client ids, each of them once, so no other gateway has this identity.
             return
         if holder is not None:
             raise UsageError(

@@ -26,7 +26,7 @@ async def acknowledge_over_broker(
 ) -> dict[str, Any]:
     """Acknowledge an alarm by its id, and return it in plain form.
 
-    token: of a user of the plant, empty for an anonymous caller. Raises UsageError for an unknown plant,
+    token: token of a user of the plant, empty for an anonymous caller. Raises UsageError for an unknown plant,
     NotAllowedError with the server's reason if it refuses, ServerLostError if it does not respond, LinkError for a
     broker that cannot be reached.
     """

@@ -74,7 +74,7 @@ class FleetSubscription:
         try:
             await self._hear_by(self._settings)
         except VersionRefused:
-            # Receiving works the same in both versions.
+            # Receiving works the same in both versions of MQTT.
             self._settings = replace(self._settings, version=OLDER)
             await self._hear_by(self._settings)
 

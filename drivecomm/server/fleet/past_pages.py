@@ -1,4 +1,4 @@
-"""Content of the fleet's page from a record: alarms of all plants, and the course of a quantity as a picture."""
+"""Content of the fleet's page from a record: alarms of all plants, and the curve of a quantity as a picture."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class RecordPages:
         return await asyncio.to_thread(read)
 
     async def trend(self, plant: str, drive: str, quantity: str, seconds: float) -> str:
-        """Return the course of a quantity over the last `seconds`, as SVG."""
+        """Return the curve of a quantity over the last `seconds`, as SVG."""
 
         def read() -> str:
             now = time.time()

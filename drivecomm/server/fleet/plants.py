@@ -82,8 +82,8 @@ class FleetAlarm(NamedTuple):
 class PlantSummary(NamedTuple):
     """The summary of a plant. read_s: when a status was last read, None without one.
 
-    alarms: number of standing alarms. version: of drivecomm. file, file_sha256, file_read_s: the plant file that its
-    server has read, and the time of reading; empty and None if not published.
+    alarms: number of standing alarms. version: version of drivecomm. file, file_sha256, file_read_s: the plant file
+    that its server has read, and the time of reading; empty and None if not published.
     """
 
     name: str
@@ -103,7 +103,7 @@ class PlantSummary(NamedTuple):
 
 @dataclass(slots=True)
 class FleetPlant:
-    """One plant. name: of its level among the topics, or of several levels, joined by /."""
+    """One plant. name: name of its level among the topics, or of several levels, joined by /."""
 
     name: str
     gateway: Gateway = "unknown"
@@ -158,7 +158,7 @@ class Fleet:
         self.plants: dict[str, FleetPlant] = {}
         self.unreadable = 0
         """Number of unreadable messages."""
-        # The plant of each drive that publishes elsewhere than at PLANT/DRIVE, by that place.
+        # By topic: the plant of each drive that publishes at another topic than PLANT/DRIVE.
         self._plant_at: dict[str, str] = {}
         self.depths = frozenset({1})
         """Numbers of levels above drives; grows as plants publish the topics of their drives."""

@@ -107,7 +107,7 @@ class History:
     def points(
         self, drive: str, name: str, from_s: float | None = None, to_s: float | None = None, points: int = 500
     ) -> list[CoursePoint]:
-        """Return the course of a quantity in about `points` points, in the order of time.
+        """Return the curve of a quantity in about `points` points, in the order of time.
 
         Each period contributes its first and last value, its lowest and highest, and where gaps begin and end: in a gap
         the value is None. Raises UsageError as `values` does.

@@ -23,7 +23,10 @@ _LARGEST_WHOLE = 2**63 - 1
 
 
 class StoredQuantity(NamedTuple):
-    """One quantity of one drive, in one unit. address: of the parameter, empty if only failed readings are known."""
+    """One quantity of one drive, in one unit.
+
+    address: address of the parameter, empty if only failed readings are known.
+    """
 
     drive: str
     name: str

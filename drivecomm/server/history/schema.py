@@ -2,7 +2,7 @@
 
 Values arrive in the order of time and are read by quantity, and both must be fast. New values are added to `recent`.
 When `recent` holds ROWS_A_SEGMENT rows, they move into `value` as one segment, sorted by quantity. So the disk writes
-every row twice, sequentially, instead of scattered pages for each value; the course of a quantity is one short block of
+every row twice, sequentially, instead of scattered pages for each value; the curve of a quantity is one short block of
 each segment; and old values are deleted as whole segments. Within a segment, rows and times count from its beginning,
 and each remark on values (quality, text and note) is stored once.
 """

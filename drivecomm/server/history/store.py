@@ -129,9 +129,9 @@ class HistoryFile:
         return True
 
     def drop_oldest(self, *, before_s: float, megabytes: float) -> bool:
-        """Delete one portion of data that are too old or exceed the size limit; return whether more may be left.
+        """Delete one portion of data that is too old or exceeds the size limit; return whether more may be left.
 
-        before_s: data from before this time are too old.
+        before_s: data from before this time is too old.
         """
         limit, before_ms = megabytes * 1e6, round(before_s * 1000)
         pages, free, size = (

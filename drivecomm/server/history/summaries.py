@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 class PeriodSummary:
     """The summary of one period, in seconds since 1970 and in the unit of the number.
 
-    number, total, lowest, highest: of the values that were read in it; a value at its end belongs to the next period.
-    at_begin: the number at the beginning, None before the first value. area, known_s: the integral over the time in
-    which the number is known, and the length of that time. has_gap: values were missing. is_held: the number was held
-    constant after the last value.
+    number, total, lowest, highest: count, sum, minimum and maximum of the values that were read in it; a value at its
+    end belongs to the next period. at_begin: the number at the beginning, None before the first value. area, known_s:
+    the integral over the time in which the number is known, and the length of that time. has_gap: values were missing.
+    is_held: the number was held constant after the last value.
     """
 
     begin_s: float
@@ -95,7 +95,7 @@ def summarized(points: Iterable[CoursePoint], stretches: Sequence[tuple[float, f
 
 
 class _Course:
-    """The summaries while the course of the number is being added."""
+    """Builder of the summaries from the curve of a number."""
 
     def __init__(self, found: list[PeriodSummary]) -> None:
         self.found = found
@@ -107,7 +107,7 @@ class _Course:
             each.add(now.value)
 
     def go_on(self, last: _Known, now: _Known) -> None:
-        """Add the linear course from one value to the next."""
+        """Add the straight line from one value to the next."""
         if last.time_s == now.time_s:
             return
         slope = (now.value - last.value) / (now.time_s - last.time_s)
@@ -120,7 +120,7 @@ class _Course:
                 each.at_begin = last.value + slope * (each.begin_s - last.time_s)
 
     def hold(self, last: _Known) -> None:
-        """Add the constant course after the last value."""
+        """Add the constant line after the last value."""
         for each in self._between(last.time_s, math.inf):
             known_s = each.end_s - max(last.time_s, each.begin_s)
             each.area += last.value * known_s

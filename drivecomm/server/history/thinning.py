@@ -1,4 +1,4 @@
-"""Thinning of a quantity's course to few points, without losing any that stands out. No I/O, no clock."""
+"""Thinning of a quantity's curve to few points, without losing any that stands out. No I/O, no clock."""
 
 from __future__ import annotations
 

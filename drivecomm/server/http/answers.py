@@ -47,19 +47,21 @@ _Policy: Any = LinkLoss
 _DriftKind: Any = DriftKind
 _LEASE = {"drive": str, "holder": str, "door": str, "until_s": float, "yours": bool}
 
-Error = _model("Error", "kind: of the tree of errors that Python callers get.", kind=str, text=str, exit_code=int)
+Error = _model(
+    "Error", "kind: class of the error in the error tree of the Python library.", kind=str, text=str, exit_code=int
+)
 ANSWER = {"id": str, "outcome": _Outcome, "result": Any, "error": Error | None}
 Problem = _model(
-    "Problem", "RFC 9457. id, outcome, result: of a command that was not done; failed: the drive said no, open: it was "
-    "sent, and whether the drive acted is not known.",
+    "Problem", "RFC 9457. id, outcome, result: only for a command that was not carried out; failed: the drive refused; "
+    "open: the command was sent, and it is unknown whether the drive has acted.",
     title=str, status=int, detail=str, error=Error, id=(str, _ABSENT), outcome=(_Outcome, _ABSENT),
     result=(Any, _ABSENT),
 )  # fmt: skip
 _Scalar = int | float | str
 ReadingAnswer = _plain(Reading, value=_Scalar, quality=Quality)
 Value = _model(
-    "Value", "The latest of one quantity. source_s: when the reply with it had arrived. machine_value: of a frequency, "
-    "the speed of the drive's machine, where the plant file says its unit.",
+    "Value", "The latest value of one quantity. source_s: when the reply with the value arrived. machine_value: for a "
+    "frequency, the speed of the drive's machine, if the plant file gives its unit.",
     drive=str, name=str, quality=ResultQuality, cause=str, time_s=float, source_s=_Number, age_s=_Number,
     reading=ReadingAnswer | None, machine_value=(float, _ABSENT), machine_unit=(str, _ABSENT),
 )  # fmt: skip
@@ -77,15 +79,15 @@ Leases: Any = _many(Lease)
 OwnLease = _model("OwnLease", **_LEASE, key=str)
 EndedLease = _model("EndedLease", drive=str)
 Drive: Any = _model(
-    "Drive", "may: the verbs that you may use. late: its line had no time to ask for its status, which may have "
-    "changed since. policies: with which link-loss policies it can be started. monitoring_only: its model has no "
-    "orders, so it can only be read. fault_log: what the drive remembered of its faults when it was asked last, the "
-    "newest first. kept: the link-loss policy under which the server keeps the motor running. standing_stop: the stop "
-    "that is retried until the drive confirms it, or that a door demands; null without one. drift: whether it is set "
-    "as approved, and how many parameters differ; null if not compared. machine_unit: what its machine "
-    "counts, empty if the plant file does not say; actual_machine: the actual frequency of the status in it.",
+    "Drive", "may: the verbs that you may use. late: its line had no time to poll its status, which may have changed "
+    "since. policies: link-loss policies with which it can be started. monitoring_only: its model has no commands, so "
+    "it can only be read. fault_log: the drive's fault log as last read, the newest entry first. kept: the link-loss "
+    "policy under which the server keeps the motor running. standing_stop: the stop that is retried until the drive "
+    "confirms it, or that a door demands; null without one. drift: whether its settings are as approved, and the "
+    "number of parameters that differ; null if not compared. machine_unit: the unit of its machine, empty if the "
+    "plant file gives none; actual_machine: the actual frequency of the status in this unit.",
     name=str, drive=str, line=str, title=str, groups=list[str], model=str, armed=bool, read_only_reason=str,
-    link_loss=_model("LinkLossPolicy", "What the plant file says.", policy=_Policy, watchdog_s=float) | None,
+    link_loss=_model("LinkLossPolicy", "The policy in the plant file.", policy=_Policy, watchdog_s=float) | None,
     policies=_many(_Policy), monitoring_only=bool, fault_log=_many(_plain(RememberedFault)), may=list[str],
     reachability=Literal["asking", "answers", "silent"], state=_Text, status=_plain(DriveStatus) | None,
     machine_unit=str, actual_machine=_Number, fault=str,
@@ -96,12 +98,12 @@ Drive: Any = _model(
 )  # fmt: skip
 Drives: Any = _many(Drive)
 Drift: Any = _model(
-    "Drift", "What differs in a drive from its baseline, as its last backup showed it. not comparable: nothing is "
-    "known to differ, but not all could be compared. changed: how many parameters differ; null if not compared. "
-    "since_s: of a change, the first backup with the value of now; of the drive, the earliest of those. cause: "
-    "why there is no comparison. replaced: how one sees that it is another drive. restore: the command that gives it "
-    "the approved set. untold: what it told of itself when it was approved, and does not tell now. equal: how many "
-    "parameters are as approved. compared_s: when the drive was read.",
+    "Drift", "Differences between a drive and its baseline, as its last backup showed them. not comparable: no "
+    "difference is known, but not all parameters could be compared. changed: number of parameters that differ; null "
+    "if not compared. since_s: for a change, the time of the first backup with the present value; for the drive, the "
+    "earliest of these. cause: why there is no comparison. replaced: the evidence that it is another drive. restore: "
+    "the command that writes the approved set to it. untold: identity fields that it reported when it was approved, "
+    "and does not report now. equal: number of parameters as approved. compared_s: when the drive was read.",
     drive=str, state=_DriftKind, text=str, changed=int | None, since_s=_Number, cause=str,
     changes=_many(_plain(SetChange)), replaced=str, replaced_since_s=_Number, restore=str,
     not_comparable=_many(_plain(NotComparable)), untold=list[str], equal=int, approved_by=str, approved_s=_Number,
@@ -113,7 +115,7 @@ Stops = _many(_model(
     line=str, drive=str, **ANSWER, how=str,
 ))  # fmt: skip
 _Point = tuple[float, _Scalar | None, ResultQuality]
-Points: Any = _model("Points", "Time, value and quality of each.", points=list[_Point])
+Points: Any = _model("Points", "Time, value and quality of each point.", points=list[_Point])
 Login = _model("Login", token=str, until_s=float)
 Alarm = dict[str, Any]
 Alarms = list[Alarm]

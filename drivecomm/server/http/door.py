@@ -45,7 +45,7 @@ def http_door(table: TomlTable) -> HttpDoor:
 
 
 class HttpDoor:
-    """HTTP on a TCP port."""
+    """Door that serves HTTP on a TCP port."""
 
     def __init__(self, table: TomlTable) -> None:
         given = table.take(_KEYS)

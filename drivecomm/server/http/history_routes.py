@@ -1,4 +1,4 @@
-"""Routes of the history: the course of a quantity, its values as read, and events."""
+"""Routes of the history: the curve of a quantity, its values as read, and events."""
 
 from __future__ import annotations
 

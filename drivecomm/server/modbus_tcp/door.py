@@ -41,7 +41,7 @@ def modbus_tcp_door(table: TomlTable) -> ModbusTcpDoor:
 
 
 class ModbusTcpDoor:
-    """Modbus TCP on a port."""
+    """Door that serves Modbus TCP on a port."""
 
     def __init__(self, table: TomlTable) -> None:
         self._table = table

@@ -60,7 +60,7 @@ class HeldLease:
             self._asking = asyncio.create_task(self._ask(), name=f"lease of {self._drive}")
 
     def give_back(self, image: RegisterImage, caller: Caller) -> None:
-        """Release the lease if this image holds it: the motor is then treated by its policy immediately."""
+        """Release the lease if this image holds it; the policy of the motor is then applied immediately."""
         if self._counted is not None and self._counted[0] is image:
             self._counted = None
         if self.owner is image and self.key:
@@ -100,7 +100,7 @@ class HeldLease:
             try:
                 await self._plant.renew_lease(caller, self._drive, self.key, self._seconds)
             except LeaseError:
-                # The lease has expired; it may still be free.
+                # The lease has expired, but perhaps no other caller has acquired it.
                 self.key = ""
             else:
                 return

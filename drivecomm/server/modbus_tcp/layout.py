@@ -72,7 +72,7 @@ STOPS = {1: "ramp", 2: "coast", 3: "quick", 4: "dc_brake"}
 
 @dataclass(frozen=True, slots=True)
 class OwnRegister:
-    """Further value of one drive. name: as polled by the plant. address: of its first register."""
+    """Further value of one drive. name: as polled by the plant. address: address of its first register."""
 
     name: str
     address: int

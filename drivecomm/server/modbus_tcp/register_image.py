@@ -28,7 +28,7 @@ SIZE = COMMANDS_END - STOP_AT
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """Reference of a motor. kind: of `REFERENCE_KINDS`, 0 for none."""
+    """Reference of a motor. kind: one of `REFERENCE_KINDS`, 0 for none."""
 
     kind: int = 0
     value: float = 0.0

@@ -33,7 +33,7 @@ _LEFT_MOST = 0xFFFF
 
 
 class Units:
-    """All units of a door, shared by its connections. name: of the door."""
+    """All units of a door, shared by its connections. name: name of the door."""
 
     def __init__(self, plant: ServedPlant, settings: DoorSettings, name: str) -> None:
         self.plant, self.settings, self.name = plant, settings, name

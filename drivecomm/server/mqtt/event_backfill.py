@@ -97,7 +97,7 @@ class EventBackfill:
             self._complain(f"{error}; after a restart, events and commands are published again")
 
     def _complain(self, text: str) -> None:
-        # Reported only once.
+        # The same problem is reported only once in a row.
         if text != self._trouble:
             self._tell(text)
         self._trouble = text

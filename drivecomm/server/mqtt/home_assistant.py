@@ -59,8 +59,8 @@ _ACCEPTED = (
 class Discovery:
     """Discovery messages of drives.
 
-    prefix: discovery prefix of Home Assistant. area: suggested area of the drives. session: that of the connection, for
-    commands from Home Assistant. stays_s: longest time in seconds for which an unchanged value is not published.
+    prefix: discovery prefix of Home Assistant. area: suggested area of the drives. session: session of the connection,
+    for commands from Home Assistant. stays_s: longest time in seconds for which an unchanged value is not published.
     """
 
     def __init__(self, prefix: str, topics: Topics, messages: Messages, area: str, *, stays_s: float = 0.0) -> None:

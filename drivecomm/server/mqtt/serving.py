@@ -30,7 +30,10 @@ _BEGUN = b"online"
 
 
 class Publishing:
-    """Publication of a plant on a broker. name: of the door. file: stores the position in the history between runs."""
+    """Publication of a plant on a broker.
+
+    name: name of the door. file: stores the position in the history between runs.
+    """
 
     def __init__(self, plant: ServedPlant, topics: Topics, settings: MqttSettings, *, name: str, file: Path) -> None:
         self._topics, self._messages = topics, settings.messages

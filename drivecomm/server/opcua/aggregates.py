@@ -68,7 +68,7 @@ def processing_intervals(begin_s: float, end_s: float, every_s: float, most: int
     whole = abs(end_s - begin_s)
     every_s = min(every_s or whole, whole)
     step = math.copysign(every_s, end_s - begin_s)
-    # A rest caused by rounding is not an interval.
+    # A remainder caused by rounding is not an interval.
     number = min(most + 1, max(1, math.ceil(whole / every_s - 1e-6)))
     found = [(begin_s + step * place, begin_s + step * (place + 1)) for place in range(number)]
     if abs(found[-1][1] - begin_s) > whole:

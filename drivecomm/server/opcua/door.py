@@ -30,7 +30,7 @@ def opcua_door(table: TomlTable) -> OpcuaDoor:
 
 
 class OpcuaDoor:
-    """OPC UA on a TCP port. Raises UsageError if asyncua is not installed."""
+    """Door that serves OPC UA on a TCP port. Raises UsageError if asyncua is not installed."""
 
     def __init__(self, table: TomlTable) -> None:
         if find_spec("asyncua") is None:
@@ -66,7 +66,7 @@ class OpcuaDoor:
 
     async def run(self, plant: ServedPlant, opened: Callable[[], None]) -> None:
         """Serve until cancelled. Raises UsageError and PortError."""
-        # Both modules import asyncua.
+        # Imported here, because both modules import asyncua, which is slow and optional.
         from drivecomm.server.opcua.serving import OpcuaService, read_certificate, serve
         from drivecomm.server.opcua.trusted import TrustedClients
 

@@ -85,7 +85,7 @@ class Locks:
         return await self._give_back(drive, held)
 
     async def break_(self, now: ActiveRequest, drive: str) -> tuple[int, str]:
-        """End the lock of another session of this door; a motor it kept is treated by its link-loss policy."""
+        """End the lock of another session of this door; the link-loss policy of a motor kept under it is applied."""
         if now.session.caller.role < Role.COMMISSION:
             return REFUSED, "breaking a lock is for users with the role commission"
         held = self._held.get(drive)

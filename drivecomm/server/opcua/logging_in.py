@@ -24,7 +24,7 @@ _RENEWED_S = 3600.0
 
 
 class LoggingIn:
-    """Authentication. users: of the plant, None without users. anonymous: whether anonymous clients may read."""
+    """Authentication. users: users of the plant, None without users. anonymous: whether anonymous clients may read."""
 
     def __init__(self, users: KnownUsers | None, door: str, *, anonymous: bool) -> None:
         self._users, self._door, self._anonymous = users, door, anonymous

@@ -42,7 +42,7 @@ _AT_ONCE = {
 
 
 async def describe(server: Server, nodes: Nodes, *, has_history: bool) -> None:
-    """Fill in the standard nodes that describe the server. nodes: of our namespace."""
+    """Fill in the standard nodes that describe the server. nodes: nodes of our namespace."""
     await server.set_build_info("urn:drivecomm", "drivecomm", "drivecomm", __version__, __version__, _BUILT)
     facets = [_PROFILES + each for each in (*_FACETS, *(_OF_HISTORY if has_history else ()))]
     told: list[tuple[str, Any, ua.VariantType]] = [

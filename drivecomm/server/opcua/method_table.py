@@ -62,7 +62,9 @@ _NUMBER = Argument("Number", ua.VariantType.UInt16, "from 1 on")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Method:
-    """Method. verb: of the server. word: permits it in a plant file. arguments: converts inputs to those of the verb.
+    """Method.
+
+    verb: verb of the server. word: permits it in a plant file. arguments: converts inputs to those of the verb.
 
     arguments raises UsageError for invalid inputs.
     """

@@ -36,7 +36,7 @@ _FIRST = 112
 
 @dataclass(slots=True)
 class _Item:
-    """Monitored item. filter: for values or for events. handle: of the callback for value changes."""
+    """Monitored item. filter: for values or for events. handle: handle of the callback for value changes."""
 
     number: int
     place: ua.ReadValueId

@@ -54,7 +54,7 @@ _ENCRYPTED = (
 
 
 class OpcuaService:
-    """Server of an open door. name: of the door. anonymous: whether anonymous clients may read."""
+    """Server of an open door. name: name of the door. anonymous: whether anonymous clients may read."""
 
     def __init__(self, plant: ServedPlant, name: str, *, anonymous: bool) -> None:
         self.plant = plant

@@ -40,7 +40,9 @@ _ENCRYPTED = ("require", "verify-ca", "verify-full")
 
 
 class PostgresDatabase:
-    """Open connection. url: postgresql://USER@HOST/DATABASE, without a password. insecure: permits it without TLS.
+    """An open connection to a PostgreSQL database.
+
+    url: postgresql://USER@HOST/DATABASE, without a password. insecure: permits a connection without TLS.
 
     Raises UsageError for an invalid URL or for tables of a newer drivecomm; LinkDownError if it cannot be reached.
     """

@@ -1,4 +1,4 @@
-"""Queries on a record for people: courses of values, events, commands and alarms of its plants."""
+"""Queries on a record for people: curves of values, events, commands and alarms of its plants."""
 
 from __future__ import annotations
 

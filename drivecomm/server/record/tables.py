@@ -1,7 +1,7 @@
 """The tables of a record, the same in PostgreSQL and SQLite; docs/how-to/centre.md describes each column.
 
 Repeated data is stored once and referenced by number: quantities, and remarks, which combine unit, quality, text and
-note. A value takes about 150 bytes with its index, and the course of a quantity is one range of the primary key.
+note. A value takes about 150 bytes with its index, and the curve of a quantity is one range of the primary key.
 """
 
 from __future__ import annotations

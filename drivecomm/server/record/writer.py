@@ -44,7 +44,7 @@ class Writer:
                 events = [(self._plant(each.plant), *each[1:]) for each in batch if isinstance(each, RecordedEvent)]
                 commands = [(self._plant(each.plant), *each[1:]) for each in batch if isinstance(each, RecordedCommand)]
         except BaseException:
-            # The rollback has removed new ids.
+            # Drop the cached ids, because the rollback has removed the new ones from the database.
             for known in (self._plants, self._quantities, self._remarks):
                 known.clear()
             raise

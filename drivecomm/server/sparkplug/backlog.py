@@ -40,7 +40,7 @@ _log = logging.getLogger("drivecomm.server")
 
 
 class Backlog:
-    """Delivery of missed values. keep_alive_s: of the broker connection."""
+    """Delivery of missed values. keep_alive_s: keep-alive time in seconds of the broker connection."""
 
     def __init__(self, history: PlantHistory, kept: EdgeNodeState, keep_alive_s: float) -> None:
         self._history, self._kept = history, kept

@@ -70,8 +70,8 @@ def command_metrics(verbs: Collection[str]) -> list[Metric]:
 def commands_in(payload: Payload, metrics: Sequence[Metric], drive: str) -> list[CommandRequest]:
     """Return the commands in a message to a drive; if there is a stop, only the stop.
 
-    metrics: of the payload, with their names. Raises UsageError for an invalid command, and NotAllowedError for one
-    without a required part.
+    metrics: metrics of the payload, with their names. Raises UsageError for an invalid command, and NotAllowedError for
+    one without a required part.
     """
     for metric in metrics:
         # Checked first: an error elsewhere in the message must not prevent a stop.

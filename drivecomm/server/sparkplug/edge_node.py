@@ -77,8 +77,8 @@ class _Device:
 class EdgeNode:
     """Plant in the view of hosts.
 
-    commands: returns the command metrics of a drive by name. limits: of its quantities. device_name: returns the device
-    name of a drive.
+    commands: returns the command metrics of a drive by name. limits: limits of its quantities. device_name: returns the
+    device name of a drive.
     """
 
     def __init__(
@@ -97,7 +97,7 @@ class EdgeNode:
         self._named: dict[int, tuple[str, str]] = {}
 
     def births(self, bd_seq: int, time_s: float) -> list[Unsent]:
-        """Return all births, that of the edge node first. bd_seq: of this connection."""
+        """Return all births, that of the edge node first. bd_seq: bdSeq number of this connection."""
         self._bd_seq = bd_seq
         self._read_values()
         states = {drive.name: drive for drive in self._plant.drives()}

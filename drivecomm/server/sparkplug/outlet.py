@@ -25,7 +25,7 @@ _TOGETHER = 20
 def death(topics: SparkplugTopics, bd_seq: int) -> BrokerMessage:
     """Return the death message of the edge node, for use as will or as last message; without a sequence number.
 
-    bd_seq: of the connection, the same as in its births.
+    bd_seq: bdSeq number of the connection, the same as in its births.
     """
     number = Metric(name=BD_SEQ, type=DataType.INT64, value=bd_seq)
     payload = Payload(metrics=(number,), time_ms=milliseconds(time.time()))

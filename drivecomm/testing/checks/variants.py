@@ -82,7 +82,7 @@ def works_with_each_option(plugin: Protocol) -> None:
 
 def _choices(plugin: Protocol) -> Iterator[tuple[str, Any]]:
     """Yield each option that is a choice of a few values, with each value that is not its default."""
-    # Options that a read takes as well concern single telegrams.
+    # Leave out options that are also arguments of a read, because they concern single telegrams.
     of_a_read = signature(plugin.operations(plugin.addresses[0], plugin.options(), None).read).parameters
     for name, values in choices_of(plugin.options).items():
         usual = getattr(plugin.options(), name)

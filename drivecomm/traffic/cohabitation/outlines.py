@@ -212,7 +212,7 @@ def outline_of(
 def _variable(leaf: Leaf, before: Sequence[tuple[str, Leaf]]) -> tuple[Length, frozenset[int]]:
     """Return the length of a leaf of variable size, and the characters that it accepts."""
     if isinstance(leaf.size, Until):
-        # No leaf counts this one; it ends at a terminator.
+        # No other leaf states the size of this leaf; it ends at a terminator.
         return Length(-1, dict.fromkeys(range(leaf.size.least, leaf.size.most + 1), (b"",))), frozenset(leaf.alphabet)
     for number, (name, counter) in enumerate(before):
         if not name or not _is_measurable(counter):

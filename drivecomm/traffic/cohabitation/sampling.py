@@ -171,7 +171,7 @@ _USUAL_RUN = 40
 
 @dataclass(frozen=True, slots=True)
 class TelegramWindow:
-    """The stretch of the traffic in which another telegram is to appear.
+    """The part of the traffic in which another telegram would have to appear.
 
     start: position of its first character. spots: the characters of the telegram. hears: translation table from sent to
     heard characters.

@@ -41,7 +41,7 @@ _TOGETHER = 6
 class _Laid:
     """One way to lay a telegram over the traffic.
 
-    outlines: those of the traffic. sizes: the sizes of their leaves of variable size.
+    outlines: outlines of the traffic. sizes: the sizes of their leaves of variable size.
     """
 
     outlines: tuple[TelegramOutline, ...]

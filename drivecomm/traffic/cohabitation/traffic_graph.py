@@ -186,7 +186,7 @@ def character_map(sender: LineSettings, receiver: LineSettings) -> bytes | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TelegramFinder:
-    """Finds telegrams in the bytes that are heard. means: whether the reader accepts a telegram as its own."""
+    """Finder of telegrams in the received bytes. means: whether the reader accepts a telegram as its own."""
 
     codec: Codec
     direction: Direction

@@ -41,9 +41,9 @@ class ProofTelegram:
 class MistakeProof:
     """Telegrams of one drive in which another drive finds a telegram of its own.
 
-    telegrams: those on the line, in order. offset: position, in the bytes as heard, at which the other drive's telegram
-    begins. taken: that telegram. title: of its form. fields: its content. bits: number of bits that must be right by
-    chance if the other contents are arbitrary: one in 2**bits such telegrams contains it; None if unknown.
+    telegrams: telegrams on the line, in order. offset: position, in the bytes as heard, at which the other drive's
+    telegram begins. taken: that telegram. title: title of its form. fields: its content. bits: number of bits that must
+    be right by chance if the other contents are arbitrary: one in 2**bits such telegrams contains it; None if unknown.
     """
 
     telegrams: tuple[ProofTelegram, ...]

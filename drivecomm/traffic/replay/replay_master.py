@@ -57,7 +57,7 @@ class ReplayMaster:
     """A master that sends the requests of a recorded conversation on a port.
 
     faster: speed relative to the capture. sending: whether requests that could command or write are sent as well.
-    overrides: line settings that replace those of the capture, by name. echo: whether the adapter hands back the sent
+    overrides: line settings that replace those of the capture, by name. echo: whether the adapter echoes the sent
     bytes. patience_s: extra seconds for a reply compared with the capture. Raises UsageError unless the speed is above
     0.
     """

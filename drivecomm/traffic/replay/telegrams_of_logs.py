@@ -46,8 +46,8 @@ class Printed:
 def telegrams_of_log(log: Sequence[LogPiece], codecs: Mapping[str, Codec]) -> list[Printed]:
     """Return the contents of a log in order, each decoded in the protocol that explains most of the log.
 
-    codecs: of the protocols to try, by name. The telegrams show whether the program that printed the log was the master
-    or the drive.
+    codecs: codecs of the protocols to try, by name. The telegrams show whether the program that printed the log was the
+    master or the drive.
     """
     groups = _groups(log)
     if is_of_a_drive([(each.piece.source, each.piece.data) for each in groups], codecs):

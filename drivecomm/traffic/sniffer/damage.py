@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class DamageReport:
-    """Explains bytes at the beginning of a stretch.
+    """Explanation of the first undecided bytes of a line.
 
     readers_for: returns the readers for which a telegram can begin with a byte.
     """

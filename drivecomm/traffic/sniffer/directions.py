@@ -109,7 +109,7 @@ class _Examples:
 
 @dataclass(slots=True)
 class DirectionEstimator:
-    """Infers the direction of telegrams of one protocol on one line from the earlier ones."""
+    """Estimator of the directions of one protocol's telegrams on one line, from earlier telegrams."""
 
     protocol: Protocol
     _asked: deque[_Asked] = field(default_factory=lambda: deque(maxlen=_KEPT_REQUESTS))

@@ -132,16 +132,16 @@ class Pair(NamedTuple):
 
     @property
     def drive(self) -> str:
-        """The drive that was asked or that answered."""
+        """The drive to which the request or from which the reply was sent."""
         telegram = self.request or self.reply
         return telegram.drive if telegram else ""
 
 
 @dataclass(slots=True)
 class Pairing:
-    """Pairs the requests and replies of one line, whose master has one request open at a time.
+    """Pairing of the requests and replies of one line, whose master has one request open at a time.
 
-    protocols: those that may be spoken.
+    protocols: protocols that may be spoken.
     """
 
     protocols: Iterable[Protocol]

@@ -35,7 +35,7 @@ class _Slot:
 
 
 class PendingItems:
-    """Pending items of one line. estimators: of the protocols that may be spoken, by name."""
+    """Pending items of one line. estimators: estimators of the protocols that may be spoken, by name."""
 
     def __init__(self, estimators: Mapping[str, DirectionEstimator]) -> None:
         self._estimators = estimators

@@ -1,4 +1,4 @@
-"""Readings of the bytes at one position of a stretch, made with the codecs of the protocols."""
+"""Readings of the undecided bytes at one position, made with the codecs of the protocols."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ _made = tuple.__new__
 
 
 class TelegramReader:
-    """Reads telegrams of one protocol in one direction."""
+    """Reader of telegrams of one protocol in one direction."""
 
     def __init__(self, protocol: Protocol, codec: Codec, direction: Direction) -> None:
         self.protocol = protocol
@@ -137,7 +137,7 @@ class TelegramReader:
 
 
 class SevenBitReader(TelegramReader):
-    """Reads telegrams of seven data bits from a listener set to 8N1, which receives the parity as the eighth bit."""
+    """Reader of seven-bit telegrams from a listener set to 8N1, which receives the parity as the eighth bit."""
 
     def __init__(self, protocol: Protocol, codec: Codec, direction: Direction, parity: Parity) -> None:
         super().__init__(protocol, codec, direction)

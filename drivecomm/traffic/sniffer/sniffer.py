@@ -65,9 +65,9 @@ def _told_apart(protocols: Iterable[Protocol]) -> list[Protocol]:
 class Sniffer:
     """Decoder for the traffic of one line.
 
-    protocols: those to look for; of two that declare each other ambiguous, only the first is used. settings: the line
-    settings if known, for pieces without their own. options: drive options by protocol name, such as pnu_bits, if they
-    differ from the protocol's defaults.
+    protocols: protocols to look for; of two that declare each other ambiguous, only the first is used. settings: the
+    line settings if known, for pieces without their own. options: drive options by protocol name, such as pnu_bits, if
+    they differ from the protocol's defaults.
 
     Feed pieces in the order of their times, in any sizes. Items are returned once they are certain, in the order of the
     line. Call `flush` during silence, so that no item that only silence can end is held back, and `finish` at the end.
@@ -159,7 +159,7 @@ class Sniffer:
         return readings if estimator.expects(readings[0], began_s, silence_s) else ()
 
     def _decide_single(self, piece: Piece, silence_s: float) -> bool:
-        """Classify a single character before a whole telegram; return whether it was removed from the stretch."""
+        """Classify a single character before a whole telegram; return whether it was removed."""
         if self._place or silence_s > self._shortest_gap_s:
             return False
         ways, unfinished = self._single_before(self._stretch.data, piece.data)

@@ -24,9 +24,9 @@ class HeardTelegram(NamedTuple):
     """A sound telegram.
 
     time_s: end of its last character. began_s: start of its first character, as precisely as the pieces show. drive:
-    the drive that is asked or that answers, as PROTOCOL:ADDRESS; PROTOCOL:all for a broadcast, PROTOCOL if the telegram
-    names no drive. expects_reply: False for replies, broadcasts and other telegrams without a reply. guarded: whether
-    any single wrong bit would have been detected; a VABus enquiry, for example, has no check.
+    the drive that is addressed or that answers, as PROTOCOL:ADDRESS; PROTOCOL:all for a broadcast, PROTOCOL if the
+    telegram names no drive. expects_reply: False for replies, broadcasts and other telegrams without a reply. guarded:
+    whether any single wrong bit would have been detected; a VABus enquiry, for example, has no check.
     """
 
     time_s: float

@@ -64,7 +64,7 @@ class UndecidedBytes:
         self._last_s = max(self._last_s, piece.time_s)
 
     def pass_by(self, piece: Piece) -> None:
-        """Count a piece without storing it; the stretch must be empty."""
+        """Count a piece without storing it; no undecided bytes may be stored."""
         self._dropped += len(piece.data)
         self._last_s = max(self._last_s, piece.time_s)
 

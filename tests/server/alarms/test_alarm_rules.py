@@ -76,7 +76,7 @@ def test_alarm_rule_accepts_every_key(rules):
     )  # fmt: skip
 
 
-def test_alarm_rule_as_text(rules):
+def test_text_of_an_alarm_rule_names_drives_condition_and_delays(rules):
     fault, changed, current = rules(
         """
         [[alarm]]

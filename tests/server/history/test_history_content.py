@@ -219,7 +219,7 @@ def test_history_lists_drives_and_quantities_and_suggests_names(file):
 
 
 @pytest.mark.usefixtures("small_segments")
-def test_latest_value_of_each_quantity(file):
+def test_history_returns_the_latest_value_of_each_quantity(file):
     # A value of an old drive, an older value of the pump, and one just written.
     values = [value(1, drive="old"), *[value(n) for n in range(40)], value(50, quality="bad", cause="silent")]
     written(file, values)

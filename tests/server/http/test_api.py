@@ -27,7 +27,7 @@ def otto(door):
     return Client(door, "ottootto")
 
 
-def test_plant_endpoint(local):
+def test_plant_endpoint_shows_lines_drives_and_the_caller(local):
     found = local.get("/api/v1/plant").content
     assert found["name"] == "hall 2"
     assert found["session"] == "blue-otter-17"
@@ -208,7 +208,7 @@ def lines_of(answer):
         ("GET", "statistics", {}),
     ],
 )
-def test_line_examination_passes_its_choices(local, method, what, choices):
+def test_line_examination_endpoint_passes_its_choices_to_the_plant(local, method, what, choices):
     found = local.ask(method, f"/api/v1/lines/main/{what}", choices or None)
     assert lines_of(found) == [{"line": "main", "what": what, "choices": choices}]
 
@@ -219,7 +219,7 @@ def test_invalid_line_examination_is_refused(local):
     assert local.post("/api/v1/lines/mein/scan").status == 404
 
 
-def test_keep_command_and_its_events(local, plant):
+def test_keep_command_is_sent_and_its_events_are_streamed(local, plant):
     body = {"id": "1", "lease": "", "policy": "ramp", "watchdog_s": 3, "percent": 50}
     assert local.post("/api/v1/drives/pump/keep", **body).content["outcome"] == "done"
     command = plant.commands[0][1]

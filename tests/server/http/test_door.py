@@ -298,7 +298,7 @@ def test_lease_time_beyond_the_limits_is_refused_with_its_text(local, seconds):
     assert len(refused.content["error"]["text"]) < 150
 
 
-def test_openapi_of_the_local_door(local):
+def test_openapi_of_the_local_door_matches_its_description(local):
     described = local.get("/openapi.json").content
     assert described == parsed(json_text(description(local=True)))
     assert described["openapi"] == "3.1.0"

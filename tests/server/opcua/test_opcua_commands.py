@@ -294,7 +294,7 @@ def test_stop_does_not_wait_for_other_calls_of_its_session(door):
     door.run(test)
 
 
-def test_user_logs_in_with_the_own_token_only(door):
+def test_user_logs_in_with_a_token_of_their_own_only(door):
     async def test(one):
         async with one.client("otto", TOKEN) as otto:
             await lock(otto)
