@@ -279,7 +279,7 @@ def call_checked(operation: Callable[..., T], *values: Any, **options: Any) -> T
     """Call an operation. Raises UsageError for options that are unknown or have a wrong type."""
     if options and (wrong := wrong_argument(operation, options)):
         name, takes = wrong
-        raise UsageError(f"{name} cannot be {shortened(options[name])}; it takes {takes}")
+        raise UsageError(f"invalid {name} = {shortened(options[name])}; it takes {takes}")
     try:
         return operation(*values, **options)
     except TypeError:

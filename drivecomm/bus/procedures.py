@@ -226,7 +226,7 @@ class GoalWait:
     def __init__(self, name: str, goal: Goal, timeout_s: float, now: float) -> None:
         wanted = goal if goal == "at_reference" else _state(goal)
         if not is_duration(timeout_s):
-            raise UsageError(f"timeout_s cannot be {shortened(timeout_s)}; give seconds, 0 or more")
+            raise UsageError(f"invalid timeout_s = {shortened(timeout_s)}; give seconds, 0 or more")
         self._name = name
         self._goal: DriveState | Literal["at_reference"] = wanted
         self._timeout_s = timeout_s

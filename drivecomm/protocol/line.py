@@ -93,7 +93,7 @@ class Timing:
             if is_number(value) and value < 0:
                 raise UsageError(f"{field.name} of {shortened(value)} is negative", says=field.name)
             if not is_duration(value):
-                raise UsageError(f"{field.name} cannot be {shortened(value)}; give a number", says=field.name)
+                raise UsageError(f"invalid {field.name} = {shortened(value)}; give a number", says=field.name)
         if type(self.attempts) is not int or self.attempts < 1:
             raise UsageError(
                 f"attempts of {self.attempts} would never send anything, use 1 or more whole ones", says="attempts"

@@ -78,7 +78,7 @@ class MachineUnit:
     def _check_poles(self, poles: object) -> None:
         if type(poles) is not int or poles % 2 or not 2 <= poles <= _MOST_POLES:
             raise UsageError(
-                f"poles cannot be {shortened(poles)}; write the number of poles of the motor, an even number from 2 to "
+                f"invalid poles = {shortened(poles)}; write the number of poles of the motor, an even number from 2 to "
                 f"{_MOST_POLES}, such as 4"
             )
         turns = self.unit in _TURNS
@@ -167,11 +167,11 @@ class MachineUnit:
 
 def _check_unit(unit: object) -> None:
     if not isinstance(unit, str) or not unit or unit != unit.strip() or not unit.isprintable():
-        raise UsageError(f'unit cannot be {shortened(unit)}; write what the machine counts, such as "m/min"')
+        raise UsageError(f'invalid unit = {shortened(unit)}; write what the machine counts, such as "m/min"')
     if len(unit) > _LONGEST_UNIT:
-        raise UsageError(f"unit cannot be {shortened(unit)}; write up to {_LONGEST_UNIT} characters")
+        raise UsageError(f"invalid unit = {shortened(unit)}; write up to {_LONGEST_UNIT} characters")
     if unit.casefold() in ("hz", "%"):
-        raise UsageError(f'unit cannot be {unit}, which a reference has anyway; write what the machine counts, "m/min"')
+        raise UsageError(f'invalid unit = {unit}, which a reference has anyway; write what the machine counts, "m/min"')
 
 
 def _above_zero(key: str, value: Any) -> Decimal:
@@ -179,7 +179,7 @@ def _above_zero(key: str, value: Any) -> Decimal:
         number = exact(value, key)
         if number > 0:
             return number
-    raise UsageError(f'{key} cannot be {shortened(value)}; write a number above 0, such as "1.25"')
+    raise UsageError(f'invalid {key} = {shortened(value)}; write a number above 0, such as "1.25"')
 
 
 def _rounded(value: Fraction, places: int) -> Decimal:

@@ -51,7 +51,7 @@ def protocol_options(plugin: Protocol, given: Mapping[str, Any]) -> Any:
     chosen = as_declared(plugin.options, given)
     if wrong := wrong_argument(plugin.options, chosen):
         name, takes = wrong
-        raise UsageError(f"{name} cannot be {shortened(chosen[name])}; it takes {takes}")
+        raise UsageError(f"invalid {name} = {shortened(chosen[name])}; it takes {takes}")
     try:
         return plugin.options(**chosen)
     except UsageError:

@@ -84,6 +84,6 @@ def read_door_access(table: TomlTable, given: Mapping[str, Any], usual: str) -> 
         )
     anonymous = given.get("anonymous")
     if anonymous not in (None, "view", "nobody"):
-        raise table.error(f"anonymous cannot be {anonymous!r}; write {_ANONYMOUS.words}", "anonymous")
+        raise table.error(f"invalid anonymous = {anonymous!r}; write {_ANONYMOUS.words}", "anonymous")
     certificate = (table.beside(files[0]), table.beside(files[1])) if files[0] and files[1] else None
     return DoorAccess(address, certificate, insecure, anonymous)

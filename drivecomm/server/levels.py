@@ -34,7 +34,7 @@ def with_names(table: TomlTable, names: Mapping[str, str]) -> TomlTable:
     if listed is None:
         return table
     if not isinstance(listed, list) or not listed:
-        raise table.error(f"levels cannot be {listed!r:.80}; write {LEVELS_KEY.words}", "levels")
+        raise table.error(f"invalid levels = {listed!r:.80}; write {LEVELS_KEY.words}", "levels")
     for each in listed:
         if each not in LEVELS:
             raise table.error(

@@ -128,7 +128,7 @@ def test_plan_with_a_drive_of_another_bus_is_refused(bus):
 
 @pytest.mark.parametrize("seconds", [0, -1, math.nan])
 def test_impossible_poll_duration_is_refused(bus, seconds):
-    with pytest.raises(UsageError, match="a poll duration cannot be"):
+    with pytest.raises(UsageError, match="invalid poll duration of"):
         bus.poll([PollItem(drive=bus.drive("vabus", 1), parameter="481")], duration_s=seconds)
 
 

@@ -255,7 +255,7 @@ def test_silent_loop_is_reported_as_no_reply(protocol):
 
 
 def test_unknown_echo_mode_is_refused():
-    with pytest.raises(UsageError, match="echo cannot be 'yes'; use off, expect or auto"):
+    with pytest.raises(UsageError, match="invalid echo = 'yes'; use off, expect or auto"):
         drivecomm.open_bus(VirtualLine([]).port, echo="yes")
 
 

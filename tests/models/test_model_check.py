@@ -141,7 +141,7 @@ def test_finding_names_file_line_and_key(tmp_path):
             HEAD + "[watchdog]\ntime = '481'\naction = 5\nactions = { trip = 0 }\n" + PARAMETER + "unit = 's'\n",
             8,
             "action",
-            "cannot be 5",
+            "invalid value 5",
         ),
         (HEAD + "[watchdog]\ntime = '481'\nactions = { trip = 0 }\nfault = '5'\n", 9, "fault", "is not a fault code"),
         (
@@ -163,7 +163,7 @@ def test_finding_names_file_line_and_key(tmp_path):
             HEAD + "[watchdog]\ntime = '481'\nactions = { trip = 0 }\nsure = 'no'\n" + PARAMETER + "unit = 's'\n",
             9,
             "sure",
-            "cannot be 'no'; it is one of printed",
+            "invalid value 'no'; it is one of printed",
         ),
         (
             HEAD.replace("a page", "") + "[watchdog]\ntime = '481'\nactions = { trip = 0 }\n"
@@ -175,9 +175,9 @@ def test_finding_names_file_line_and_key(tmp_path):
         # Rules of the protocol package.
         (HEAD + "[options]\nram_dataset = true\n", 7, "ram_dataset", "no such option; did you mean 'ram_datasets'?"),
         (HEAD + "[options]\nqqqq = true\n", 7, "qqqq", "vabus drives have no such option; they have "),
-        (HEAD + "[options]\nram_datasets = 'false'\n", 7, "ram_datasets", "cannot be 'false'"),
+        (HEAD + "[options]\nram_datasets = 'false'\n", 7, "ram_datasets", "invalid value 'false'"),
         (HEAD + "[options]\nbytesize = 9\n", 7, "bytesize", "9 data bits are not possible"),
-        (HEAD + "[options]\ngap_s = 'long'\n", 7, "gap_s", "cannot be 'long'; give a number"),
+        (HEAD + "[options]\ngap_s = 'long'\n", 7, "gap_s", "invalid gap_s = 'long'; give a number"),
         (HEAD + PARAMETER + "dataset = 4\n", 10, "dataset", "key 'dataset'; did you mean 'datasets'?"),
         (HEAD + PARAMETER + "qqqq = 4\n", 10, "qqqq", "the keys are access, address, datasets, factor"),
         (HEAD + PARAMETER.replace("481", "4x8"), 7, "address", "is not a VABus parameter address"),

@@ -140,7 +140,7 @@ def test_rewritten_users_file_keeps_owner_group_and_mode(file):
         ),
         (ENTRY.replace("anna", "a b"), "line 1: user 1 (a b): 'a b' cannot be a user's name"),
         (ENTRY.replace("anna", ""), "line 1: user 1: '' cannot be a user's name"),
-        ("user = 3\n", "line 1: user cannot be 3"),
+        ("user = 3\n", "line 1: invalid user = 3"),
         ("=", "cannot be read as a file of users"),
     ],
 )

@@ -229,5 +229,5 @@ def _backed_up(table: TomlTable, drives: tuple[str, ...], backed_up: Collection[
 def _texts(table: TomlTable, key: str) -> tuple[str, ...]:
     found = table.content.get(key, [])
     if not all(isinstance(each, str) and each for each in found) or (key == "drives" and not found):
-        raise table.error(f'{key} cannot be {found!r}; write a list of texts, such as ["one", "two"]', key)
+        raise table.error(f'invalid {key} = {found!r}; write a list of texts, such as ["one", "two"]', key)
     return tuple(found)

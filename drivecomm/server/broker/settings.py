@@ -105,7 +105,7 @@ def broker_settings(
         if given.get(name) and not tls:
             raise table.error(f"{name} is for brokers with TLS; write mqtts:// or leave it out", name)
     if given.get("version", "5") not in VERSIONS:
-        raise table.error(f"version cannot be {given['version']!r}; write {BROKER_KEYS['version'].words}", "version")
+        raise table.error(f"invalid version = {given['version']!r}; write {BROKER_KEYS['version'].words}", "version")
     if not given.get("client_id", "").isprintable():
         raise table.error("client_id has characters that brokers refuse; write letters, digits, - and _", "client_id")
     keep_alive_s = given.get("keep_alive_s", 15)
@@ -135,7 +135,7 @@ def _place(table: TomlTable, url: str) -> tuple[str, int, bool]:
     if "@" in parts.netloc:
         raise table.error("broker names a user; write user = and password_file =, which are apart from it", "broker")
     if parts.scheme not in _SCHEMES or not parts.hostname or port == 0 or parts.path.strip("/") or parts.query:
-        raise table.error(f"broker cannot be {url!r:.80}; write {_URL.words}", "broker")
+        raise table.error(f"invalid broker = {url!r:.80}; write {_URL.words}", "broker")
     return parts.hostname, port or _SCHEMES[parts.scheme], parts.scheme == "mqtts"
 
 

@@ -89,7 +89,7 @@ async def not_understood(_: Request, error: Any) -> Response:
     given = first["input"]
     shown = str(given) if isinstance(given, float) else json_text(plain(given))
     why = first["msg"].replace("Input", "it").replace("String", "it").replace("dictionary", "object")
-    return problem(422, UsageError(f"{name} cannot be {shown:.{_SHOWN}}: {why}"))
+    return problem(422, UsageError(f"invalid {name} = {shown:.{_SHOWN}}: {why}"))
 
 
 def _is_served(request: Request, method: str) -> bool:

@@ -71,7 +71,7 @@ def parse_fields(payload: bytes, fields: Mapping[str, Field]) -> dict[str, Any]:
         if field is None:
             raise UsageError(unknown_key(name[:_LONGEST_TEXT], fields))
         if not _fits(value, field):
-            raise UsageError(f"{name} cannot be {shortened(value)}; give {field.words}")
+            raise UsageError(f"invalid {name} = {shortened(value)}; give {field.words}")
     return content
 
 

@@ -97,7 +97,7 @@ class SparkplugDoor:
                 raise table.error(f"the key {key!r} is missing; write {key} = {TEXT.words}, or {levels} among levels")
         for key in ("group", "node", "host"):
             if key in given and not is_id(given[key]):
-                raise table.error(f"{key} cannot be {given[key]!r}; write a text without / + and #", key)
+                raise table.error(f"invalid {key} = {given[key]!r}; write a text without / + and #", key)
         urls = given.pop("brokers", None)
         if urls is not None and "broker" in given:
             raise table.error("broker and brokers are both there; leave one of them out", "broker")
@@ -110,7 +110,7 @@ class SparkplugDoor:
         self._topics = SparkplugTopics(group=given["group"], node=given["node"], host=given.get("host", ""))
         role = given.get("role")
         if role is not None and role not in _ROLES:
-            raise table.error(f"role cannot be {role!r:.80}; write {_ROLE.words}", "role")
+            raise table.error(f"invalid role = {role!r:.80}; write {_ROLE.words}", "role")
         # The broker does not reveal the sender of a command, so it must restrict who may send one.
         self._caller = Caller(
             name=ANONYMOUS if role is None else self._topics.host or EVERYBODY,
