@@ -199,7 +199,7 @@ def _in_watchdog(key: str, text: str) -> Mistake:
 
 
 _DOES: dict[LinkLoss, str] = {
-    "hold": "it goes on",
+    "hold": "it keeps running",
     "ramp": "it stops down its ramp",
     "coast": "it coasts",
     "trip": "it trips",
@@ -209,7 +209,7 @@ _DOES: dict[LinkLoss, str] = {
 def link_loss_of(model: Model | None) -> str:
     """Return the reaction of drives of this model when their master falls silent, and the parameters that set it."""
     if model is None:
-        return "no model is given, so what it does when its master falls silent is not known"
+        return "no model is given, so its reaction to a link loss is not known"
     watchdog = model.watchdog
     if watchdog is None:
         return model.link_loss or "no watchdog is documented in our sources"
@@ -219,5 +219,5 @@ def link_loss_of(model: Model | None) -> str:
         said = f"{_DOES[next(iter(watchdog.actions))]} {when}"
     else:
         does = ", ".join(f"{code} {_DOES[policy]}" for policy, code in watchdog.actions.items())
-        said = f"what {watchdog.action} says ({does}), {when}"
+        said = f"as set by {watchdog.action} ({does}), {when}"
     return f"{said}; {watchdog.note}" if watchdog.note else said

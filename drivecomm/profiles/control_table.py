@@ -196,8 +196,8 @@ class ControlTable:
         """Raise NotSupported for a drive that is monitoring only."""
         if self.is_monitoring_only:
             raise NotSupported(
-                f"a drive of model {self.profile.name} is monitoring only: the model has no orders, so it is read, and "
-                "neither commanded nor stopped from here; command it at the drive"
+                f"a drive of model {self.profile.name} is monitoring only: the model has no commands, so it can "
+                "only be read here; command it at the drive"
             )
 
     @property

@@ -171,7 +171,7 @@ def _check_unit(unit: object) -> None:
     if len(unit) > _LONGEST_UNIT:
         raise UsageError(f"invalid unit = {shortened(unit)}; write up to {_LONGEST_UNIT} characters")
     if unit.casefold() in ("hz", "%"):
-        raise UsageError(f'invalid unit = {unit}, which a reference has anyway; write what the machine counts, "m/min"')
+        raise UsageError(f'invalid unit = {unit}, which every reference supports; write what the machine counts, "m/min"')
 
 
 def _above_zero(key: str, value: Any) -> Decimal:

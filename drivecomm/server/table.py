@@ -156,7 +156,7 @@ class ValueTable:
                 listener(values, events)
             except Exception:  # noqa: BLE001 - the server must not stop for this
                 # One failing listener must not cut off the others, nor itself from later changes.
-                _log.exception("telling what has changed")
+                _log.exception("publishing changes")
         self._later(TOGETHER_S if len(values) < _MANY else MANY_TOGETHER_S, self._tell)
 
 

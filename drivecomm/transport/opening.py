@@ -68,7 +68,7 @@ def _local_reason(name: str, error: BaseException) -> str:
 
 
 def _somebody_else(url: str) -> str:
-    return _holder(url) or "somebody else"
+    return _holder(url) or "another client"
 
 
 def _holder(url: str) -> str:

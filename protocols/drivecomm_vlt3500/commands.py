@@ -162,7 +162,7 @@ class VltConversation:
         try:
             return (yield ask)
         except NoReplyError as error:
-            if "hands back" not in str(error) or self._options.idle_word & 0xF == 0xF:
+            if "echoes what it sends" not in str(error) or self._options.idle_word & 0xF == 0xF:
                 raise
             raise NoReplyError(
                 f"{error}; or a drive in local operation answered byte for byte what it was sent: use idle_word=0x000F",

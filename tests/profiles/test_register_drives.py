@@ -122,7 +122,7 @@ def test_stop_is_resent_after_a_line_error_and_start_is_not():
         drive.stop()
         assert sent() == [telegram("write", 120, 0)] * 2
         refusing(line.drives[0], SUM_ERROR, 1, 120)
-        with pytest.raises(DamagedReplyError, match="had been told to run"):
+        with pytest.raises(DamagedReplyError, match="had been commanded to run"):
             drive.start()
         assert sent().count(telegram("write", 120, 1)) == 1
 

@@ -90,7 +90,7 @@ async def test_late_line_is_reported_once_and_its_drives_stay_alive(tmp_path):
         line.look(time.monotonic() + LATE_OVER_S + 1)
         begun, over = line_events(core, "hall")
         assert begun.startswith("is late: it had no time to ask for the status of pump")
-        assert over.startswith("asks for every status in time again (2 late within")
+        assert over.startswith("polls every status in time again (2 late within")
         assert not plant.lines()[0].late
         assert plant.lines()[0].late_statuses == 2
         assert len(core.table.events()) == events + 2

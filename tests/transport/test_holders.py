@@ -134,7 +134,7 @@ def test_pseudo_terminal_is_not_marked_exclusive(terminal, monkeypatch):
 @linux
 def test_exclusive_mark_keeps_out_a_program_without_root_rights(terminal, monkeypatch):
     if os.getuid() != 0 or shutil.which("setpriv") is None:
-        pytest.skip("needs somebody who may become somebody else")
+        pytest.skip("needs a user that may become another user")
     monkeypatch.setattr("drivecomm.transport.tty_channel.is_pseudo", lambda _: False)
     Path(terminal).chmod(0o666)
     plain = ["setpriv", "--reuid=65534", "--clear-groups", "sh", "-c", f": <{terminal}"]

@@ -32,7 +32,7 @@ Names = Annotated[
     list[Text], BeforeValidator(lambda given: [name for each in given for name in each.split(",") if name])
 ]
 Options = dict[str, Any]
-Limit = Annotated[int, Query(ge=1, le=10_000, description="how many at most")]
+Limit = Annotated[int, Query(ge=1, le=10_000, description="maximum number of items")]
 LOCAL: Any = {"x-local": True}
 NETWORK: Any = {"x-network": True}
 
@@ -42,7 +42,7 @@ DriveName = Annotated[str, _SENT, Path(description="the drive's name in the plan
 DriveAddress = Annotated[str, _SENT, Path(description="PROTOCOL:ADDRESS")]
 LineName = Annotated[str, _SENT, Path(description="the line's name in the plant")]
 AlarmId = Annotated[str, _SENT, Path(description="the alarm's id")]
-Verb = Annotated[str, _SENT, WithJsonSchema({"type": "string", "enum": sorted(NEEDS)}), Path(description="what to do")]
+Verb = Annotated[str, _SENT, WithJsonSchema({"type": "string", "enum": sorted(NEEDS)}), Path(description="the verb")]
 
 
 def _optional(about: str, where: Any = None, **limits: Any) -> Any:
@@ -71,7 +71,7 @@ class StopAll(_Body):
 class TakeLease(_Body):
     """Duration of a lease."""
 
-    seconds: Number = Field(ge=0.1, le=30, description="for how long, until it is renewed")
+    seconds: Number = Field(ge=0.1, le=30, description="duration in seconds, until it is renewed")
 
 
 class EndLease(_Body):
@@ -87,13 +87,13 @@ class RenewLease(EndLease, TakeLease):
 class Fresh(_Body):
     """Fields common to all commands, in addition to the arguments of the verb."""
 
-    id: Text = _optional("a text of your choice; the same again gets the first answer again", NETWORK)
-    lease: Text = _optional("the key of the lease under which it is asked")
+    id: Text = _optional("a text of your choice; a repeated id returns the first response", NETWORK)
+    lease: Text = _optional("the key of the lease that covers the command")
     arm: bool = _optional("command a drive that the plant file does not arm", LOCAL)
-    options: Options = _optional("what you say of the drive, such as its model", LOCAL)
+    options: Options = _optional("options of the drive, such as its model", LOCAL)
     issued_s: Time = _optional("when the command was given, in seconds since 1970")
-    valid_s: Number = _optional("for how many seconds it counts; 2 unless given", ge=0.001, le=10)
-    session: Text = _optional("the session of the plant that it is meant for")
+    valid_s: Number = _optional("seconds until the command expires; 2 unless given", ge=0.001, le=10)
+    session: Text = _optional("the session of the plant for which it is intended")
 
 
 class CarryOut(Fresh):
@@ -105,19 +105,19 @@ class CarryOut(Fresh):
 class StopDrive(CarryOut):
     """Arguments of a stop. Every stop is carried out, so its id serves for the answer only."""
 
-    id: Text = _optional("a text of your choice, for the answer")
+    id: Text = _optional("a text of your choice, repeated in the response")
 
 
 class Keep(Fresh):
     """Start settings and watchdog of a kept motor."""
 
-    policy: Text = _optional("what the motor does when its master falls silent; as the plant says")
-    watchdog_s: Number = _optional("after how many seconds the drive notices", ge=0.001, le=3600)
+    policy: Text = _optional("what the motor does on link loss; the plant file's policy unless given")
+    watchdog_s: Number = _optional("timeout of the drive's watchdog, in seconds", ge=0.001, le=3600)
     reverse: bool = _optional("backwards")
     percent: Number = _optional("the reference, as a share of its range")
     hz: Number = _optional("the reference, as an output frequency")
     by: Options = _optional("verb (jog, call, write) and arguments to start by", LOCAL)
-    start: bool = _optional("false: not started, which commands then do", LOCAL)
+    start: bool = _optional("false: keep the motor without starting it; later commands start it", LOCAL)
 
 
 class _Examined(_Body):
@@ -135,6 +135,6 @@ class Scan(_Examined):
 class Doctor(_Examined):
     """Options of a line diagnosis."""
 
-    probes: int = _optional("how often each drive is asked", ge=1, le=1000)
+    probes: int = _optional("number of probes of each drive", ge=1, le=1000)
     search: bool = _optional("whether drives that do not answer are given more time")
     rates: bool = _optional("whether other baud rates are tried if no drive answers")

@@ -59,7 +59,7 @@ async def history(
     if chosen == "json":
         return json_answer({"points": await _journal(asked).points(drive, name, *span, points)})
     if asked.door.readers.locked():
-        raise HTTPException(503, "others read the history now; ask again in some seconds", {"Retry-After": "5"})
+        raise HTTPException(503, "another client is reading the history; try again in a few seconds", {"Retry-After": "5"})
     pieces = _journal(asked).pieces(drive, name, *span)
     # An unknown quantity raises here, before the response has begun.
     first: Sequence[PastValue] = await anext(pieces, [])

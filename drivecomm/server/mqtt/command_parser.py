@@ -143,7 +143,7 @@ def why_incomplete(content: Mapping[str, Any]) -> str:
     """Return an error text if a command lacks a field that proves it is fresh; "" if it is complete."""
     verb = content.get("verb")
     if not verb:
-        return "the field 'verb' is missing; give what is to be done, such as start"
+        return "the field 'verb' is missing; give a verb, such as start"
     needed = _SAID if verb not in NEEDS or NEEDS[verb].commands else ("id",)
     missing = [name for name in needed if not content.get(name)]
     if not missing:

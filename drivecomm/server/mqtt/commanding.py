@@ -205,7 +205,7 @@ class Commanding:
             self._check_topic(drive, received)
             self._check_now(content, received)
             if content.get("verb") != "stop" and self._commands >= MOST_AT_ONCE:
-                raise NotAllowedError(f"{MOST_AT_ONCE} commands are under way; ask again when some of them are done")
+                raise NotAllowedError(f"{MOST_AT_ONCE} commands are under way; try again when some of them are done")
         except DriveCommError as error:
             command = replace(command_of(drive, content), verb=content.get("verb", "") or "command")
             await self._refused(caller, command, error, received)

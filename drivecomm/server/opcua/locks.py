@@ -106,6 +106,6 @@ class Locks:
             await self._plant.end_lease(held.caller, drive, held.key)
         except DriveCommError as error:
             # The lease had already expired.
-            _log.debug("giving back the lock of %s: %s", drive, error)
+            _log.debug("releasing the lock of %s: %s", drive, error)
             return NOT_FREE, in_one_line(error)
         return DONE, ""

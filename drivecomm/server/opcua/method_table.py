@@ -91,13 +91,13 @@ def _written(given: Sequence[Any]) -> Mapping[str, Any]:
 STOPS = (
     Method(name="Stop", verb="stop", about="Stop the motor on its ramp.", arguments=lambda _: {"how": "ramp"}),
     Method(name="QuickStop", verb="stop", about="Stop it on the quick ramp.", arguments=lambda _: {"how": "quick"}),
-    Method(name="Coast", verb="stop", about="Let the motor run out.", arguments=lambda _: {"how": "coast"}),
+    Method(name="Coast", verb="stop", about="Let the motor coast.", arguments=lambda _: {"how": "coast"}),
 )
 
 METHODS = (
     *STOPS,
     Method(name="Start", verb="start", word="start", about="Start the motor with the reference that is set."),
-    Method(name="Reverse", verb="reverse", word="reverse", about="Start it backwards, or let it turn round."),
+    Method(name="Reverse", verb="reverse", word="reverse", about="Start it in reverse, or reverse its direction."),
     Method(name="ResetFault", verb="reset", word="reset", about="Acknowledge a fault; the motor does not start by it."),
     Method(
         name="SetReference",
@@ -140,7 +140,7 @@ METHODS = (
         verb="set_relay",
         word="set_relay",
         about="Switch a relay.",
-        takes=(_NUMBER, Argument("On", ua.VariantType.Boolean, "whether it is to be on")),
+        takes=(_NUMBER, Argument("On", ua.VariantType.Boolean, "whether to switch it on")),
         arguments=lambda given: {"number": given[0], "on": given[1]},
     ),
     Method(
@@ -165,7 +165,7 @@ LOCKING = (
         takes=(Argument("Context", ua.VariantType.String, "what for, in words"),),
         gives=_LOCKED,
     ),
-    Method(name="RenewLock", about="Have it for longer, from now on.", gives=_LOCKED),
+    Method(name="RenewLock", about="Renew it from now on.", gives=_LOCKED),
     Method(name="ExitLock", about="Give it back.", gives=_LOCKED),
     Method(name="BreakLock", about="End the lock of another session of this door.", gives=_LOCKED),
 )

@@ -201,7 +201,7 @@ class SparkplugDoor:
                 lost_soon = lost_soon + 1 if new.born and now() - began < _LASTED_S else 0
                 if lost_soon >= _LOST_SOON:
                     # Not every broker reports that another client has taken over the client id.
-                    problem, pauses = f"broker {settings.place}: is lost again and again at once; {another}", taken
+                    problem, pauses = f"broker {settings.place}: is repeatedly lost immediately; {another}", taken
             finally:
                 self._session = None
                 hosts.forget()
@@ -230,7 +230,7 @@ class SparkplugDoor:
     def _opened(self, plant: ServedPlant, settings: BrokerSettings, opened: Callable[[], None]) -> None:
         if self._told:
             self._told = ""
-            plant.tell(f"broker {settings.place} is there again", who=self.name)
+            plant.tell(f"broker {settings.place} is connected again", who=self.name)
         opened()
 
     def _tell(self, plant: ServedPlant, problem: str) -> None:

@@ -154,7 +154,7 @@ def test_page_reloads_its_data_after_a_server_restart(page_server, shown):
     page_server.drives["pump"]["state"] = "running"
     page_server.restart()
     expect(page.locator(".drive-bar")).to_contain_text("running", timeout=10000)
-    expect(page.get_by_text("Nobody has control")).to_be_visible()
+    expect(page.get_by_text("No user has control")).to_be_visible()
     expect(answers(page)).to_contain_text("the server was restarted")
     expect(page.get_by_text("from the first run")).to_be_hidden()
 

@@ -45,7 +45,7 @@ export function accountPage(main) {
 
   function show() {
     const you = plant.info?.you;
-    put(who, plant.link === "locked" ? "This plant is shown to its users only." : you ? `You are ${you.name || "nobody in particular"}. ${ROLES[roleName()]}` : "");
+    put(who, plant.link === "locked" ? "This plant is shown to its users only." : you ? `You are ${you.name || "not signed in"}. ${ROLES[roleName()]}` : "");
     out.hidden = !token.get();
   }
   show();

@@ -7,9 +7,9 @@ import { isLive, may, roleName, serverTime } from "./plant.js";
 
 const POLICIES = {
   ramp: "the motor stops down its ramp",
-  coast: "the drive switches its output off, and the motor runs out",
+  coast: "the drive switches its output off, and the motor coasts",
   trip: "the drive stops the motor with a fault that must be reset",
-  hold: "the motor goes on as it was commanded, with nobody there to stop it",
+  hold: "the motor keeps running as commanded, and nothing stops it",
 };
 const COMMANDS = ["start", "set_reference", "reset"];
 const CONFIRM_AFTER_MS = 600;
@@ -48,7 +48,7 @@ export function controls(name) {
 
 function whoCommands(drive, mine) {
   if (mine) return "You have control of this drive, for as long as this page is open.";
-  if (!drive.lease) return drive.kept ? `Nobody has control; the server keeps the motor running (${drive.kept}).` : "Nobody has control of this drive.";
+  if (!drive.lease) return drive.kept ? `No user has control; the server keeps the motor running (${drive.kept}).` : "No user has control of this drive.";
   const who = drive.lease.yours ? "You have control in another window" : `${drive.lease.holder} has control`;
   const left = Math.max(0, Math.round(drive.lease.until_s - serverTime()));
   return `${who}${drive.lease.door ? ` (${drive.lease.door})` : ""} until ${clock(drive.lease.until_s)}, ${left} s from now unless it is renewed.`;
@@ -57,11 +57,11 @@ function whoCommands(drive, mine) {
 function reasons(drive, allowed, mine) {
   if (!isLive()) return "Nothing can be commanded from here: there is no connection to the server.";
   if (allowed) return mine || drive.lease ? "" : "Take control to command it; others see that you have it.";
-  if (drive.monitoring_only) return "This drive is monitoring only: its model has no orders, so it is read, and neither commanded nor stopped.";
+  if (drive.monitoring_only) return "This drive is monitoring only: its model has no commands, so it can only be read.";
   if (drive.read_only_reason) return drive.read_only_reason;
   if (!drive.armed) return "The plant file does not arm this drive: it can only be watched and stopped.";
-  if (["nobody", "view"].includes(roleName())) return "You may only watch. Sign in as somebody who may operate the plant.";
-  return "The plant file lets nobody command this drive over the network.";
+  if (["nobody", "view"].includes(roleName())) return "You may only watch. Sign in as a user who may operate the plant.";
+  return "The plant file does not allow this drive to be commanded over the network.";
 }
 
 function referenceForm(name) {
