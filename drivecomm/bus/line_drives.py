@@ -159,7 +159,9 @@ class LineDrives:
     def _at_port(self, plugin: Protocol, options: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return the options of a drive at this port: those of the port's scheme, then the given ones."""
         if self.is_foreign(plugin):
-            raise UsageError(f"{plugin.name} is not spoken at {self.port}; use socket://HOST:PORT for its serial line")
+            raise UsageError(
+                f"{plugin.name} is not supported at {self.port}; use socket://HOST:PORT for its serial line"
+            )
         brings = plugin.schemes.get(self.port.split("://", 1)[0].lower(), {})
         for name in brings.keys() & options.keys():
             if options[name] != brings[name]:

@@ -158,16 +158,14 @@ def await_reply(call: CallContext, ask: Ask, data: bytes, heard: Sequence[Arriva
     if first.startswith(data):
         damage, stray = "", _ECHO
     if not_understood and not in_haste:
-        raise DamagedReplyError(f"{peer.name} says that the request came to it damaged")
+        raise DamagedReplyError(f"{peer.name} reports that the request arrived damaged")
     if damage and not in_haste:
         raise DamagedReplyError(f"{peer.name} answered with a damaged telegram ({damage})")
     why = f": {stray}" if stray else ""
     if in_haste:
-        raise OvertakenError(f"{peer.name} was not waited for any longer, because a stop went first{why}")
+        raise OvertakenError(f"{peer.name} was no longer awaited, because a stop went first{why}")
     if not timeout:
-        raise DeadlineError(
-            f"{peer.name} did not answer before the call's time ({timing.deadline_s:g} s) was over{why}"
-        )
+        raise DeadlineError(f"{peer.name} did not answer before the call's deadline ({timing.deadline_s:g} s){why}")
     raise NoReplyError(f"{peer.name} did not answer within {timeout * 1000:.0f} ms{why}")
 
 

@@ -126,7 +126,7 @@ class ReplyVote:
             return False
         if ask.unseen:
             raise DoubtfulReplyError(f"{peer.name} answered late before; {_WHOSE}")
-        line.doubt = f"{peer.name} answered late before, and does not give the same answer twice"
+        line.doubt = f"{peer.name} answered late before, and does not repeat the same reply"
         return True
 
 

@@ -183,9 +183,9 @@ def _watchdog(watchdog: Watchdog, given: OwnContent, model: Model) -> Iterator[M
             for policy, code in watchdog.actions.items():
                 if code not in info.values:
                     known = ", ".join(map(str, info.values))
-                    yield _in_watchdog("actions", f"{policy} = {code}, and parameter {address} takes {known}")
+                    yield _in_watchdog("actions", f"{policy} = {code}, and parameter {address} accepts {known}")
     if not watchdog.action and len(watchdog.actions) != 1:
-        yield _in_watchdog("actions", "without a parameter for the action there is one thing that a drive does")
+        yield _in_watchdog("actions", "without a parameter for the action a drive has exactly one reaction")
     if watchdog.fault is not None and watchdog.fault not in model.faults:
         yield _in_watchdog("fault", f"[faults] has no fault {watchdog.fault}")
     if watchdog.fault is not None and "trip" not in watchdog.actions:

@@ -54,7 +54,7 @@ def _wrong(setting: PanelSetting, model: Model) -> Iterator[tuple[str, str]]:
         if not re.fullmatch(pattern, said):
             yield "codes", f"{said!r} cannot be the {made_from} of a plant"
     if made_from == "link_loss" and not codes:
-        yield "codes", "neither these nor a watchdog say what is set for hold, ramp, coast or trip"
+        yield "codes", "neither these nor a watchdog define the settings for hold, ramp, coast or trip"
     if not setting.address:
         return
     info = parameter_at(setting.address, model)

@@ -116,7 +116,7 @@ def failed_trials(own: Sequence[tuple[int, ParameterInfo]], model: Model, plugin
         for number, info, text in alone
         if text
     ]
-    remedy = f"take over a model that has what a drive needs, such as extends = {plugin.default_model!r}"
+    remedy = f"extend a model that has what a drive needs, such as extends = {plugin.default_model!r}"
     yield from culprits or [Mistake(text=f"{trouble}; {remedy}")]
 
 

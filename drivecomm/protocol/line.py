@@ -96,7 +96,8 @@ class Timing:
                 raise UsageError(f"invalid {field.name} = {shortened(value)}; give a number", says=field.name)
         if type(self.attempts) is not int or self.attempts < 1:
             raise UsageError(
-                f"attempts of {self.attempts} would never send anything, use 1 or more whole ones", says="attempts"
+                f"attempts of {self.attempts} would never send anything, use a whole number of 1 or more",
+                says="attempts",
             )
         if not self.reply_timeout_s:
             raise UsageError("reply_timeout_s of 0 leaves no time for a reply, use more", says="reply_timeout_s")

@@ -71,7 +71,7 @@ class MachineUnit:
         if self.poles is None:
             for key in ("gear", "per_turn"):
                 if getattr(self, key) is not None:
-                    raise UsageError(f"{key} belongs to poles, and per_hz says all by itself; leave {key} out")
+                    raise UsageError(f"{key} belongs to poles, and per_hz already defines the unit; leave {key} out")
             return
         self._check_poles(self.poles)
 
@@ -84,13 +84,13 @@ class MachineUnit:
         turns = self.unit in _TURNS
         if not turns and not _A_MINUTE.search(self.unit):
             raise UsageError(
-                f"poles give a speed a minute, and {self.unit} is not one; write a unit such as m/min, or per_hz"
+                f"poles give a speed per minute, and {self.unit} is not one; write a unit such as m/min, or per_hz"
             )
         if turns == (self.per_turn is not None):
             raise UsageError(
-                f"{self.unit} counts turns itself; leave per_turn out"
+                f"{self.unit} already counts turns; leave per_turn out"
                 if turns
-                else f'how many {self.unit} one turn a minute is, is not known; write per_turn, such as "0.314"'
+                else f'the number of {self.unit} per turn a minute is unknown; write per_turn, such as "0.314"'
             )
 
     @property
@@ -167,11 +167,13 @@ class MachineUnit:
 
 def _check_unit(unit: object) -> None:
     if not isinstance(unit, str) or not unit or unit != unit.strip() or not unit.isprintable():
-        raise UsageError(f'invalid unit = {shortened(unit)}; write what the machine counts, such as "m/min"')
+        raise UsageError(f'invalid unit = {shortened(unit)}; write the unit of the machine, such as "m/min"')
     if len(unit) > _LONGEST_UNIT:
         raise UsageError(f"invalid unit = {shortened(unit)}; write up to {_LONGEST_UNIT} characters")
     if unit.casefold() in ("hz", "%"):
-        raise UsageError(f'invalid unit = {unit}, which every reference supports; write what the machine counts, "m/min"')
+        raise UsageError(
+            f'invalid unit = {unit}, which every reference supports; write the unit of the machine, "m/min"'
+        )
 
 
 def _above_zero(key: str, value: Any) -> Decimal:

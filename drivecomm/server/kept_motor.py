@@ -217,7 +217,7 @@ class KeptMotor:
     async def _stop_later(self, error: Exception) -> None:
         """Retry the stop until the drive confirms it; polls feed the watchdog as soon as the drive answers again."""
         if not self._keeper.stopped and (how := self._keeper.leaving_stop) is not None:
-            self._not_as_wished("may be running, because its stop is not confirmed, and is tried again", error)
+            self._not_as_wished("may be running, because its stop is not confirmed; retrying", error)
             await self._stopped(how, error)
             self._keeper.stop_by(None)
             try:

@@ -43,5 +43,5 @@ def with_names(table: TomlTable, names: Mapping[str, str]) -> TomlTable:
         if each in SITES and each not in names:
             raise table.error(f"levels: the {each} has no name; write {each} = in [server]", "levels")
     if listed != [each for each in LEVELS if each in listed]:
-        raise table.error(f"levels go from the highest to the lowest, each once: {', '.join(LEVELS)}", "levels")
+        raise table.error(f"list levels from highest to lowest, each once: {', '.join(LEVELS)}", "levels")
     return table.replaced("levels", {each: names.get(each, "") for each in listed})

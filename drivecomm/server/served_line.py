@@ -201,7 +201,9 @@ class ServedLine:
         self._update(seen, replace(seen.view, late=True, error=why))
         if self._late.seen(now_s):
             text = f"is late: it had no time to poll the status of {drive}, and other drives may be affected"
-            self._table.record_event("line", f"{text}; drivecomm forecast shows the load of the line", line=self.line.name)
+            self._table.record_event(
+                "line", f"{text}; drivecomm forecast shows the load of the line", line=self.line.name
+            )
 
     def look(self, now_s: float) -> None:
         """Report lateness and missed polls that have ended. now_s: seconds of a monotonic clock."""
@@ -217,7 +219,9 @@ class ServedLine:
         if self._missing.seen(time.monotonic(), number):
             count, seconds = self._missing.incidents, self._missing.lasted_s
             text = f"misses polls: it had no time for {count} of them within {seconds:.0f} s"
-            self._table.record_event("line", f"{text}; drivecomm forecast shows the load of the line", line=self.line.name)
+            self._table.record_event(
+                "line", f"{text}; drivecomm forecast shows the load of the line", line=self.line.name
+            )
 
     async def opened(self) -> None:
         """Wait for the first attempt to open the line.

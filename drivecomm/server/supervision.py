@@ -89,7 +89,7 @@ class OpenDoor:
                     loop.call_soon_threadsafe(task.cancel)
             self._thread.join(_END_S / 2)
         if self._thread.is_alive():
-            self._told(f"door {self.door.name} does not end; it is left behind")
+            self._told(f"door {self.door.name} does not stop; it is abandoned")
 
     def _work(self) -> None:
         # A door may need another kind of event loop than the default of the system.

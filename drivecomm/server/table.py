@@ -30,7 +30,7 @@ KEPT_EVENTS = 1000
 
 LEAST_S = 1.0
 """Minimum age of a stale value in seconds, whatever its poll period: stops and waits for replies delay polls."""
-NOT_ASKED = "was not asked for too long, because its line was busy"
+NOT_ASKED = "was not polled for too long, because its line was busy"
 
 TOGETHER_S, MANY_TOGETHER_S = 0.002, 0.004
 """Collection times of changes for one call of the listeners; longer after many changes, as a call wakes all doors."""

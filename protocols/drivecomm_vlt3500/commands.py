@@ -139,12 +139,12 @@ class VltConversation:
         word = self._memory.commanded
         if word is None:
             raise StateError(
-                f"{verb} changes the last control word, and this program has none that the drive has confirmed; "
+                f"{verb} changes the last control word, but the drive has not confirmed any from this program; "
                 "start or stop the drive first"
             )
         seen = yield from self.look()
         if word & _MOVING and not profile().says("running", seen):
-            raise StateError(f"{verb} would start the drive again, which has stopped meanwhile; use start")
+            raise StateError(f"{verb} would restart the drive, which has stopped meanwhile; use start")
         return word
 
     def request(self, word: int, mask: int | None) -> Control:

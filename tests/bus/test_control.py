@@ -134,7 +134,7 @@ def test_verbs_missing_from_the_capabilities_are_refused(drive):
         "set_relay": {"number": 1, "on": True},
     }.items():
         if verb not in drive.capabilities.verbs:
-            with pytest.raises(NotSupported, match=f"cannot {verb}; of the common verbs it has"):
+            with pytest.raises(NotSupported, match=f"does not support {verb}; supported common verbs: "):
                 getattr(drive, verb)(**arguments)
 
 

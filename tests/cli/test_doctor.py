@@ -23,7 +23,13 @@ def test_sound_line_has_no_problems(shell):
     assert shell("doctor", "line", "--quick", port=None) == 0
     assert "PROBLEM" not in shell.out
     assert shell.out.endswith("no problems found\n")
-    for part in ("the line is quiet", "does not echo what it sends", "vabus:1 answers", "fuji:3 answers", "vabus:1 is done"):
+    for part in (
+        "the line is quiet",
+        "does not echo what it sends",
+        "vabus:1 answers",
+        "fuji:3 answers",
+        "vabus:1 is done",
+    ):
         assert part in shell.out
 
 

@@ -76,7 +76,7 @@ def test_hold_is_refused_if_the_watchdog_is_on(shell):
     line = shell.line(virtual_drive("vabus", 1, model="agile"))
     line.drives[0].poke("413", 10)
     assert shell("start", "vabus:1", "--link-loss", "hold", "-m", "agile") == 5
-    assert "the watchdog of vabus:1 is on (trip after 10 s), which is not hold" in shell.err
+    assert "the watchdog of vabus:1 is on (trip after 10 s), which differs from hold" in shell.err
     assert not line.drives[0].motor.running
 
 

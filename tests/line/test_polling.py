@@ -82,7 +82,7 @@ def test_write_only_parameter_is_not_polled(bus, tmp_path):
     pump = bus.drive("vabus", 1, model=model)
     pump.check_read("480")
     for name in ("481", "secret"):
-        with pytest.raises(UsageError, match="481 can only be written, says model odd"):
+        with pytest.raises(UsageError, match="481 is write-only in model odd"):
             bus.poll([PollItem(drive=pump, parameter=name)])
 
 

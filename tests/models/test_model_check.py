@@ -84,7 +84,7 @@ def test_finding_names_file_line_and_key(tmp_path):
         (HEAD.replace("act", "none"), 5, "extends", "there is no model 'none' beside this one or among"),
         (HEAD.replace('"act"', "[]"), 5, "extends", "[] is not a text"),
         (HEAD.replace("act", "../act"), 5, "extends", "there is no model '../act' beside this one or among"),
-        (HEAD.replace("act", "own"), 5, "extends", "extends itself, by way of own"),
+        (HEAD.replace("act", "own"), 5, "extends", "extends itself, through own"),
         # Entries that must agree with each other.
         (HEAD.replace("a page", "") + PARAMETER, 6, "", "parameter 481: nothing says where it is from"),
         (HEAD + PARAMETER * 2, 11, "address", "481 is listed twice"),
@@ -129,13 +129,13 @@ def test_finding_names_file_line_and_key(tmp_path):
             + "values = { 0 = 'off', 1 = 'stop' }\n",
             9,
             "actions",
-            "trip = 5, and parameter 482 takes 0, 1",
+            "trip = 5, and parameter 482 accepts 0, 1",
         ),
         (
             HEAD + "[watchdog]\ntime = '481'\nactions = { trip = 0, hold = 1 }\n" + PARAMETER + "unit = 's'\n",
             8,
             "actions",
-            "there is one thing that a drive does",
+            "a drive has exactly one reaction",
         ),
         (
             HEAD + "[watchdog]\ntime = '481'\naction = 5\nactions = { trip = 0 }\n" + PARAMETER + "unit = 's'\n",
@@ -283,7 +283,7 @@ def test_failure_to_make_a_virtual_drive_is_a_finding(check):
         raise RuntimeError("no")
 
     [(line, key, text)] = check(HEAD + "[faults]\n1 = 'x'\n", altered(virtual=never))
-    remedy = "take over a model that has what a drive needs, such as extends = 'agile'"
+    remedy = "extend a model that has what a drive needs, such as extends = 'agile'"
     assert (line, key, text) == (1, "", f"no virtual drive can be made with it (RuntimeError: no); {remedy}")
 
 

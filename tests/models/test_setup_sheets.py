@@ -264,4 +264,4 @@ def test_link_loss_without_codes_needs_a_watchdog(tmp_path):
     head = 'format = 1\nprotocol = "vabus"\nname = "own"\nsource = "a page"\nextends = "act"\nlink_loss = "unknown"\n'
     path.write_text(head + ROW.replace('"line"', '"link loss"') + "made_from = 'link_loss'\n")
     (finding,) = check_model(path)
-    assert "neither these nor a watchdog say" in finding.text
+    assert "neither these nor a watchdog define" in finding.text

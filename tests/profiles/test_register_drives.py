@@ -111,7 +111,7 @@ def test_refusal_that_reports_a_line_error_is_retried():
         assert drive.read("125").value == 0
         assert sent() == [telegram("read", 125)] * 3
         refusing(line.drives[0], SUM_ERROR, 9)
-        with pytest.raises(DamagedReplyError, match="came to it damaged"):
+        with pytest.raises(DamagedReplyError, match="request arrived damaged"):
             drive.read("125")
         assert len(sent()) == 6
 

@@ -127,12 +127,12 @@ def test_number_that_is_ambiguous_with_the_unit_is_refused():
 @pytest.mark.parametrize(
     ("said", "sentence"),
     [
-        ({"unit": ""}, "invalid unit = ''; write what the machine counts"),
+        ({"unit": ""}, "invalid unit = ''; write the unit of the machine"),
         ({"unit": " m"}, "invalid unit = ' m'"),
         ({"unit": "m\n"}, "invalid unit = "),
         ({"unit": 3}, "invalid unit = 3"),
         ({"unit": "x" * 21}, "write up to 20 characters"),
-        ({"unit": "HZ", "per_hz": 1}, "invalid unit = HZ, which a reference has anyway"),
+        ({"unit": "HZ", "per_hz": 1}, "invalid unit = HZ, which every reference supports"),
         ({"unit": "%", "per_hz": 1}, "invalid unit = %"),
         ({"unit": "m/min"}, "either per_hz or poles"),
         ({"unit": "m/min", "per_hz": 1, "poles": 4}, "either per_hz or poles"),
@@ -148,9 +148,12 @@ def test_number_that_is_ambiguous_with_the_unit_is_refused():
         ({"unit": "rpm", "poles": 0}, "invalid poles = 0"),
         ({"unit": "rpm", "poles": True}, "invalid poles = True"),
         ({"unit": "rpm", "poles": 4, "gear": 0}, "invalid gear = 0"),
-        ({"unit": "rpm", "poles": 4, "per_turn": 1}, "rpm counts turns itself; leave per_turn out"),
+        ({"unit": "rpm", "poles": 4, "per_turn": 1}, "rpm already counts turns; leave per_turn out"),
         ({"unit": "m/min", "poles": 4}, "write per_turn"),
-        ({"unit": "m/s", "poles": 4, "per_turn": 1}, "poles give a speed a minute, and m/s is not one"),
+        (
+            {"unit": "m/s", "poles": 4, "per_turn": 1},
+            "poles give a speed per minute, and m/s is not one",
+        ),
     ],
 )
 def test_invalid_machine_unit_is_refused(said, sentence):

@@ -115,7 +115,7 @@ def test_history_can_be_switched_off_or_configured(file):
         ),
         (
             "[[door]]\nkind = 'mqtt'\nlevels = ['line', 'plant']\n",
-            "line 9: door 1 (mqtt): levels go from the highest to the lowest, each once",
+            "line 9: door 1 (mqtt): list levels from highest to lowest, each once",
         ),
         ("[[door]]\nkind = 'mqtt'\nlevels = 'line'\n", "line 9: door 1 (mqtt): invalid levels = 'line'; write a list"),
         ("[[door]]\nlisten = 'x'\n", 'line 7: door 1: write the kind of door, such as kind = "http"'),

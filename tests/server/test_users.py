@@ -87,7 +87,7 @@ def owned(file, monkeypatch):
 def test_users_file_accessible_to_others_is_refused(file, owned, mode):
     owned(1000, mode, 1000)
     for use in (read_users, lambda path: add_user(path, user("ben"))):
-        with pytest.raises(FileFormatError, match=f"{file}: others can read or write it; say chmod 600 {file}"):
+        with pytest.raises(FileFormatError, match=f"{file}: others can read or write it; run chmod 600 {file}"):
             use(file)
 
 
@@ -100,8 +100,8 @@ def test_users_file_accessible_to_others_is_refused(file, owned, mode):
         (0, 0o600, 0, ""),
         (0, 0o640, 4711, ""),
         (0, 0o640, 0, ""),
-        (0, 0o660, 4711, "others can read or write it; say chmod 640"),
-        (0, 0o644, 4711, "others can read or write it; say chmod 640"),
+        (0, 0o660, 4711, "others can read or write it; run chmod 640"),
+        (0, 0o644, 4711, "others can read or write it; run chmod 640"),
     ],
 )
 def test_users_file_of_another_owner_is_refused_except_of_root(file, owned, *, owner, mode, me, sentence):

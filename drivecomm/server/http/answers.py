@@ -50,7 +50,7 @@ _LEASE = {"drive": str, "holder": str, "door": str, "until_s": float, "yours": b
 Error = _model("Error", "kind: of the tree of errors that Python callers get.", kind=str, text=str, exit_code=int)
 ANSWER = {"id": str, "outcome": _Outcome, "result": Any, "error": Error | None}
 Problem = _model(
-    "Problem", "RFC 9457. id, outcome, result: of a command that was not done; failed: the drive said no, open: it was "
+    "Problem", "RFC 9457. id, outcome, result: of a command that was not done; failed: the drive refused, open: it was "
     "sent, and whether the drive acted is not known.",
     title=str, status=int, detail=str, error=Error, id=(str, _ABSENT), outcome=(_Outcome, _ABSENT),
     result=(Any, _ABSENT),
@@ -79,7 +79,7 @@ EndedLease = _model("EndedLease", drive=str)
 Drive: Any = _model(
     "Drive", "may: the verbs that you may use. late: its line had no time to ask for its status, which may have "
     "changed since. policies: with which link-loss policies it can be started. monitoring_only: its model has no "
-    "orders, so it can only be read. fault_log: what the drive remembered of its faults when it was asked last, the "
+    "orders, so it can only be read. fault_log: the drive's own fault log when last read, the "
     "newest first. kept: the link-loss policy under which the server keeps the motor running. standing_stop: the stop "
     "that is retried until the drive confirms it, or that a door demands; null without one. drift: whether it is set "
     "as approved, and how many parameters differ; null if not compared. machine_unit: what its machine "
@@ -99,7 +99,7 @@ Drift: Any = _model(
     "Drift", "What differs in a drive from its baseline, as its last backup showed it. not comparable: nothing is "
     "known to differ, but not all could be compared. changed: how many parameters differ; null if not compared. "
     "since_s: of a change, the first backup with the value of now; of the drive, the earliest of those. cause: "
-    "why there is no comparison. replaced: how one sees that it is another drive. restore: the command that gives it "
+    "why there is no comparison. replaced: evidence that it is another drive. restore: the command that gives it "
     "the approved set. untold: what it told of itself when it was approved, and does not tell now. equal: how many "
     "parameters are as approved. compared_s: when the drive was read.",
     drive=str, state=_DriftKind, text=str, changed=int | None, since_s=_Number, cause=str,

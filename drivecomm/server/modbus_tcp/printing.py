@@ -35,7 +35,7 @@ _OUTCOMES = {
     Outcome.UNDER_WAY: "under way",
     Outcome.DONE: "done: the drive has confirmed it",
     Outcome.REFUSED: "refused: nothing was sent",
-    Outcome.FAILED: "failed: the drive said no",
+    Outcome.FAILED: "failed: the drive refused",
     Outcome.OPEN: "open: sent, and not known whether the drive acted",
 }
 _REASONS = {
@@ -48,11 +48,11 @@ _REASONS = {
     Reason.READ_ONLY: "the drive is not armed",
     Reason.VALUE: "the drive cannot take this value",
     Reason.CANNOT: "the drive cannot do it, or not now",
-    Reason.DRIVE_REFUSES: "the drive said no",
+    Reason.DRIVE_REFUSES: "the drive refused",
     Reason.NO_REPLY: "the drive did not answer",
     Reason.NO_LINE: "the line is not open",
     Reason.CANCELLED: "a stop came after it",
-    Reason.MISTAKE: "a mistake in the server, whose log has more",
+    Reason.MISTAKE: "an internal error of the server; see its log",
 }
 
 

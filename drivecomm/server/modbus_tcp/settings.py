@@ -74,7 +74,7 @@ def read_door_settings(table: TomlTable) -> DoorSettings:
     if not (listen.is_loopback or given.get("insecure", False)):
         raise table.error(
             f"{listen} can be reached from the network, and Modbus TCP has no encryption and no users; listen on "
-            "127.0.0.1, or spell out insecure = true",
+            "127.0.0.1, or set insecure = true",
             "listen",
         )
     lease_s = given.get("lease_s", 3.0)

@@ -49,10 +49,10 @@ REQUESTS: Mapping[str, Mapping[str, Field]] = {
 """Requests about the plant as a whole, with their fields. All fields but token and lines are required."""
 
 _SAID = {
-    "id": "one of its own, so that the same command twice is carried out once",
-    "session": "the one that bridge/state tells, so that it cannot be meant for another time",
-    "issued_s": "when it was given, so that it cannot be carried out late",
-    "valid_s": "for how many seconds it counts",
+    "id": "a unique text, so that a repeated command is sent once",
+    "session": "the session in bridge/state, which ties the command to this connection",
+    "issued_s": "the time of the command, so that it is not sent late",
+    "valid_s": "its validity in seconds",
 }
 
 

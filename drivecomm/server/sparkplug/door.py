@@ -77,7 +77,7 @@ def sparkplug_door(table: TomlTable) -> SparkplugDoor:
         wire.payload_class()
     except ImportError as error:
         raise UsageError(
-            f'the Sparkplug door needs more packages ({error}); say pip install "drivecomm[sparkplug]"'
+            f'the Sparkplug door needs more packages ({error}); run pip install "drivecomm[sparkplug]"'
         ) from error
     return door
 
@@ -100,7 +100,7 @@ class SparkplugDoor:
                 raise table.error(f"invalid {key} = {given[key]!r}; write a text without / + and #", key)
         urls = given.pop("brokers", None)
         if urls is not None and "broker" in given:
-            raise table.error("broker and brokers are both there; leave one of them out", "broker")
+            raise table.error("broker and brokers exclude each other; leave one of them out", "broker")
         if urls is not None and not (urls and all(isinstance(url, str) for url in urls)):
             raise table.error(
                 'brokers is a list of one or more; write brokers = ["mqtt://one", "mqtt://two"]', "brokers"

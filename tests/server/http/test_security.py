@@ -324,7 +324,7 @@ def test_internal_error_reveals_no_details(door, caplog):
     with caplog.at_level(logging.ERROR):
         found = Client(door, "ottootto").post("/api/v1/drives/pump/break", id="1")
     assert found.status == 500
-    assert found.content["error"]["text"] == "the server has made a mistake; its log says which"
+    assert found.content["error"]["text"] == "internal error of the server; see its log"
     until = time.monotonic() + 5
     while "secret inside" not in caplog.text and time.monotonic() < until:
         time.sleep(0.01)

@@ -91,7 +91,7 @@ def test_units_must_be_given_explicitly():
 
 @pytest.mark.parametrize("listen", ["0.0.0.0:502", "[::]:502", "192.168.1.2:502"])
 def test_network_address_needs_insecure_true(listen):
-    with pytest.raises(FileFormatError, match=r"no encryption and no users; .*, or spell out insecure = true"):
+    with pytest.raises(FileFormatError, match=r"no encryption and no users; .*, or set insecure = true"):
         ModbusTcpDoor(table(listen=listen))
     assert ModbusTcpDoor(table(listen=listen, insecure=True)).name == f"modbus-tcp {listen}"
 

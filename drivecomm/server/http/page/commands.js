@@ -7,7 +7,7 @@ import { plant, serverTime } from "./plant.js";
 const STOP_TRIES = 3;
 const STOP_TIMEOUT_MS = 4000;
 const VALID_S = 2;
-const NOT_KNOWN = "no answer from the server; whether the drive acted is not known";
+const NOT_KNOWN = "no response from the server; whether the drive acted is unknown";
 
 let listener = () => {};
 

@@ -6,7 +6,7 @@ import { clock } from "./format.js";
 import { isLive, may, roleName, serverTime } from "./plant.js";
 
 const POLICIES = {
-  ramp: "the motor stops down its ramp",
+  ramp: "the motor stops along its ramp",
   coast: "the drive switches its output off, and the motor coasts",
   trip: "the drive stops the motor with a fault that must be reset",
   hold: "the motor keeps running as commanded, and nothing stops it",
@@ -19,7 +19,7 @@ export function controls(name) {
   const why = el("p", { class: "quiet" });
   const holder = el("p", { class: "lease" });
   const take = el("button", { type: "button", click: () => leases.take(name) }, "Take control");
-  const give = el("button", { type: "button", click: () => leases.give(name) }, "Give control back");
+  const give = el("button", { type: "button", click: () => leases.give(name) }, "Release control");
   const reference = referenceForm(name);
   const starting = startForm(name);
   const reset = el("button", { type: "button", click: () => command(name, "reset", {}, "reset the fault") }, "Reset the fault");
@@ -56,7 +56,7 @@ function whoCommands(drive, mine) {
 
 function reasons(drive, allowed, mine) {
   if (!isLive()) return "Nothing can be commanded from here: there is no connection to the server.";
-  if (allowed) return mine || drive.lease ? "" : "Take control to command it; others see that you have it.";
+  if (allowed) return mine || drive.lease ? "" : "Take control to command it; other users see it.";
   if (drive.monitoring_only) return "This drive is monitoring only: its model has no commands, so it can only be read.";
   if (drive.read_only_reason) return drive.read_only_reason;
   if (!drive.armed) return "The plant file does not arm this drive: it can only be watched and stopped.";
@@ -168,7 +168,7 @@ function startForm(name) {
     hide(backwards, !may(drive, "reverse"));
     const able = offered(drive);
     first.disabled = !ready || !able.length;
-    put(none, able.length ? "" : "It cannot be started from here: the plant file allows no link_loss policy that this drive has.");
+    put(none, able.length ? "" : "It cannot be started from here: the plant file allows no link_loss policy that this drive supports.");
     if (first.disabled && !form.hidden) cancel();
     for (const { element: choice, radio } of policies) {
       const isAble = able.some((each) => each.radio === radio);
