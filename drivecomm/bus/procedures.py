@@ -259,5 +259,5 @@ class GoalWait:
         if isinstance(self._goal, DriveState):
             return status.state is self._goal
         if status.at_reference is None and status.running:
-            raise NotSupported(f"the status of {self._name} does not say whether the reference is reached")
+            raise NotSupported(f"the status of {self._name} does not report whether the reference is reached")
         return bool(status.running and status.at_reference)

@@ -134,7 +134,7 @@ def await_reply(call: CallContext, ask: Ask, data: bytes, heard: Sequence[Arriva
                         noise += len(find.data)
                         line.others.pass_by(find.data)
                     if fits is not None and len(fits.find.data) == 1:
-                        fits.doubt = f"what {peer.name} said is {BY_CHANCE}"
+                        fits.doubt = f"the reply of {peer.name} is {BY_CHANCE}"
                 place += len(find.data) if isinstance(find, Noise) else 0
         # Once a reply has begun only the gap limit counts; before that, the reply time keeps running.
         begun = framer.begun or damage

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _PRINTED = re.compile(r"(x|\*)?\s*(\d+(?:\.\d+)?)\b.*")
 _NAME = re.compile(r"[a-z][a-z0-9_]*", re.ASCII)
-_NO_SOURCE = "nothing says where it is from; name the manual and the page under source"
+_NO_SOURCE = "its source is missing; name the manual and the page under source"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

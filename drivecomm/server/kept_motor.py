@@ -227,7 +227,7 @@ class KeptMotor:
             else:
                 self._news.stopped()
                 return
-        self._not_as_wished("is stopped, but its watchdog may not be set as it was", error)
+        self._not_as_wished("is stopped, but its watchdog may not be restored", error)
 
     def _not_as_wished(self, what: str, error: Exception) -> None:
         told = {"error": error_content(error)} if isinstance(error, DriveCommError) else {}

@@ -136,7 +136,7 @@ class ServedLine:
         if (error := self._unusable.get(name)) is not None:
             raise error.with_traceback(None)
         if (seen := self._seen.get(name)) is None:
-            raise UsageError(f"{name} is not on line {self.line.name} any more")
+            raise UsageError(f"{name} is no longer on line {self.line.name}")
         return seen.drive
 
     def state(self) -> LineSnapshot:

@@ -122,7 +122,7 @@ class OpenDoor:
                 self.failed = in_one_line(error)
                 self._told(f"door {self.door.name} failed: {self.failed}")
             else:
-                self._told(f"door {self.door.name} has ended by itself")
+                self._told(f"door {self.door.name} has ended unexpectedly")
             if self.opened.is_set():
                 # The door worked until now, so the next attempt may follow soon.
                 waiting.succeeded()

@@ -63,7 +63,7 @@ def read_users(file: Path) -> tuple[User, ...]:
     for table in top.tables("user"):
         user = _user(table)
         if user.name in users:
-            raise table.error(f"{user.name} is there twice; remove one of both")
+            raise table.error(f"{user.name} is listed twice; remove one of the two")
         users[user.name] = user
     return tuple(users.values())
 

@@ -137,8 +137,8 @@ def test_start_with_trip_stays_until_a_signal_stops_it(shell, number):
     assert shell(*given) == 0
     assert shell.out.splitlines() == [
         "vabus:1  watchdog: trip after 3 s without this program",
-        "vabus:1  started, runs to 10.00 Hz; Ctrl-C stops it and sets the watchdog as it was",
-        "vabus:1  stop commanded; watchdog as it was",
+        "vabus:1  started, runs to 10.00 Hz; Ctrl-C stops it and restores the watchdog",
+        "vabus:1  stop commanded; watchdog restored",
     ]
     assert line.time > 100
     line.advance(1000)

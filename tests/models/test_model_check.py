@@ -86,7 +86,7 @@ def test_finding_names_file_line_and_key(tmp_path):
         (HEAD.replace("act", "../act"), 5, "extends", "there is no model '../act' beside this one or among"),
         (HEAD.replace("act", "own"), 5, "extends", "extends itself, through own"),
         # Entries that must agree with each other.
-        (HEAD.replace("a page", "") + PARAMETER, 6, "", "parameter 481: nothing says where it is from"),
+        (HEAD.replace("a page", "") + PARAMETER, 6, "", "parameter 481: its source is missing"),
         (HEAD + PARAMETER * 2, 11, "address", "481 is listed twice"),
         (HEAD + PARAMETER + PARAMETER.replace("481", "482"), 12, "name", "ramp is parameter 481 already"),
         (HEAD + PARAMETER.replace("ramp", "Ramp 1"), 8, "name", "'Ramp 1' is not a name; use lower case"),
@@ -170,7 +170,7 @@ def test_finding_names_file_line_and_key(tmp_path):
             + PARAMETER + "unit = 's'\nsource = 'page 2'\n",
             6,
             "",
-            "nothing says where it is from; name the manual and the page under source",
+            "its source is missing; name the manual and the page under source",
         ),
         # Rules of the protocol package.
         (HEAD + "[options]\nram_dataset = true\n", 7, "ram_dataset", "no such option; did you mean 'ram_datasets'?"),

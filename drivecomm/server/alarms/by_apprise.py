@@ -27,7 +27,7 @@ def main() -> int:
         return _failed("apprise does not support its URL; see https://github.com/caronc/apprise/wiki")
     message = given["message"]
     if message and not service.notify(title=message["title"], body=message["text"]):
-        return _failed(f"apprise could not deliver it: {'; '.join(said) or 'it does not say why'}")
+        return _failed(f"apprise could not deliver it: {'; '.join(said) or 'it gave no reason'}")
     return 0
 
 

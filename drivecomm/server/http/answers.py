@@ -59,7 +59,7 @@ _Scalar = int | float | str
 ReadingAnswer = _plain(Reading, value=_Scalar, quality=Quality)
 Value = _model(
     "Value", "The latest of one quantity. source_s: when the reply with it had arrived. machine_value: of a frequency, "
-    "the speed of the drive's machine, where the plant file says its unit.",
+    "the speed of the drive's machine, if the plant file gives its unit.",
     drive=str, name=str, quality=ResultQuality, cause=str, time_s=float, source_s=_Number, age_s=_Number,
     reading=ReadingAnswer | None, machine_value=(float, _ABSENT), machine_unit=(str, _ABSENT),
 )  # fmt: skip
@@ -83,7 +83,7 @@ Drive: Any = _model(
     "newest first. kept: the link-loss policy under which the server keeps the motor running. standing_stop: the stop "
     "that is retried until the drive confirms it, or that a door demands; null without one. drift: whether it is set "
     "as approved, and how many parameters differ; null if not compared. machine_unit: what its machine "
-    "counts, empty if the plant file does not say; actual_machine: the actual frequency of the status in it.",
+    "counts, empty if the plant file does not give it; actual_machine: the actual frequency of the status in it.",
     name=str, drive=str, line=str, title=str, groups=list[str], model=str, armed=bool, read_only_reason=str,
     link_loss=_model("LinkLossPolicy", "What the plant file says.", policy=_Policy, watchdog_s=float) | None,
     policies=_many(_Policy), monitoring_only=bool, fault_log=_many(_plain(RememberedFault)), may=list[str],

@@ -31,7 +31,7 @@ _QUALITIES = {
     Quality.GOOD: "current",
 }
 _OUTCOMES = {
-    Outcome.NOTHING: "nothing was asked for yet",
+    Outcome.NOTHING: "no request yet",
     Outcome.UNDER_WAY: "under way",
     Outcome.DONE: "done: the drive has confirmed it",
     Outcome.REFUSED: "refused: nothing was sent",
@@ -89,7 +89,7 @@ def _markdown(door: ModbusTcpDoor, plant: Plant, notes: Mapping[tuple[str, str],
     yield from _numbers("quality", _QUALITIES)
     told = [(drive, name, note) for (drive, name), note in notes.items() if drive in settings.units.values()]
     if told:
-        yield "A good value says nothing of how sure the drive's model is of its type and unit:"
+        yield "Good quality does not show how certain the drive's model is of type and unit:"
         yield ""
         yield from _table(("drive", "value", "how sure"), told)
     yield from _table(("bit of the state", "meaning"), enumerate(STATE_BITS))

@@ -90,7 +90,9 @@ def _written(given: Sequence[Any]) -> Mapping[str, Any]:
 
 STOPS = (
     Method(name="Stop", verb="stop", about="Stop the motor on its ramp.", arguments=lambda _: {"how": "ramp"}),
-    Method(name="QuickStop", verb="stop", about="Stop the motor on its quick ramp.", arguments=lambda _: {"how": "quick"}),
+    Method(
+        name="QuickStop", verb="stop", about="Stop the motor on its quick ramp.", arguments=lambda _: {"how": "quick"}
+    ),
     Method(name="Coast", verb="stop", about="Let the motor coast.", arguments=lambda _: {"how": "coast"}),
 )
 

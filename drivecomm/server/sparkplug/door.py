@@ -182,7 +182,7 @@ class SparkplugDoor:
 
         now = asyncio.get_running_loop().time
         soon, taken, turn = Backoff(_FIRST_S, _LONGEST_S), Backoff(_TAKEN_FIRST_S, _TAKEN_LONGEST_S), 0
-        another, lost_soon = f"is there another edge node {self.name.partition(' ')[2]}?", 0
+        another, lost_soon = f"check for another edge node {self.name.partition(' ')[2]}", 0
         while True:
             settings, began, pauses = self._brokers[turn % len(self._brokers)], now(), soon
             new = self._session = session(await asyncio.to_thread(kept.next_connection))

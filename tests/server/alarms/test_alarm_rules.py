@@ -114,7 +114,7 @@ def test_alarm_rule_as_text(rules):
         ('on = "fault"\nfor_s = inf', "invalid for_s = inf"),
         ('on = "fault"\nover_s = 0.5', "line 3: alarm 1: invalid over_s = 0.5; write 1 seconds or more"),
         ('on = "fault"\nremind_s = 5', "line 3: alarm 1: invalid remind_s = 5; write 60 seconds or more"),
-        ('on = "fault"\nabove = 3', "line 3: alarm 1: above is of a quantity"),
+        ('on = "fault"\nabove = 3', "line 3: alarm 1: above needs a quantity"),
         ('on = "fault"\nquantity = "481"\nabove = 1', "line 2: alarm 1: on and quantity define two alarms"),
         ('quantity = "481"', "line 2: alarm 1: a quantity needs exactly one limit"),
         ('quantity = "481"\nabove = 1\nbelow = 2', "line 2: alarm 1: a quantity needs exactly one limit"),

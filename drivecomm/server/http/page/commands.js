@@ -167,6 +167,6 @@ async function renewOne(drive, lease) {
 }
 
 function over(drive, why) {
-  tell({ number: ++asked, drive, words: "your control is over", outcome: "ended", text: why });
+  tell({ number: ++asked, drive, words: "your control has ended", outcome: "ended", text: why });
   askAgain(drive);
 }
