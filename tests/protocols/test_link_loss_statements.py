@@ -43,7 +43,7 @@ def test_link_loss_without_a_model_is_unknown(plugin):
     assert not plugin.operations(address, plugin.options(), None).capabilities.link_loss
     with drivecomm.open_bus(VirtualLine([virtual_drive(plugin.name, address)]).port) as bus:
         said = bus.drive(plugin.name, address).capabilities.link_loss
-    assert said == "no model is given, so what it does when its master falls silent is not known"
+    assert said == "no model is given, so its reaction to a link loss is not known"
 
 
 @pytest.mark.parametrize("name", [name for name, (_, model) in MODELS.items() if model.watchdog])

@@ -153,5 +153,5 @@ def _check_encrypted(said: Mapping[str, Any], host: str) -> None:
     if said.get("sslmode") not in _ENCRYPTED:
         raise UsageError(
             f"{host} is another machine, and data sent there could be read and changed in transit; put "
-            "sslmode=verify-full into the URL, or give --insecure"
+            "sslmode verify-full into the URL, or give --insecure"
         )
