@@ -103,7 +103,7 @@ def test_lease_of_one_command_may_expire_before_its_release():
 @pytest.mark.parametrize("seconds", [0, -1, 30.1, math.nan, math.inf, "10", None])
 def test_invalid_lease_time_is_refused(seconds):
     leases = Leases()
-    with pytest.raises(UsageError, match="take up to 30 s, and renew it"):
+    with pytest.raises(UsageError, match="give up to 30 s, and renew it"):
         take(leases, ANNA, seconds)
     assert not leases.all(now=0)
 
