@@ -133,7 +133,7 @@ def test_rewritten_users_file_keeps_owner_group_and_mode(file):
         ('[[user]]\nname = "a"\nrole = "nobody"\n', "line 3: user 1 (a): unknown role 'nobody'"),
         ('[[user]]\nname = "a"\nrole = "view"\n', "line 1: user 1 (a): a has neither a token nor a password"),
         (ENTRY + "passwrod = 3\n", "line 5: user 1 (anna): unknown key 'passwrod'; did you mean 'password'?"),
-        (ENTRY + ENTRY, "line 5: user 2 (anna): anna is there twice"),
+        (ENTRY + ENTRY, "line 5: user 2 (anna): anna is listed twice"),
         (
             ENTRY.replace("anna", "anonymous"),
             "line 1: user 1 (anonymous): anonymous is reserved for callers without a login",
