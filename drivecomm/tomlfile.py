@@ -122,7 +122,7 @@ class TomlTable:
         for key, value in self.content.items():
             kind = known[key]
             if not isinstance(value, kind.types) or (isinstance(value, bool) and bool not in kind.types):
-                raise self.error(f"{key} cannot be {value!r}; write {kind.words}", key)
+                raise self.error(f"invalid {key} = {value!r}; write {kind.words}", key)
             if isinstance(value, int) and abs(value) > _LARGEST:
                 raise self.error(f"{key} is too large a number", key)
         return dict(self.content)
@@ -144,7 +144,7 @@ class TomlTable:
         """Return the table under a key; an empty one if the key is missing."""
         found = self.content.get(key, {})
         if not isinstance(found, dict):
-            raise self.error(f"{key} cannot be {found!r}; write {TABLE.words}", key)
+            raise self.error(f"invalid {key} = {found!r}; write {TABLE.words}", key)
         name = f"{self.name}, {key}" if self.name else key
         places = self._places
         if places is not None:

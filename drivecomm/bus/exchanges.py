@@ -99,7 +99,7 @@ class Exchanges:
         self.to_read(parameter, options).close()
         info = models.parameter_at(self.address_of(parameter), self._model) if self._model else None
         if self._model is not None and info is not None and "r" not in info.access:
-            raise NotSupported(f"{info.address} can only be written, says model {self._model.name}")
+            raise NotSupported(f"{info.address} is write-only in model {self._model.name}")
 
     def address_of(self, parameter: str) -> str:
         """Return the parameter's name for the protocol: the address of a common name, any other name unchanged."""
@@ -236,7 +236,7 @@ class Exchanges:
         """Carry out a verb that means the same on every drive that has it."""
         if verb not in self.operations.extra:
             can = ", ".join(sorted(self.capabilities.verbs)) or "none of them"
-            raise NotSupported(f"{self._name} cannot {verb}; of the common verbs it has {can}")
+            raise NotSupported(f"{self._name} does not support {verb}; supported common verbs: {can}")
         return call_checked(self.operations.extra[verb], **arguments)
 
     def call(self, verb: str, arguments: Mapping[str, Any]) -> Exchange[Any]:
@@ -279,7 +279,7 @@ def call_checked(operation: Callable[..., T], *values: Any, **options: Any) -> T
     """Call an operation. Raises UsageError for options that are unknown or have a wrong type."""
     if options and (wrong := wrong_argument(operation, options)):
         name, takes = wrong
-        raise UsageError(f"{name} cannot be {shortened(options[name])}; it takes {takes}")
+        raise UsageError(f"invalid {name} = {shortened(options[name])}; it takes {takes}")
     try:
         return operation(*values, **options)
     except TypeError:

@@ -64,7 +64,7 @@ class WatchdogFeeding:
             self.setting = yield from reading_watchdog(name, model)
             if self.setting.policy != "hold":
                 raise StateError(
-                    f"the watchdog of {name} is on ({self.setting}), which is not hold; choose its policy, or "
+                    f"the watchdog of {name} is on ({self.setting}), which differs from hold; choose its policy, or "
                     "switch it off first"
                 )
 

@@ -37,12 +37,12 @@ class KeepReports:
 
     def started(self, what: str, policy: LinkLoss, watchdog_s: Value | float | str) -> None:
         """Report that the motor was started. what: description of the start."""
-        text = f"{what}; Ctrl-C stops it and sets the watchdog as it was"
+        text = f"{what}; Ctrl-C stops it and restores the watchdog"
         self.tell("started", text, link_loss=policy, watchdog_s=watchdog_s)
 
     def stopped(self) -> None:
         """Report that the motor was released: the stop is commanded, and the watchdog restored."""
-        self.tell("stop commanded", "stop commanded; watchdog as it was")
+        self.tell("stop commanded", "stop commanded; watchdog restored")
 
     def failed(self, error: DriveCommError) -> None:
         """Report that communication with the drive has failed."""

@@ -136,7 +136,7 @@ class Keeper(Generic[D]):
                 self._answered_at = None
                 self._fail(
                     StateError(
-                        f"{self._drive.name} was not spoken to for {silent_s:.1f} s, longer than its watchdog waits; "
+                        f"{self._drive.name} received no request for {silent_s:.1f} s, longer than its watchdog waits; "
                         "what it was commanded is not repeated, so start it again if it should run"
                     )
                 )
@@ -155,6 +155,6 @@ class Keeper(Generic[D]):
         if first is None:
             return
         if isinstance(first, DriveCommError) and self._unanswered:
-            count = f"{self._unanswered} of {self._asked} refreshes of {self._drive.name} failed so far"
+            count = f"{self._unanswered} of {self._asked} refreshes of {self._drive.name} have failed"
             first.args = (f"{count}, and its watchdog may have acted; the first: {first}", *first.args[1:])
         raise first

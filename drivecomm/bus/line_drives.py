@@ -66,9 +66,9 @@ class LineDrives:
         self.echo = _echo_mode(echo)
         self.port = port
         if not is_duration(guard_s):
-            raise UsageError(f"guard_s cannot be {shortened(guard_s)}; give seconds, 0 or more")
+            raise UsageError(f"invalid guard_s = {shortened(guard_s)}; give seconds, 0 or more")
         if trace is not None and not callable(trace):
-            raise UsageError(f"trace cannot be {shortened(trace)}; give a function that is called with each event")
+            raise UsageError(f"invalid trace = {shortened(trace)}; give a function that is called with each event")
         self.stored_writes = StoredWrites(stored_writes_per_hour)
         self.commands = CommandHistory()
         self.proven = ProvenDrives(_warn)
@@ -89,9 +89,9 @@ class LineDrives:
         """Return the parts of the drive at an address. Raises UsageError for invalid arguments."""
         plugin = installed[protocol]
         if set_up is not None and not isinstance(set_up, Mapping):
-            raise UsageError(f"set_up cannot be {shortened(set_up)}; give parameters and their values")
+            raise UsageError(f"invalid set_up = {shortened(set_up)}; give parameters and their values")
         if not isinstance(read_only, bool):
-            raise UsageError(f"read_only cannot be {shortened(read_only)}; give True or False")
+            raise UsageError(f"invalid read_only = {shortened(read_only)}; give True or False")
         known = None if model is None else models.load_model(plugin.package, protocol, model)
         if checked := options.get(CONFIRMED_FACTS):
             known = models.with_confirmed(known, checked)
@@ -159,7 +159,9 @@ class LineDrives:
     def _at_port(self, plugin: Protocol, options: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return the options of a drive at this port: those of the port's scheme, then the given ones."""
         if self.is_foreign(plugin):
-            raise UsageError(f"{plugin.name} is not spoken at {self.port}; use socket://HOST:PORT for its serial line")
+            raise UsageError(
+                f"{plugin.name} is not supported at {self.port}; use socket://HOST:PORT for its serial line"
+            )
         brings = plugin.schemes.get(self.port.split("://", 1)[0].lower(), {})
         for name in brings.keys() & options.keys():
             if options[name] != brings[name]:
@@ -227,4 +229,4 @@ def _echo_mode(echo: bool | Echo) -> Echo:
         return echo
     if isinstance(echo, bool):
         return "expect" if echo else "off"
-    raise UsageError(f"echo cannot be {shortened(echo)}; use off, expect or auto")
+    raise UsageError(f"invalid echo = {shortened(echo)}; use off, expect or auto")

@@ -46,7 +46,7 @@ def port_opener(
     """
     if not isinstance(port, str):
         if not callable(port):
-            raise UsageError(f"port cannot be {shortened(port)}; give its name, or a function that returns a port")
+            raise UsageError(f"invalid port = {shortened(port)}; give its name, or a function that returns a port")
         return port
     names = [port]
 

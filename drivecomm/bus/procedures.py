@@ -226,7 +226,7 @@ class GoalWait:
     def __init__(self, name: str, goal: Goal, timeout_s: float, now: float) -> None:
         wanted = goal if goal == "at_reference" else _state(goal)
         if not is_duration(timeout_s):
-            raise UsageError(f"timeout_s cannot be {shortened(timeout_s)}; give seconds, 0 or more")
+            raise UsageError(f"invalid timeout_s = {shortened(timeout_s)}; give seconds, 0 or more")
         self._name = name
         self._goal: DriveState | Literal["at_reference"] = wanted
         self._timeout_s = timeout_s
@@ -259,5 +259,5 @@ class GoalWait:
         if isinstance(self._goal, DriveState):
             return status.state is self._goal
         if status.at_reference is None and status.running:
-            raise NotSupported(f"the status of {self._name} does not say whether the reference is reached")
+            raise NotSupported(f"the status of {self._name} does not report whether the reference is reached")
         return bool(status.running and status.at_reference)

@@ -115,4 +115,4 @@ def _check_machine(machine: object, drive: str) -> None:
     from drivecomm.protocol import MachineUnit
 
     if not isinstance(machine, MachineUnit):
-        raise UsageError(f"machine of {drive} cannot be {shortened(machine)}; give a drivecomm.MachineUnit")
+        raise UsageError(f"invalid machine of {drive}: {shortened(machine)}; give a drivecomm.MachineUnit")

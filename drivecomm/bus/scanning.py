@@ -254,13 +254,13 @@ def _asked(
 ) -> list[tuple[Protocol, Mapping[str, Any], int]]:
     """Return what a scan probes: protocols, drive options given with a protocol's name, and addresses."""
     if only is not None and (isinstance(only, str) or not isinstance(only, Iterable)):
-        raise UsageError(f"protocols cannot be {shortened(only)}; give a list, such as ['vabus']")
+        raise UsageError(f"invalid protocols = {shortened(only)}; give a list, such as ['vabus']")
     plugins: list[tuple[Protocol, Mapping[str, Any]]]
     plugins = [_variant(each) for each in only] if only is not None else [(each, {}) for each in installed.working()]
     try:
         wanted = None if addresses is None else list(addresses)
     except TypeError:
-        raise UsageError(f"addresses cannot be {shortened(addresses)}; give a list of numbers") from None
+        raise UsageError(f"invalid addresses = {shortened(addresses)}; give a list of numbers") from None
     return [
         (plugin, variant, address)
         for plugin, variant in plugins

@@ -141,8 +141,8 @@ class SeriesProof:
         if not told and (self.confirmed or not isinstance(self.operations, KnowsSeries)):
             # The drive does not report its series; if no tables depend on it, the protocol is the same on every drive.
             return
-        found = ", ".join(f"{key} {value}" for key, value in told.items()) or "nothing of what names its series"
-        raise self._wrong(f"it tells {found}", [each.name for each in fitting])
+        found = ", ".join(f"{key} {value}" for key, value in told.items()) or "nothing that identifies its series"
+        raise self._wrong(f"it reports {found}", [each.name for each in fitting])
 
     def _evident(self, operations: KnowsSeries) -> Exchange[str]:
         known = packaged(self.plugin)

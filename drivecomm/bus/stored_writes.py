@@ -21,7 +21,7 @@ class StoredWrites:
 
     def __init__(self, allowed: int = ALLOWED) -> None:
         if not is_whole(allowed) or allowed < 0:
-            raise UsageError(f"stored_writes_per_hour cannot be {shortened(allowed)}; give a whole number, 0 or more")
+            raise UsageError(f"invalid stored_writes_per_hour = {shortened(allowed)}; give a whole number, 0 or more")
         self._allowed = allowed
         self._times: dict[tuple[str, str], deque[float]] = {}
         self._in_ram: set[tuple[str, str]] = set()

@@ -168,7 +168,7 @@ def _setting(parameters: _Parameters, action: Value | None, time: Value | None) 
         if found[address] != wanted[address]:
             raise StateError(
                 f"parameter {address} of the watchdog was written with {wanted[address]} and reads {found[address]}; "
-                "do not rely on the watchdog before this is cleared up"
+                "do not rely on the watchdog until this is corrected"
             )
     return after
 
@@ -250,7 +250,8 @@ class _Parameters:
             or (highest is not None and value > highest)
         ):
             raise ValueRefusedError(
-                f"the watchdog of {self._name} cannot wait {time_s} s: parameter {self.time.address} counts in steps "
+                f"the watchdog of {self._name} does not support a timeout of {time_s} s: parameter "
+                f"{self.time.address} counts in steps "
                 f"of {self.time.factor} {self.time.unit or 's'}" + (f" up to {highest}" if highest is not None else "")
             )
         return value

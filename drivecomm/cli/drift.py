@@ -91,12 +91,12 @@ def _show(found: Drift, name: DriveConfig, restoring: str, *, as_json: bool) -> 
     by_reason: dict[str, list[str]] = {}
     for each in found.not_comparable:
         by_reason.setdefault(each.reason, []).append(parameter_label(each))
-    by_reason["read neither then nor now"] = list(found.never_read)
+    by_reason["not read in either set"] = list(found.never_read)
     for reason, names in by_reason.items():
         if names:
             say(f"{name.name}  not comparable, {reason}: {', '.join(names)}")
     if found.untold:
-        say(f"{name.name}  it may be another drive, since it does not tell what it is: {', '.join(found.untold)}")
+        say(f"{name.name}  it may be another drive, since it does not identify itself: {', '.join(found.untold)}")
     for what, addresses in (("written to RAM only", found.in_ram), ("not in the approved set", found.unapproved)):
         if addresses:
             say(f"{name.name}  {what}: {', '.join(addresses)}")

@@ -182,7 +182,7 @@ class LocalServer:
                 "and look at the motors: what was asked of it may have been done"
             )
         return ServerLostError(
-            f"the server of {which.plant} (pid {which.pid}) has gone; start it again with drivecomm serve "
+            f"the server of {which.plant} (pid {which.pid}) has ended; start it again with drivecomm serve "
             f"{which.plant}, and look at the motors: what was asked of it may have been done"
         )
 

@@ -260,7 +260,7 @@ def _is_alive(pid: int) -> bool:
 
 def _runs_already(other: Registration | None) -> UsageError:
     if other is None:
-        return UsageError("another server of this plant begins or ends just now; try again")
+        return UsageError("another server of this plant is starting or stopping; try again")
     since = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(other.started_s))
     return UsageError(
         f"{other.plant} has a server already (pid {other.pid}, since {since}); use that one, or end it first"

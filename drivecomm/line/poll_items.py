@@ -179,7 +179,7 @@ def checked(items: Iterable[PollItem[D]], *, cycles: int | None = None) -> Seque
     if not plan:
         raise UsageError("a poll plan needs at least one item")
     if cycles is not None and not (is_whole(cycles) and cycles >= 1):
-        raise UsageError(f"cycles cannot be {shortened(cycles)}; use 1 or more")
+        raise UsageError(f"invalid cycles = {shortened(cycles)}; use 1 or more")
     seen: set[PollItem[D]] = set()
     for item in plan:
         if item in seen:

@@ -143,5 +143,5 @@ def _seconds(duration_s: float | None) -> float:
     if duration_s is None:
         return math.inf
     if duration_s != math.inf and not (is_duration(duration_s) and duration_s > 0):
-        raise UsageError(f"a poll duration cannot be {shortened(duration_s)} s; give seconds above 0")
+        raise UsageError(f"invalid poll duration of {shortened(duration_s)} s; give seconds above 0")
     return duration_s

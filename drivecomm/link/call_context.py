@@ -64,7 +64,9 @@ class CallContext:
     def check_deadline(self) -> None:
         """Raise DeadlineError if the call's time has run out."""
         if self.line.now >= self.deadline:
-            raise DeadlineError(f"{self.peer.name}: the call's time ({self.peer.facts.timing.deadline_s:g} s) is over")
+            raise DeadlineError(
+                f"{self.peer.name}: the call's deadline ({self.peer.facts.timing.deadline_s:g} s) has expired"
+            )
 
     def check_overtaken(self) -> None:
         """Raise OvertakenError if a stop waits for the line and this call gives way to it."""

@@ -176,7 +176,7 @@ class LineState:
             partner.count["echo bytes"] += len(came)
             self.note(peer, "echo", came)
             return True
-        self._unasked(peer, partner, came, "came before the request was out")
+        self._unasked(peer, partner, came, "arrived before the request was sent")
         return False
 
     def without_echo(self, peer: Peer, partner: DriveRecord, came: bytes) -> bytes:

@@ -39,7 +39,7 @@ STRAGGLING_S = 5.0
 
 SHARED = (
     "another master is on this line, or a gateway that passes every reply on to all of its clients: readings whose "
-    "replies do not name what was asked are uncertain; end the other master, or give each a line of its own"
+    "replies do not identify their request are uncertain; end the other master, or give each a line of its own"
 )
 MAY_BE_ANOTHERS = "another master is on this line, and this may be a reply to it"
 _MOST_LOOKED_AT = 1024

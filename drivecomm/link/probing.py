@@ -30,7 +30,7 @@ class Probing:
         """Record that a call which began at `began` got no reply; the drive may be given up because of it."""
         line = self._line
         if partner.health.fell_silent(began, line.now, self._time().least_pause_s(self._took_s)):
-            line.note(peer, "note", detail="does not answer; it is asked again now and then")
+            line.note(peer, "note", detail="does not answer; it is probed now and then")
             line.away(peer.name)
 
     def probe(self, call: CallContext, probe: Callable[[], Exchange[None]]) -> LinkSteps[None]:
@@ -39,7 +39,7 @@ class Probing:
         health, began = partner.health, line.now
         silent = f"{peer.name} has not answered for {began - health.silent_since:.1f} s"
         if began < health.probe_at:
-            raise NotAnsweringError(f"{silent}; it is asked again in {health.probe_at - began:.1f} s")
+            raise NotAnsweringError(f"{silent}; it is probed again in {health.probe_at - began:.1f} s")
         time = self._time()
         if not health.patient:
             call.listen_until = began + time.each_s
@@ -57,7 +57,7 @@ class Probing:
                 line.probed = partner
             if not isinstance(error, NoReplyError):
                 raise
-            raise NotAnsweringError(f"{silent}; it was asked again just now") from error
+            raise NotAnsweringError(f"{silent}; it was probed just now") from error
         finally:
             call.listen_until = None
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 # The longest known telegram (Danfoss FC with LGE 255); limits the wait on a line that is never silent.
 LONGEST_TELEGRAM = 257
-_ECHO = "the adapter hands back what it sends, and no other reply came; open the port with echo on"
+_ECHO = "the adapter echoes what it sends, and no other reply came; open the port with echo on"
 _IN_PLACE_OF_ECHO = "what came may be a disturbed echo; if this adapter has none, open the port with echo off"
 
 
@@ -134,7 +134,7 @@ def await_reply(call: CallContext, ask: Ask, data: bytes, heard: Sequence[Arriva
                         noise += len(find.data)
                         line.others.pass_by(find.data)
                     if fits is not None and len(fits.find.data) == 1:
-                        fits.doubt = f"what {peer.name} said is {BY_CHANCE}"
+                        fits.doubt = f"the reply of {peer.name} is {BY_CHANCE}"
                 place += len(find.data) if isinstance(find, Noise) else 0
         # Once a reply has begun only the gap limit counts; before that, the reply time keeps running.
         begun = framer.begun or damage
@@ -158,16 +158,14 @@ def await_reply(call: CallContext, ask: Ask, data: bytes, heard: Sequence[Arriva
     if first.startswith(data):
         damage, stray = "", _ECHO
     if not_understood and not in_haste:
-        raise DamagedReplyError(f"{peer.name} says that the request came to it damaged")
+        raise DamagedReplyError(f"{peer.name} reports that the request arrived damaged")
     if damage and not in_haste:
         raise DamagedReplyError(f"{peer.name} answered with a damaged telegram ({damage})")
     why = f": {stray}" if stray else ""
     if in_haste:
-        raise OvertakenError(f"{peer.name} was not waited for any longer, because a stop went first{why}")
+        raise OvertakenError(f"{peer.name} was no longer awaited, because a stop went first{why}")
     if not timeout:
-        raise DeadlineError(
-            f"{peer.name} did not answer before the call's time ({timing.deadline_s:g} s) was over{why}"
-        )
+        raise DeadlineError(f"{peer.name} did not answer before the call's deadline ({timing.deadline_s:g} s){why}")
     raise NoReplyError(f"{peer.name} did not answer within {timeout * 1000:.0f} ms{why}")
 
 

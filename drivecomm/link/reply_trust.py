@@ -34,7 +34,7 @@ STRAY_CHARACTERS = 1
 A transmitter produces one such character when it is switched on.
 """
 BY_CHANCE = "one character among others, which may be there by chance"
-_WHOSE = "which reply is whose cannot be told"
+_WHOSE = "replies cannot be matched to requests"
 
 
 @dataclass(slots=True)
@@ -57,7 +57,7 @@ class FittingReply:
         line, peer = call.line, call.peer
         line.judge(peer, data)
         if other.data != self.find.data and not line.others.may_have_requested(data, other.message, line.now):
-            self.doubt = f"{peer.name} was asked once, and two replies came that differ"
+            self.doubt = f"{peer.name} was asked once, but two different replies came"
         line.others.pass_by(other.data)
 
     def taken(self, call: CallContext, data: bytes) -> Framed:
@@ -126,7 +126,7 @@ class ReplyVote:
             return False
         if ask.unseen:
             raise DoubtfulReplyError(f"{peer.name} answered late before; {_WHOSE}")
-        line.doubt = f"{peer.name} answered late before, and does not give the same answer twice"
+        line.doubt = f"{peer.name} answered late before, and does not repeat the same reply"
         return True
 
 

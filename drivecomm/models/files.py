@@ -229,7 +229,7 @@ def _base(path: Path, name: str | None, protocol: str, package: str, extended_by
     for found in _bases(path, name, protocol, package):
         if found not in circle:
             return _read(found, protocol, package, circle)
-        what = f"extends itself, by way of {', '.join(each.stem for each in circle)}"
+        what = f"extends itself, through {', '.join(each.stem for each in circle)}"
     raise open_model_file(path).refusal(Mistake(key="extends", text=what))
 
 

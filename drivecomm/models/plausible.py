@@ -79,5 +79,5 @@ class Plausibility:
         end, than = (maximum, "above") if value > maximum else (minimum, "below")
         why = f"{known.times} times its {known.of}" if rated > 0 else "what drives have"
         return reading.doubted(
-            f"not plausible: {than} {end:f} {reading.unit}, {why}; check the model, or what the drive says"
+            f"not plausible: {than} {end:f} {reading.unit}, {why}; check the model, or the value in the drive"
         )

@@ -49,7 +49,7 @@ def with_confirmed(model: Model | None, names: Iterable[str]) -> Model:
     if model is None:
         raise UsageError("only facts of a model can be confirmed; name the drive's model")
     if isinstance(names, str) or not all(isinstance(each, str) for each in names):
-        raise UsageError(f"confirmed cannot be {shortened(names)}; give a list of parameters by address or name")
+        raise UsageError(f"invalid confirmed = {shortened(names)}; give a list of parameters by address or name")
     parameters = dict(model.parameters)
     for name in names:
         info = parameter_at(model.quantities.get(name, name), model)

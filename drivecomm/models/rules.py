@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _PRINTED = re.compile(r"(x|\*)?\s*(\d+(?:\.\d+)?)\b.*")
 _NAME = re.compile(r"[a-z][a-z0-9_]*", re.ASCII)
-_NO_SOURCE = "nothing says where it is from; name the manual and the page under source"
+_NO_SOURCE = "its source is missing; name the manual and the page under source"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -183,9 +183,9 @@ def _watchdog(watchdog: Watchdog, given: OwnContent, model: Model) -> Iterator[M
             for policy, code in watchdog.actions.items():
                 if code not in info.values:
                     known = ", ".join(map(str, info.values))
-                    yield _in_watchdog("actions", f"{policy} = {code}, and parameter {address} takes {known}")
+                    yield _in_watchdog("actions", f"{policy} = {code}, and parameter {address} accepts {known}")
     if not watchdog.action and len(watchdog.actions) != 1:
-        yield _in_watchdog("actions", "without a parameter for the action there is one thing that a drive does")
+        yield _in_watchdog("actions", "without a parameter for the action a drive has exactly one reaction")
     if watchdog.fault is not None and watchdog.fault not in model.faults:
         yield _in_watchdog("fault", f"[faults] has no fault {watchdog.fault}")
     if watchdog.fault is not None and "trip" not in watchdog.actions:
@@ -199,7 +199,7 @@ def _in_watchdog(key: str, text: str) -> Mistake:
 
 
 _DOES: dict[LinkLoss, str] = {
-    "hold": "it goes on",
+    "hold": "it keeps running",
     "ramp": "it stops down its ramp",
     "coast": "it coasts",
     "trip": "it trips",
@@ -209,7 +209,7 @@ _DOES: dict[LinkLoss, str] = {
 def link_loss_of(model: Model | None) -> str:
     """Return the reaction of drives of this model when their master falls silent, and the parameters that set it."""
     if model is None:
-        return "no model is given, so what it does when its master falls silent is not known"
+        return "no model is given, so its reaction to a link loss is not known"
     watchdog = model.watchdog
     if watchdog is None:
         return model.link_loss or "no watchdog is documented in our sources"
@@ -219,5 +219,5 @@ def link_loss_of(model: Model | None) -> str:
         said = f"{_DOES[next(iter(watchdog.actions))]} {when}"
     else:
         does = ", ".join(f"{code} {_DOES[policy]}" for policy, code in watchdog.actions.items())
-        said = f"what {watchdog.action} says ({does}), {when}"
+        said = f"as set by {watchdog.action} ({does}), {when}"
     return f"{said}; {watchdog.note}" if watchdog.note else said

@@ -176,7 +176,7 @@ def _watchdog(table: str, given: Mapping[str, Any]) -> Iterator[Mistake]:
         yield Mistake(table=table, key="actions", text=f"has whole numbers for some of {', '.join(get_args(LinkLoss))}")
     for key, kind in {"action": str, "source": str, "second_source": str, "note": str, "off": int}.items():
         if key in given and type(given[key]) is not kind:
-            yield Mistake(table=table, key=key, text=f"cannot be {given[key]!r}")
+            yield Mistake(table=table, key=key, text=f"invalid value {given[key]!r}")
     yield from _words(given, ("sure",), table)
 
 
@@ -268,4 +268,4 @@ def _words(entry: Mapping[str, Any], keys: Iterable[str], table: str = "") -> It
     for key in keys:
         words = _WORDS[key]
         if key in entry and entry[key] not in words:
-            yield Mistake(table=table, key=key, text=f"cannot be {entry[key]!r}; it is one of {', '.join(words)}")
+            yield Mistake(table=table, key=key, text=f"invalid value {entry[key]!r}; it is one of {', '.join(words)}")

@@ -44,7 +44,7 @@ def broken_setup(rows: Sequence[Mapping[str, Any]], model: Model) -> Iterator[Mi
 def _wrong(setting: PanelSetting, model: Model) -> Iterator[tuple[str, str]]:
     made_from, codes = setting.made_from, codes_of(setting, model)
     if not setting.source.strip():
-        yield "", "nothing says where it is from; name the manual and the page under source"
+        yield "", "its source is missing; name the manual and the page under source"
     if setting.hexadecimal and made_from != "address":
         yield "hexadecimal", "is for an address"
     if made_from is None and codes:
@@ -54,7 +54,7 @@ def _wrong(setting: PanelSetting, model: Model) -> Iterator[tuple[str, str]]:
         if not re.fullmatch(pattern, said):
             yield "codes", f"{said!r} cannot be the {made_from} of a plant"
     if made_from == "link_loss" and not codes:
-        yield "codes", "neither these nor a watchdog say what is set for hold, ramp, coast or trip"
+        yield "codes", "neither these nor a watchdog define the settings for hold, ramp, coast or trip"
     if not setting.address:
         return
     info = parameter_at(setting.address, model)

@@ -78,7 +78,7 @@ def lacks(content: Mapping[str, Any], model: Model, base: Model | None) -> Itera
             yield Lack("sources", name, Mistake(table="control", text=text))
     if base is not None:
         for name in _taken_over(content, base):
-            text = f"takes over {name} from {base.name}; say it here, as the documents of this series do"
+            text = f"inherits {name} from {base.name}; define it here as the documents of this series do"
             yield Lack("taken_over", name, Mistake(key="extends", text=text))
 
 

@@ -41,7 +41,7 @@ def wrong_options(options: Mapping[str, Any], plugin: Protocol) -> Iterator[Mist
             remedy = did_you_mean(name, allowed) or f"they have {', '.join(sorted(own)) or 'none of their own'}"
             text = f"{plugin.name} drives have no such option; {remedy}"
         elif kind is not None and (not isinstance(value, kind) or (isinstance(value, bool) and bool not in kind)):
-            text = f"cannot be {value!r}"
+            text = f"invalid value {value!r}"
         else:
             text = _trouble(plugin, {name: value})
         if text:
@@ -54,7 +54,7 @@ def _trouble(plugin: Protocol, options: Mapping[str, Any]) -> str:
     except UsageError as error:
         return str(error)
     except Exception as error:  # noqa: BLE001 - a package may raise anything for an unexpected value
-        return f"cannot be {', '.join(map(repr, options.values()))} ({type(error).__name__}: {error})"
+        return f"invalid value {', '.join(map(repr, options.values()))} ({type(error).__name__}: {error})"
     return ""
 
 
@@ -116,7 +116,7 @@ def failed_trials(own: Sequence[tuple[int, ParameterInfo]], model: Model, plugin
         for number, info, text in alone
         if text
     ]
-    remedy = f"take over a model that has what a drive needs, such as extends = {plugin.default_model!r}"
+    remedy = f"extend a model that has what a drive needs, such as extends = {plugin.default_model!r}"
     yield from culprits or [Mistake(text=f"{trouble}; {remedy}")]
 
 

@@ -120,7 +120,7 @@ class Commander:
             except ReplyError as error:
                 if number + 1 < len(steps):
                     raise
-                raise type(error)(f"{error}; the drive had been told to run before") from None
+                raise type(error)(f"{error}; the drive had been commanded to run before") from None
 
     def check_start(self) -> Exchange[Words]:
         """Return the status words of a drive that can be started. Raises StateError if its state forbids a start."""

@@ -196,8 +196,8 @@ class ControlTable:
         """Raise NotSupported for a drive that is monitoring only."""
         if self.is_monitoring_only:
             raise NotSupported(
-                f"a drive of model {self.profile.name} is monitoring only: the model has no orders, so it is read, and "
-                "neither commanded nor stopped from here; command it at the drive"
+                f"a drive of model {self.profile.name} is monitoring only: the model has no commands, so it can "
+                "only be read here; command it at the drive"
             )
 
     @property
@@ -247,7 +247,7 @@ def control_entries(model: Model, place_of: Callable[[str], RegisterPlace]) -> d
     passed_on = {own for own, shown in views_of(model, place_of).items() if started & {each.name for _, each in shown}}
     for name in ("start", "start_reverse"):
         if way is not None and len(way.values) != len(steps.get(name, way.values[1:])) + 1:
-            raise UsageError(f"[control] way: {name} has {len(steps[name])} steps, and the way needs one value more")
+            raise UsageError(f"[control] way: {name} has {len(steps[name])} steps, and the way needs one more value")
     return {
         "profile": profile_of_orders(model.name, steps, status, given.get("start_pause_s", 0.0), way),
         "way": way,

@@ -134,7 +134,7 @@ class _Reader:
         if isinstance(given, int) and not isinstance(given, bool):
             return BitCondition(mask=1 << given, values=(1 << given,))
         if not isinstance(given, dict):
-            raise table.error(f"{key} cannot be {given!r}; write {_WHEN.words}", key)
+            raise table.error(f"invalid {key} = {given!r}; write {_WHEN.words}", key)
         said = TomlTable(given, "", None, key).take(_CONDITION)
         if "bit" in said:
             mask = 1 << said["bit"]

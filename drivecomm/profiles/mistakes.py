@@ -24,7 +24,7 @@ def mistakes_in(profile: ControlProfile) -> Iterator[str]:
 def _starts_and_stops(profile: ControlProfile) -> Iterator[str]:
     stopping = {(step.place, step.word) for steps in profile.stops.values() for step in steps}
     if not profile.stops:
-        yield "it says how to start a motor, and not how to stop it" if profile.start else "it stops no motor"
+        yield "it defines how to start a motor, but not how to stop it" if profile.start else "it stops no motor"
     for how, steps in profile.stops.items():
         if any(not step.repeats for step in steps):
             yield f"a stop by {how.value} that no reply came to would not be sent again; write repeats = true"
@@ -39,7 +39,7 @@ def _starts_and_stops(profile: ControlProfile) -> Iterator[str]:
     if any(profile.lets_run(step.word) for step in profile.reset if step.place == SOLE_PLACE):
         yield "the reset has a word that lets the motor run"
     if profile.idle is not None and profile.commands(profile.idle) and profile.lets_run(profile.idle):
-        yield "the word that commands nothing lets a motor run"
+        yield "the idle word lets a motor run"
 
 
 def _may_act(profile: ControlProfile, word: int) -> bool:
@@ -69,9 +69,9 @@ def _transitions(profile: ControlProfile) -> Iterator[str]:
             reached.add(name)
             waiting += [goal for origins, goal in ways if name in origins]
     if not any(state.name in reached for state in profile.states if state.motor == "run"):
-        yield "no way leads to a state in which the motor runs"
+        yield "no step leads to a state in which the motor runs"
     if tripped and not any(name in origins for origins, _ in ways for name in tripped[-1:]):
-        yield "nothing leads out of a fault"
+        yield "no step leads out of a fault"
     for each in profile.transitions:
         if not each.rising and any(name in tripped for name in each.origins):
             yield f"a fault is left without an edge, for {each.goal!r}"

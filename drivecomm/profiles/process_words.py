@@ -231,7 +231,7 @@ class ProcessWords:
         if not (yield from self.holds()):
             raise StateError(
                 f"{verb} would send the start again to a motor that does not run, or that another program commands by "
-                "now; start it anew, or stop it first"
+                "now; start it again, or stop it first"
             )
 
     def set_reference(self, steps: int) -> Exchange[None]:

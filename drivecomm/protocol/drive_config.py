@@ -81,7 +81,7 @@ class NetworkAccess:
 
     def __post_init__(self) -> None:
         if "local" in self.verbs:
-            raise UsageError("programs of this machine need no list in network; leave local out")
+            raise UsageError("programs on this machine need no network list; leave local out")
         for door, verbs in self.verbs.items():
             for verb in verbs:
                 if verb == "*":

@@ -93,10 +93,11 @@ class Timing:
             if is_number(value) and value < 0:
                 raise UsageError(f"{field.name} of {shortened(value)} is negative", says=field.name)
             if not is_duration(value):
-                raise UsageError(f"{field.name} cannot be {shortened(value)}; give a number", says=field.name)
+                raise UsageError(f"invalid {field.name} = {shortened(value)}; give a number", says=field.name)
         if type(self.attempts) is not int or self.attempts < 1:
             raise UsageError(
-                f"attempts of {self.attempts} would never send anything, use 1 or more whole ones", says="attempts"
+                f"attempts of {self.attempts} would never send anything, use a whole number of 1 or more",
+                says="attempts",
             )
         if not self.reply_timeout_s:
             raise UsageError("reply_timeout_s of 0 leaves no time for a reply, use more", says="reply_timeout_s")

@@ -71,26 +71,26 @@ class MachineUnit:
         if self.poles is None:
             for key in ("gear", "per_turn"):
                 if getattr(self, key) is not None:
-                    raise UsageError(f"{key} belongs to poles, and per_hz says all by itself; leave {key} out")
+                    raise UsageError(f"{key} belongs to poles, and per_hz already defines the unit; leave {key} out")
             return
         self._check_poles(self.poles)
 
     def _check_poles(self, poles: object) -> None:
         if type(poles) is not int or poles % 2 or not 2 <= poles <= _MOST_POLES:
             raise UsageError(
-                f"poles cannot be {shortened(poles)}; write the number of poles of the motor, an even number from 2 to "
+                f"invalid poles = {shortened(poles)}; write the number of poles of the motor, an even number from 2 to "
                 f"{_MOST_POLES}, such as 4"
             )
         turns = self.unit in _TURNS
         if not turns and not _A_MINUTE.search(self.unit):
             raise UsageError(
-                f"poles give a speed a minute, and {self.unit} is not one; write a unit such as m/min, or per_hz"
+                f"poles give a speed per minute, and {self.unit} is not one; write a unit such as m/min, or per_hz"
             )
         if turns == (self.per_turn is not None):
             raise UsageError(
-                f"{self.unit} counts turns itself; leave per_turn out"
+                f"{self.unit} already counts turns; leave per_turn out"
                 if turns
-                else f'how many {self.unit} one turn a minute is, is not known; write per_turn, such as "0.314"'
+                else f'the number of {self.unit} per turn a minute is unknown; write per_turn, such as "0.314"'
             )
 
     @property
@@ -167,11 +167,13 @@ class MachineUnit:
 
 def _check_unit(unit: object) -> None:
     if not isinstance(unit, str) or not unit or unit != unit.strip() or not unit.isprintable():
-        raise UsageError(f'unit cannot be {shortened(unit)}; write what the machine counts, such as "m/min"')
+        raise UsageError(f'invalid unit = {shortened(unit)}; write the unit of the machine, such as "m/min"')
     if len(unit) > _LONGEST_UNIT:
-        raise UsageError(f"unit cannot be {shortened(unit)}; write up to {_LONGEST_UNIT} characters")
+        raise UsageError(f"invalid unit = {shortened(unit)}; write up to {_LONGEST_UNIT} characters")
     if unit.casefold() in ("hz", "%"):
-        raise UsageError(f'unit cannot be {unit}, which a reference has anyway; write what the machine counts, "m/min"')
+        raise UsageError(
+            f'invalid unit = {unit}, which every reference supports; write the unit of the machine, "m/min"'
+        )
 
 
 def _above_zero(key: str, value: Any) -> Decimal:
@@ -179,7 +181,7 @@ def _above_zero(key: str, value: Any) -> Decimal:
         number = exact(value, key)
         if number > 0:
             return number
-    raise UsageError(f'{key} cannot be {shortened(value)}; write a number above 0, such as "1.25"')
+    raise UsageError(f'invalid {key} = {shortened(value)}; write a number above 0, such as "1.25"')
 
 
 def _rounded(value: Fraction, places: int) -> Decimal:

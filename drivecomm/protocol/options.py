@@ -51,7 +51,7 @@ def protocol_options(plugin: Protocol, given: Mapping[str, Any]) -> Any:
     chosen = as_declared(plugin.options, given)
     if wrong := wrong_argument(plugin.options, chosen):
         name, takes = wrong
-        raise UsageError(f"{name} cannot be {shortened(chosen[name])}; it takes {takes}")
+        raise UsageError(f"invalid {name} = {shortened(chosen[name])}; it takes {takes}")
     try:
         return plugin.options(**chosen)
     except UsageError:
@@ -59,7 +59,7 @@ def protocol_options(plugin: Protocol, given: Mapping[str, Any]) -> Any:
     except Exception as error:
         raise UsageError(
             f"{plugin.name} refuses its options {', '.join(sorted(chosen))} without saying so as it should "
-            f"({type(error).__name__}: {error}); give other values, and tell the maker of the package"
+            f"({type(error).__name__}: {error}); give other values, and report it to the maker of the package"
         ) from error
 
 

@@ -126,7 +126,7 @@ def _load(name: str) -> Protocol:
         )
     if protocol.name != name:
         raise ProtocolLoadError(
-            f"the entry point {name!r} of {entry.distribution} brings a protocol named {protocol.name!r}"
+            f"the entry point {name!r} of {entry.distribution} provides a protocol named {protocol.name!r}"
         )
     return protocol
 

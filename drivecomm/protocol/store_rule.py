@@ -23,7 +23,7 @@ def check_store(what: str, kept: Kept, *, store: bool) -> None:
         raise NotSupported(f"{what} is not kept without mains; write it without store=True", says="store=True")
     if store and kept == "unknown":
         raise NotSupported(
-            f"whether {what} is kept without mains is not known; write it without store=True", says="store=True"
+            f"whether {what} is kept without mains is unknown; write it without store=True", says="store=True"
         )
     if not store and kept == "always":
         raise NotSupported(

@@ -90,8 +90,8 @@ class Audit:
             if isinstance(error, TimeoutError):
                 self._record("outcome", caller, command, {"outcome": "refused", "why": reason}, number)
             raise NotAllowedError(
-                f"{command.verb} of {command.drive} is not carried out, because its audit record cannot be written: "
-                f"{self._file.path}: {reason}; a stop is carried out all the same"
+                f"{command.verb} of {command.drive} was not sent, because its audit record cannot be written: "
+                f"{self._file.path}: {reason}; a stop would still be sent"
             ) from error
         return number
 
@@ -171,7 +171,7 @@ class Audit:
             self._count_lost(len(wanted), failed.strerror or str(failed))
         else:
             if self._failing:
-                self._say(f"{self._file.path}: commands are written down again; {missing} records are missing")
+                self._say(f"{self._file.path}: commands are recorded again; {missing} records are missing")
             with self._counting:
                 self._failing, self._lost = False, self._lost - missing
         for _, written in wanted:
@@ -185,7 +185,7 @@ class Audit:
             begins, self._failing = not self._failing, True
             self._lost += records
         if begins:
-            self._say(f"{self._file.path}: {reason}; nothing can be commanded but a stop until it can be written")
+            self._say(f"{self._file.path}: {reason}; only stops are sent until it can be written")
 
     def _say(self, text: str) -> None:
         with suppress(RuntimeError):

@@ -41,7 +41,7 @@ def error_of(command: CommandRequest, error: Exception) -> DriveCommError:
     if isinstance(error, DriveCommError):
         return error
     _log.error("%s of %s", command.verb, command.drive, exc_info=error)
-    return DriveCommError(f"{command.verb} of {command.drive} has failed by a mistake in the program: {error!r}")
+    return DriveCommError(f"{command.verb} of {command.drive} failed because of a bug in the program: {error!r}")
 
 
 def record_safely(write: Callable[..., T], *content: Any) -> T | None:

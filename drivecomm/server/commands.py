@@ -123,7 +123,9 @@ class CommandExecutor:
             return held, False
         order = keep_settings_of(command, config)
         if order is not None and order.policy != "hold":
-            raise LeaseError(f"{config.name} is kept running for as long as its commander is there: take a lease first")
+            raise LeaseError(
+                f"{config.name} is kept running only while its commander holds a lease: acquire a lease first"
+            )
         return leases.take(caller, config.name, _ALONE_S, now=now, time_s=time.time()), True
 
     async def _command(
@@ -177,5 +179,5 @@ async def _call_verb(whom: Any, command: CommandRequest) -> Any:
     try:
         signature(verb).bind(**given)
     except TypeError as error:
-        raise UsageError(f"{command.verb} cannot be asked so: {error}") from None
+        raise UsageError(f"{command.verb} has invalid arguments: {error}") from None
     return await verb(**given)

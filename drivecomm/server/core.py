@@ -322,7 +322,7 @@ class Core:
                 return f"line {name} has other drives, or other values to poll"
         except Exception as error:  # noqa: BLE001 - one failing line must not hold up the others
             _log.exception("exchanging line %s", name)
-            return f"line {name} could not be exchanged: {in_one_line(error)}"
+            return f"line {name} could not be replaced: {in_one_line(error)}"
         return ""
 
     def _forget(self, gone: set[str], before: Plant) -> None:
@@ -333,7 +333,7 @@ class Core:
         for name in gone:
             if not is_same_drive(before.drive(name), there.get(name)):
                 self.leases.forget(name)
-                self.standing_stops.end(name, "the plant file was read again, and the drive is another one, or gone")
+                self.standing_stops.end(name, "the plant file was read again, and the drive has changed or is gone")
                 self.fault_logs.pop(name, None)
                 self.drift.pop(name, None)
                 if (reading := self._reading_fault_logs.get(name)) is not None:

@@ -57,7 +57,7 @@ class DoorAccess:
         if users is None and not (self.address.is_loopback or self.insecure):
             raise UsageError(
                 f"{door} can be reached from the network, and the plant has no users; write users = "
-                '"users.toml" in [server], and add them with: drivecomm users add NAME, or spell out insecure = true'
+                '"users.toml" in [server], and add them with: drivecomm users add NAME, or set insecure = true'
             )
 
     def shows_strangers(self, users: KnownUsers | None) -> bool:
@@ -74,16 +74,16 @@ def read_door_access(table: TomlTable, given: Mapping[str, Any], usual: str) -> 
     address = listen_address(table, listen, usual)
     files = given.get("certificate"), given.get("key")
     if bool(files[0]) != bool(files[1]):
-        raise table.error("encryption takes two files; write both certificate = and key =", "certificate")
+        raise table.error("encryption needs two files; write both certificate = and key =", "certificate")
     insecure = given.get("insecure", False)
     if not (address.is_loopback or files[0] or insecure):
         raise table.error(
             f"{listen} can be reached from the network without encryption; write certificate = and key =, listen "
-            "on 127.0.0.1, or spell out insecure = true",
+            "on 127.0.0.1, or set insecure = true",
             "listen",
         )
     anonymous = given.get("anonymous")
     if anonymous not in (None, "view", "nobody"):
-        raise table.error(f"anonymous cannot be {anonymous!r}; write {_ANONYMOUS.words}", "anonymous")
+        raise table.error(f"invalid anonymous = {anonymous!r}; write {_ANONYMOUS.words}", "anonymous")
     certificate = (table.beside(files[0]), table.beside(files[1])) if files[0] and files[1] else None
     return DoorAccess(address, certificate, insecure, anonymous)

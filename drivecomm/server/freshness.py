@@ -36,17 +36,17 @@ def check_fresh(command: CommandRequest, *, session: str, time_s: float, waited_
         raise NotAllowedError("the command was meant for an earlier run of the server; read its session again")
     if waited_s > valid_s:
         raise NotAllowedError(
-            f"the command had to wait for {waited_s:.1f} s and counts for {valid_s:g} s only; it was not sent"
+            f"the command had to wait for {waited_s:.1f} s and is valid for only {valid_s:g} s; it was not sent"
         )
     if issued_s is None:
         return
     age_s = time_s - issued_s
     if age_s > valid_s:
         raise NotAllowedError(
-            f"the command was given {age_s:.1f} s ago and counts for {valid_s:g} s only; it was not sent (are both "
+            f"the command was given {age_s:.1f} s ago and is valid for only {valid_s:g} s; it was not sent (are both "
             "clocks right?)"
         )
     if -age_s > valid_s:
         raise NotAllowedError(
-            f"the command says that it will be given in {-age_s:.1f} s; set the clock of its sender, or of the server"
+            f"the command is dated in the future by {-age_s:.1f} s; set the clock of its sender, or of the server"
         )

@@ -64,7 +64,7 @@ def keep_settings_of(command: CommandRequest, config: DriveConfig) -> KeepSettin
     policy = given.pop("policy", None) or (said.policy if said else None)
     if policy is None:
         raise UsageError(
-            f"no motor is started without saying what it does when its commander falls silent; write link_loss of "
+            f"no motor is started without a link-loss policy; write link_loss of "
             f"{config.name} into the plant file, or give policy"
         )
     usual_s: Any = said.watchdog_s if said and said.policy == policy else USUAL_WATCHDOG_S

@@ -218,7 +218,7 @@ class KeptMotor:
     async def _stop_later(self, error: Exception) -> None:
         """Retry the stop until the drive confirms it; polls feed the watchdog as soon as the drive answers again."""
         if not self._keeper.stopped and (how := self._keeper.leaving_stop) is not None:
-            self._not_as_wished("may be running, because its stop is not confirmed, and is tried again", error)
+            self._not_as_wished("may be running, because its stop is not confirmed; retrying", error)
             await self._stopped(how, error)
             self._keeper.stop_by(None)
             try:
@@ -228,7 +228,7 @@ class KeptMotor:
             else:
                 self._news.stopped()
                 return
-        self._not_as_wished("is stopped, but its watchdog may not be set as it was", error)
+        self._not_as_wished("is stopped, but its watchdog may not be restored", error)
 
     def _not_as_wished(self, what: str, error: Exception) -> None:
         told = {"error": error_content(error)} if isinstance(error, DriveCommError) else {}

@@ -108,7 +108,7 @@ class KeptMotors:
     def lease_expired(self, lease: Lease) -> None:
         """Record that a lease has expired, and apply the policy of the motor that was kept under it."""
         if self._is_under(lease):
-            text = f"{lease.holder} does not renew their lease; the motor is treated by its policy, "
+            text = f"{lease.holder} did not renew the lease; the motor is released by its policy, "
             self._table.record_event(
                 "link loss", text + self.policy(lease.drive), drive=lease.drive, who=str(lease.holder)
             )
@@ -128,7 +128,7 @@ class KeptMotors:
         if drive in self._let_go:
             await asyncio.wait([self._let_go[drive][1]], timeout=within_s)
         if drive in self._let_go:
-            raise LeaseError(f"{drive} was kept running, and its stop is not confirmed yet; it is tried again")
+            raise LeaseError(f"{drive} was kept running, and its stop is not confirmed yet; retrying")
 
     async def release_all(self, drives: Collection[str] | None = None) -> None:
         """Release all motors, or these; after some seconds, unconfirmed stops are left to the drives' watchdogs."""

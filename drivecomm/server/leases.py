@@ -97,7 +97,7 @@ class Leases:
     def _own(self, caller: Caller, drive: str, key: str, now: float) -> Lease:
         lease = self.holder_of(drive, now=now)
         if lease is None:
-            raise LeaseError(f"the lease of {drive} is over; take it again")
+            raise LeaseError(f"the lease of {drive} has expired; acquire it again")
         same = (lease.holder.name, lease.holder.door) == (caller.name, caller.door)
         if not same or not secrets.compare_digest(key.encode(errors="replace"), lease.key.encode()):
             seconds = self._held[drive][1] - now
@@ -109,9 +109,7 @@ class Leases:
 
     def _give(self, lease: Lease, seconds: float, now: float, time_s: float) -> Lease:
         if not isinstance(seconds, int | float) or not 0 < seconds <= LONGEST_LEASE_S:
-            raise UsageError(
-                f"a lease cannot be for {shortened(seconds)} s; take up to {LONGEST_LEASE_S:g} s, and renew it"
-            )
+            raise UsageError(f"invalid lease of {shortened(seconds)} s; give up to {LONGEST_LEASE_S:g} s, and renew it")
         given = replace(lease, until_s=time_s + seconds)
         before = self._held.get(lease.drive)
         if before is not None and before[0].key != lease.key:

@@ -34,7 +34,7 @@ def with_names(table: TomlTable, names: Mapping[str, str]) -> TomlTable:
     if listed is None:
         return table
     if not isinstance(listed, list) or not listed:
-        raise table.error(f"levels cannot be {listed!r:.80}; write {LEVELS_KEY.words}", "levels")
+        raise table.error(f"invalid levels = {listed!r:.80}; write {LEVELS_KEY.words}", "levels")
     for each in listed:
         if each not in LEVELS:
             raise table.error(
@@ -43,5 +43,5 @@ def with_names(table: TomlTable, names: Mapping[str, str]) -> TomlTable:
         if each in SITES and each not in names:
             raise table.error(f"levels: the {each} has no name; write {each} = in [server]", "levels")
     if listed != [each for each in LEVELS if each in listed]:
-        raise table.error(f"levels go from the highest to the lowest, each once: {', '.join(LEVELS)}", "levels")
+        raise table.error(f"list levels from highest to lowest, each once: {', '.join(LEVELS)}", "levels")
     return table.replaced("levels", {each: names.get(each, "") for each in listed})

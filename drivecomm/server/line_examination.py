@@ -47,7 +47,7 @@ def examination(core: Core, line: str, what: Examination, choices: Mapping[str, 
         return _trace(served)
     if what == "statistics":
         return _statistics(served)
-    raise UsageError(f"a line cannot be asked for {what!r}; it has scan, doctor, trace and statistics")
+    raise UsageError(f"a line does not support {what!r}; it supports scan, doctor, trace and statistics")
 
 
 async def _scan(line: ServedLine, choices: Mapping[str, Any]) -> AsyncIterator[dict[str, Any]]:

@@ -65,5 +65,5 @@ def listen_address(table: TomlTable, said: str, usual: str) -> ListenAddress:
     """Return the address that `listen` names in a door's table. Raises FileFormatError."""
     host, colon, port = said.rpartition(":")
     if not (colon and host and port.isascii() and port.isdigit() and int(port) < 2**16):
-        raise table.error(f"listen cannot be {said!r}; write {listen_kind(usual).words}", "listen")
+        raise table.error(f"invalid listen = {said!r}; write {listen_kind(usual).words}", "listen")
     return ListenAddress(host.removeprefix("[").removesuffix("]"), int(port))

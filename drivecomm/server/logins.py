@@ -98,7 +98,7 @@ class Users:
             bucket = self._bucket(name)
             self._must_not_wait(bucket)
             if self._checked >= _MOST_AT_ONCE:
-                raise NotAllowedError("too many log in at this moment; try again")
+                raise NotAllowedError("too many logins at this moment; try again")
             # Counted before the check, so that parallel attempts get no more guesses than sequential ones.
             self._failures[bucket] = self._failures.get(bucket, (0, 0.0))[0] + 1, self._clock()
             user = self._users.get(name)
@@ -117,7 +117,7 @@ class Users:
             self._read_again()
             shown = token_hash(token)
             if self._logged_in(shown) is None:
-                raise NotAllowedError("this login is over; log in again")
+                raise NotAllowedError("this login has expired; log in again")
             self._logins[shown] = replace(self._logins[shown], until=self._clock() + LOGGED_IN_S)
         return Login(token=token, until_s=time.time() + LOGGED_IN_S)
 

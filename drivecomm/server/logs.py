@@ -120,7 +120,12 @@ class WaitingHandler(logging.Handler):
                 told = repetitions.take(record, time.monotonic())
             if self._lost and self._queue.qsize() < _WAITING // 2:
                 lost, self._lost = self._lost, 0
-                told.append(_message(logging.WARNING, f"{lost} messages were lost: they came faster than written"))
+                told.append(
+                    _message(
+                        logging.WARNING,
+                        f"{lost} messages were lost, because they arrived faster than they were written",
+                    )
+                )
             for each in told:
                 destination.write(each)
         for each in repetitions.rest(time.monotonic()):

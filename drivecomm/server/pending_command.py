@@ -52,18 +52,18 @@ class PendingCommand:
         """Raise if the command must no longer be sent, whatever its age."""
         core, name = self.core, self.lease.drive
         if core.ending:
-            raise UsageError("the server ends; nothing is commanded through it any more but a stop")
+            raise UsageError("the server ends; only stops are still sent")
         if self.call.cancelled:
-            raise CommandCancelledError(f"{name} was to be stopped after this command was given, which was not sent")
+            raise CommandCancelledError(f"a stop of {name} was requested after this command, which was not sent")
         if self.starts:
             core.stop_demands.check(name)
         if name in core.changing:
-            raise UsageError(f"{name} changes, because the plant file is read again; try again")
+            raise UsageError(f"{name} is being replaced, because the plant file is read again; try again")
         if self.found() != self.config:
-            raise UsageError(f"{name} has changed, because the plant file was read again; try again")
+            raise UsageError(f"{name} was replaced, because the plant file was read again; try again")
         held = core.leases.holder_of(name, now=time.monotonic())
         if held is None or held.key != self.lease.key:
-            raise LeaseError(f"the lease of {name} is over; take it again")
+            raise LeaseError(f"the lease of {name} has expired; acquire it again")
 
     def check_fresh(self) -> None:
         """Raise NotAllowedError if the command has waited too long."""

@@ -127,11 +127,11 @@ class Rights:
     def _check_role(self, caller: Caller, verb: str, drive: str) -> None:
         role = NEEDS[verb].role
         if verb == "stop" and caller.name == ANONYMOUS and caller.door != LOCAL:
-            raise NotAllowedError(f"{drive} is stopped only for users who are known; log in, or send a token")
+            raise NotAllowedError(f"{drive} is stopped only for known users; log in, or send a token")
         if caller.role >= role:
             return
         if caller.role is Role.NOBODY:
-            raise NotAllowedError(f"{verb} of {drive} is only for users who are known; log in, or send a token")
+            raise NotAllowedError(f"{verb} of {drive} is only for known users; log in, or send a token")
         raise NotAllowedError(
             f"{caller.name} has the role {caller.role.name.lower()}, and {verb} of {drive} needs {role.name.lower()}; "
             f'write role = "{role.name.lower()}" in {self.users_file}'

@@ -136,7 +136,7 @@ class ServedLine:
         if (error := self._unusable.get(name)) is not None:
             raise error.with_traceback(None)
         if (seen := self._seen.get(name)) is None:
-            raise UsageError(f"{name} is not on line {self.line.name} any more")
+            raise UsageError(f"{name} is no longer on line {self.line.name}")
         return seen.drive
 
     def state(self) -> LineSnapshot:
@@ -200,14 +200,16 @@ class ServedLine:
         self._late_statuses += 1
         self._update(seen, replace(seen.view, late=True, error=why))
         if self._late.seen(now_s):
-            text = f"is late: it had no time to ask for the status of {drive}, and may not have for others"
-            self._table.record_event("line", f"{text}; drivecomm forecast shows what it carries", line=self.line.name)
+            text = f"is late: it had no time to poll the status of {drive}, and other drives may be affected"
+            self._table.record_event(
+                "line", f"{text}; drivecomm forecast shows the load of the line", line=self.line.name
+            )
 
     def look(self, now_s: float) -> None:
         """Report lateness and missed polls that have ended. now_s: seconds of a monotonic clock."""
         if self._late.ends(now_s):
             spell = f"{self._late.incidents} late within {self._late.lasted_s:.0f} s"
-            self._table.record_event("line", f"asks for every status in time again ({spell})", line=self.line.name)
+            self._table.record_event("line", f"polls every status in time again ({spell})", line=self.line.name)
         if self._missing.ends(now_s):
             spell = f"{self._missing.incidents} missed within {self._missing.lasted_s:.0f} s"
             self._table.record_event("line", f"keeps up with its polls again ({spell})", line=self.line.name)
@@ -217,7 +219,9 @@ class ServedLine:
         if self._missing.seen(time.monotonic(), number):
             count, seconds = self._missing.incidents, self._missing.lasted_s
             text = f"misses polls: it had no time for {count} of them within {seconds:.0f} s"
-            self._table.record_event("line", f"{text}; drivecomm forecast shows what it carries", line=self.line.name)
+            self._table.record_event(
+                "line", f"{text}; drivecomm forecast shows the load of the line", line=self.line.name
+            )
 
     async def opened(self) -> None:
         """Wait for the first attempt to open the line.

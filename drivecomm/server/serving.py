@@ -310,7 +310,7 @@ class Serving:
             if self._alarms is not None:
                 self._alarms.change_rules(rules)
             elif rules:
-                core.table.record_event("server", "alarms are watched when the server is started again")
+                core.table.record_event("server", "alarms take effect after a restart of the server")
         except DriveCommError as error:
             core.table.record_event("warning", f"the alarms stay as they are: {error}")
 
@@ -337,14 +337,16 @@ class Serving:
             settings = await asyncio.to_thread(read_settings, self.path)
             await asyncio.to_thread(check_ports, self._registration(plant))
         except Exception as error:  # noqa: BLE001 - no plant file may stop the server
-            core.table.record_event("warning", f"the plant file cannot be read, so that all stays as it is: {error}")
+            core.table.record_event("warning", f"the plant file cannot be read, so nothing changes: {error}")
         else:
             said = await core.changed(plant)
             # Frees the objects that doors held for removed drives.
             search_everything()
             self.plant = plant
             if _of_a_start(settings) != _of_a_start(self.settings):
-                core.table.record_event("server", "doors and files of the server change when it is started again")
+                core.table.record_event(
+                    "server", "changes of doors and files take effect after a restart of the server"
+                )
             with suppress(OSError):
                 rewrite_record(record, self._registration())
             self._take_alarms(core, settings)

@@ -92,7 +92,7 @@ def read_settings(path: Path) -> ServerSettings:
             raise table.error(f"{key} is empty; leave it out", key)
     for key in ("name", *SITES):
         if not given.get(key, "").isprintable():
-            raise table.error(f"{key} has characters that no screen shows; leave them out", key)
+            raise table.error(f"{key} has unprintable characters; leave them out", key)
     period = given.get("status_period_s", 1.0)
     if not 0 < period <= _LONGEST_PERIOD_S:
         raise table.error(f"invalid status_period_s = {period:g}; write seconds above 0", "status_period_s")

@@ -89,7 +89,7 @@ class OpenDoor:
                     loop.call_soon_threadsafe(task.cancel)
             self._thread.join(_END_S / 2)
         if self._thread.is_alive():
-            self._told(f"door {self.door.name} does not end; it is left behind")
+            self._told(f"door {self.door.name} does not stop; it is abandoned")
 
     def _work(self) -> None:
         # A door may need another kind of event loop than the default of the system.
@@ -122,7 +122,7 @@ class OpenDoor:
                 self.failed = in_one_line(error)
                 self._told(f"door {self.door.name} failed: {self.failed}")
             else:
-                self._told(f"door {self.door.name} has ended by itself")
+                self._told(f"door {self.door.name} has ended unexpectedly")
             if self.opened.is_set():
                 # The door worked until now, so the next attempt may follow soon.
                 waiting.succeeded()

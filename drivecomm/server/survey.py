@@ -62,7 +62,7 @@ class SurveyBus:
     def run(self, job: Job[T]) -> T:
         """Carry out a job when the line is free, or when it is the turn of a survey."""
         if self._closed:
-            raise UsageError("the examination was given up")
+            raise UsageError("the examination was abandoned")
         asked = job._replace(exchange=self._marked(job.exchange), rank=Rank.SURVEY)
         return asyncio.run_coroutine_threadsafe(self._bus.run(asked), self._loop).result()
 
@@ -84,15 +84,15 @@ class SurveyBus:
 
     def command(self, peer: Peer, check: Callable[[], None] | None = None) -> CommandCall:  # noqa: ARG002 - see `Bus`
         """Refuse: a survey sends no commands."""
-        raise UsageError(f"{peer.name} is surveyed, and nothing is commanded by that")
+        raise UsageError(f"{peer.name} is open for a survey, which sends no commands")
 
     def storing(self, peer: Peer, parameter: str) -> None:
         """Refuse: a survey writes nothing."""
-        raise UsageError(f"{parameter} of {peer.name} is surveyed, and nothing is written by that")
+        raise UsageError(f"{parameter} of {peer.name} is open for a survey, which writes nothing")
 
     def kept_in_ram(self, peer: Peer, parameter: str) -> None:
         """Refuse: a survey writes nothing."""
-        raise UsageError(f"{parameter} of {peer.name} is surveyed, and nothing is written by that")
+        raise UsageError(f"{parameter} of {peer.name} is open for a survey, which writes nothing")
 
     def in_ram_only(self, peer: Peer) -> frozenset[str]:  # noqa: ARG002 - see `Bus`
         """Return an empty set: a survey writes nothing."""

@@ -30,7 +30,7 @@ KEPT_EVENTS = 1000
 
 LEAST_S = 1.0
 """Minimum age of a stale value in seconds, whatever its poll period: stops and waits for replies delay polls."""
-NOT_ASKED = "was not asked for too long, because its line was busy"
+NOT_ASKED = "was not polled for too long, because its line was busy"
 
 TOGETHER_S, MANY_TOGETHER_S = 0.002, 0.004
 """Collection times of changes for one call of the listeners; longer after many changes, as a call wakes all doors."""
@@ -156,7 +156,7 @@ class ValueTable:
                 listener(values, events)
             except Exception:  # noqa: BLE001 - the server must not stop for this
                 # One failing listener must not cut off the others, nor itself from later changes.
-                _log.exception("telling what has changed")
+                _log.exception("publishing changes")
         self._later(TOGETHER_S if len(values) < _MANY else MANY_TOGETHER_S, self._tell)
 
 

@@ -63,7 +63,7 @@ def read_users(file: Path) -> tuple[User, ...]:
     for table in top.tables("user"):
         user = _user(table)
         if user.name in users:
-            raise table.error(f"{user.name} is there twice; remove one of both")
+            raise table.error(f"{user.name} is listed twice; remove one of the two")
         users[user.name] = user
     return tuple(users.values())
 
@@ -130,6 +130,6 @@ def _must_be_private(file: Path) -> None:
     # A file that root provides for a service may be readable for the group of the service.
     allowed = 0o640 if found.st_uid == 0 else 0o600
     if stat.S_IMODE(found.st_mode) & ~allowed & 0o077:
-        raise FileFormatError(f"{file}: others can read or write it; say chmod {allowed:o} {file}")
+        raise FileFormatError(f"{file}: others can read or write it; run chmod {allowed:o} {file}")
     if os.geteuid() not in (found.st_uid, 0) and found.st_uid != 0:
-        raise FileFormatError(f"{file}: belongs to another user, who can write it; say chown $USER {file}")
+        raise FileFormatError(f"{file}: belongs to another user, who can write it; run chown $USER {file}")

@@ -41,10 +41,10 @@ class Waits:
             raise NotSupported(f"{whom.peer.name} cannot be waited for; wait for each drive")
         waiting = GoalWait(whom.name, goal, timeout_s, whom.bus.now())
         if timeout_s > LONGEST_S:
-            raise UsageError(f"timeout_s is at most {LONGEST_S:g}; ask again when the time is over")
+            raise UsageError(f"timeout_s is at most {LONGEST_S:g}; call it again when the time has expired")
         place = f"{id(whom.bus)} {whom.name}"
         if self._waiting[place] >= MOST:
-            raise UsageError(f"{MOST} calls wait for {whom.name} already; ask for its status, or again later")
+            raise UsageError(f"{MOST} calls wait for {whom.name} already; read its status, or try again later")
         self._waiting[place] += 1
         try:
             return await self._met(whom, waiting)

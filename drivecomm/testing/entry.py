@@ -47,7 +47,7 @@ class VectorEntry:
         """Return a time in seconds that is not negative, or None if it is absent."""
         value = self.given.get(key)
         if value is not None and not 0 <= value < 1e9:
-            raise self.error(f"{key} cannot be {value!r}; write seconds from 0 to 1e9", key)
+            raise self.error(f"invalid {key} = {value!r}; write seconds from 0 to 1e9", key)
         return None if value is None else float(value)
 
     def data(self, key: str) -> bytes:

@@ -61,14 +61,14 @@ def _local_reason(name: str, error: BaseException) -> str:
     if number in _FORBIDDEN:
         return f"port {name} may not be opened by this user; {_membership(name)}"
     if number in _EMPTY:
-        return f"port {name} has no hardware behind it; plug the adapter in, or use another port"
+        return f"port {name} has no hardware; plug the adapter in, or use another port"
     if number in _OTHER_FILE:
         return f"{name} is not a serial port; {_present()}"
     return f"port {name} cannot be opened ({text}); check its name and its driver"
 
 
 def _somebody_else(url: str) -> str:
-    return _holder(url) or "somebody else"
+    return _holder(url) or "another client"
 
 
 def _holder(url: str) -> str:
@@ -127,7 +127,7 @@ def _network_reason(url: str, error: BaseException) -> str:
         return f"port {url} cannot be reached: {host} does not answer; check the address, the network and its firewall"
     if "support RFC2217" in str(error):
         return (
-            f"port {url} took the connection and negotiates nothing: either it does not speak RFC 2217, so use "
+            f"port {url} accepted the connection but negotiates nothing: either it does not speak RFC 2217, so use "
             f"socket://, or switch RFC 2217 on at the server; or it serves {_somebody_else(url)} at present"
         )
     if isinstance(cause, ConnectionError):

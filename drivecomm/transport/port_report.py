@@ -115,9 +115,9 @@ def _is_console(name: str, sysfs: Path) -> bool:
 def _notes(usb: UsbIdentity | None, timer: int | None, *, console: bool) -> tuple[str, ...]:
     notes = []
     if console:
-        notes.append("the kernel writes its messages to this port; take it out of the boot parameter console=")
+        notes.append("the kernel writes its messages to this port; remove it from the boot parameter console=")
     if timer is not None and timer > _USB_SLOW_MS:
         notes.append(f"the adapter holds received bytes back for up to {timer} ms; low-latency mode is not on")
     if usb is not None and not usb.serial_number:
-        notes.append("the adapter has no serial number, so another one of its kind cannot be told from it")
+        notes.append("the adapter has no serial number, so another adapter of the same type looks identical")
     return tuple(notes)

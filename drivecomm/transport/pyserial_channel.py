@@ -39,7 +39,7 @@ class PyserialChannel:
         except OSError as error:
             raise ChannelGoneError(_text(error)) from error
         if getattr(self._port, "controls_unconfirmed", False):
-            return "the server does not confirm control lines: flow control, DTR and RTS are as it leaves them"
+            return "the server does not confirm control lines: flow control, DTR and RTS keep its settings"
         return ""
 
     def send(self, data: bytes, limit_s: float) -> None:  # noqa: ARG002 - pyserial has limits of its own here

@@ -48,7 +48,7 @@ class SocketChannel:
                 return
         except OSError as error:
             raise _broke(error) from error
-        raise ChannelGoneError(f"it took no bytes for {limit_s:.0f} s")
+        raise ChannelGoneError(f"it accepted no bytes for {limit_s:.0f} s")
 
     def receive(self, until: float, wanted: int) -> bytes:
         """Return the received bytes once there are `wanted` bytes, or at `until` whatever has arrived."""
@@ -97,7 +97,7 @@ class SocketChannel:
         """Raise BrokenPipeError if the server has closed the connection: it would discard further bytes."""
         with contextlib.suppress(BlockingIOError):
             if not self._socket.recv(1, socket.MSG_PEEK):
-                raise BrokenPipeError(errno.EPIPE, "the server has closed it")
+                raise BrokenPipeError(errno.EPIPE, "the server closed it")
 
 
 def _broke(error: OSError) -> ChannelGoneError:

@@ -105,7 +105,7 @@ class TtyChannel:
         # Otherwise closing would wait for these bytes again, for up to half a minute.
         with contextlib.suppress(termios.error):
             termios.tcflush(self.descriptor, termios.TCOFLUSH)
-        raise ChannelGoneError(f"it took no bytes for {limit_s:.0f} s")
+        raise ChannelGoneError(f"it accepted no bytes for {limit_s:.0f} s")
 
     def receive(self, until: float, wanted: int) -> bytes:
         """Return the received bytes once there are `wanted` bytes, or at `until` whatever has arrived."""

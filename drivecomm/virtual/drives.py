@@ -71,7 +71,7 @@ class DriveType:
             # The drive itself looks up these parameters when it is made.
             raise UsageError(
                 f"no virtual drive can be made of model {self.model.name}: it lacks parameters that a drive works "
-                f"with; take over a model that has them, such as extends = {self.plugin.default_model!r}"
+                f"with; extend a model that has them, such as extends = {self.plugin.default_model!r}"
             ) from refusal
         drive.settings = facts.settings
         drive.gap_s = facts.gap_s

@@ -103,7 +103,7 @@ class LineTrace:
         """Return the last 80 lines: time, direction, bytes and meaning of each telegram, and of other bytes."""
         lines = self.since(0)
         if not lines:
-            return "nothing was on the line"
+            return "no traffic on the line"
         left_out = len(lines) - _MOST_LINES
         head = [f"({left_out} earlier ones are left out)"] if left_out > 0 else []
         return "\n".join([*head, *map(str, lines[-_MOST_LINES:])])
@@ -157,9 +157,9 @@ class LineTrace:
         said = []
         settings = _settings_of(together[0])
         if settings is not None and all(settings != drive.settings for drive in self._drives):
-            said.append(f"sent with {settings}, which no drive here listens with")
+            said.append(f"sent with {settings}, which no drive here uses")
         if any(heard.garbled for heard in together):
-            said.append("met others on the wire, or broke off")
+            said.append("collided with others on the wire, or broke off")
         return said
 
 

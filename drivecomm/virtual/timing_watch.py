@@ -280,7 +280,7 @@ class TimingWatch:
             demanded=True,
             drive=drive.name,
             protocol=drive.plugin.name,
-            text=f"the master sent with {shown}, and the drive listens with {allowed}{_unseen(told)}",
+            text=f"the master sent with {shown}, but the drive uses {allowed}{_unseen(told)}",
         )
 
 

@@ -119,7 +119,7 @@ class Functions:
         if at_once or talk.runs:
             yield from talk.ask()
             if at_once and not memory.word:
-                raise StateError(f"{verb} needs a command that holds, and another one does by now; start or stop first")
+                raise StateError(f"{verb} needs an active command, but another one is active now; start or stop first")
             if memory.word:
                 yield from talk.check_repeatable(verb)
                 word = memory.word & ~mask | bits
@@ -130,7 +130,9 @@ class Functions:
     def _pulse(self, verb: str, bit: int) -> Exchange[None]:
         """Set a bit once: a relative command, which is never repeated and never remembered."""
         if not self._profidrive:
-            raise NotSupported(f"{verb} is a function of the PROFIdrive control word; the FC profile has relays there")
+            raise NotSupported(
+                f"{verb} is a function of the PROFIdrive control word; the FC profile uses these bits for relays"
+            )
         return self._set_once(verb, bit)
 
     def _set_once(self, verb: str, bit: int) -> Exchange[None]:
@@ -163,7 +165,7 @@ class Functions:
     def _fc_profile_only(self, what: str) -> None:
         """Raise NotSupported in PROFIdrive, whose control word has no bits for this function."""
         if self._profidrive:
-            raise NotSupported(f"the PROFIdrive control word has no bits for {what}; the FC profile has")
+            raise NotSupported(f"the PROFIdrive control word has no bits for {what}; use the FC profile")
 
 
 def _one_of(value: int, allowed: range, what: str) -> int:

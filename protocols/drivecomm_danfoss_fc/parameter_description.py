@@ -45,7 +45,7 @@ def describe(talk: ProcessWords, wanted: DanfossFcParameter, option_texts: int) 
     such parameter or does not describe it, UsageError for an impossible number of texts.
     """
     if type(option_texts) is not int or option_texts not in range(len(_OPTIONS) + 1):
-        raise UsageError(f"{option_texts!r} option texts cannot be asked for: IND names 254 options, 0 to 253")
+        raise UsageError(f"{option_texts!r} option texts cannot be read: IND names 254 options, 0 to 253")
     basic = int((yield from access.read_element(talk, wanted, BASIC)).raw)
     number, flags = basic & 0xFF, {bit for bit in range(8, 16) if basic >> bit & 1}
     kind = TYPES_BY_NUMBER.get(number, "")

@@ -47,7 +47,7 @@ class EiDialect(Dialect):
     identity = {"instrument": "II"}  # noqa: RUF012 - never changed
     refusals = {  # noqa: RUF012 - never changed
         0x15: "it was not taken, and EE was not read", 0x04: "no such parameter, or an error, and EE was not read",
-        NO_ERROR: "EE tells no error", 0x01C7: "invalid mnemonic",
+        NO_ERROR: "EE reports no error", 0x01C7: "invalid mnemonic",
         CHECKSUM: "wrong check character; if only some writes fail so, try the option lift=true",
         OVERRUN: "framing error or overrun", 0x04C8: "it can only be written", 0x05C8: "it can only be read",
         0x07C7: "invalid message format", INVALID: "invalid data", 0x08C8: "out of range",

@@ -88,7 +88,7 @@ class FujiCodec:
         if to_all and command in "ARghijk":
             raise TelegramError("field", f"{command} cannot go to all stations, which do not answer", field="address")
         if to_all and function and not (profile.takes_from_all(function) if profile else function[0] == "S"):
-            raise TelegramError("field", f"{function} cannot be written to all stations at once", field="function")
+            raise TelegramError("field", f"{function} cannot be broadcast to all stations", field="function")
         if profile is not None and command not in profile.all_commands:
             raise TelegramError("field", f"{profile.title} has no command {command!r}", field="command")
         if profile is not None and function is not None:

@@ -92,7 +92,7 @@ class FujiOperations:
         if not self.answers and not self._profile.takes_from_all(function):
             allowed = self._profile.broadcast_functions
             known = "S codes" if allowed is None else ", ".join(sorted(allowed))
-            raise NotSupported(f"{function} cannot be written to all stations at once; {known} can")
+            raise NotSupported(f"{function} cannot be broadcast to all stations; {known} can")
         return self._write(wanted, data)
 
     def address_of(self, parameter: str, **_: Any) -> str:

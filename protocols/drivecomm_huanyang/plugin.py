@@ -58,8 +58,8 @@ protocol = Protocol(
         # Only in this direction: a telegram to a Huanyang drive is at most a read for a Modbus drive.
         "modbus": (
             "a read of discrete inputs from 0300H on writes a parameter of the Huanyang drive of the same number; no "
-            "read of holding registers is control data with the LEN of its manual, but no page says what a drive makes "
-            "of another LEN: one that ignores it takes the low byte of the register for its command: an odd one is a "
+            "read of holding registers is control data with the LEN of its manual, but no page says how a drive treats "
+            "another LEN: one that ignores it takes the low byte of the register for its command: an odd one is a "
             "start, and others may jog it"
         )
     },

@@ -85,7 +85,9 @@ class MitsubishiDialect(Dialect):
     def words(self, reply: Any, _place: RegisterPlace, /) -> tuple[int, ...]:
         """Return the word of a value. Raises UnexpectedReplyError for six digits, which are a speed."""
         if len(reply.data) > 4:
-            raise UnexpectedReplyError(f"the drive tells {reply.data}, no four digits, as with Pr. 37 set; set it to 0")
+            raise UnexpectedReplyError(
+                f"the drive reports {reply.data}, not four digits, as when Pr. 37 is set; set it to 0"
+            )
         return (int(reply.data, 16),)
 
     def refusal(self, reply: Any) -> int | None:

@@ -79,17 +79,19 @@ class ModbusOperations(RegisterOperations):
                 )
         if plan.knows and not (yield from self._identification(plan.knows)):
             return SeriesFound(
-                against=f"it does not know function {plan.knows}, by which such a drive tells what it is"
+                against=f"it does not support function {plan.knows}, by which such a drive reports its identity"
             )
         if plan.lacks and (texts := (yield from unless_refused(self._identification(plan.lacks), NoReplyError))):
-            return SeriesFound(against=f"it tells what it is, {', '.join(texts.values())}, which such a drive does not")
+            return SeriesFound(
+                against=f"it reports its identity, {', '.join(texts.values())}, which such a drive does not"
+            )
         if plan.titled:
             named = yield from unless_refused(self._identification(fn.IDENTIFICATION), NoReplyError)
             name = plan.titled.get((named or {}).get("product", ""))
             if name == model.name:
                 return SeriesFound()
             if name:
-                return SeriesFound(against=f"it tells that it is of model {name}", candidates=(name,))
+                return SeriesFound(against=f"it reports that it is of model {name}", candidates=(name,))
         return SeriesFound(open=plan.open)
 
     def _identification(self, function: int) -> Exchange[dict[str, str]]:

@@ -54,7 +54,7 @@ def _values(
 
     def read(size: int, content: str) -> tuple[int, ...]:
         if size % step or not 0 < size <= most:
-            raise schema.wrong_field("byte_count", f"{size} bytes are not what can be asked for")
+            raise schema.wrong_field("byte_count", f"{size} bytes are not a permitted quantity")
         return cut(content)
 
     def written(message: Reply) -> tuple[int, str]:

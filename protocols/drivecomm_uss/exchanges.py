@@ -249,7 +249,7 @@ class UssOperations:
         Raises NotSupported if the next telegram without the control word would make the drive trip.
         """
         if self._options.running_needs_control and self._talk.runs:
-            raise NotSupported("this drive trips when it runs and the control word goes; stop it first")
+            raise NotSupported("this drive trips if the control word stops while it runs; stop it first")
         return self._talk.release()
 
     def may_start(self, verb: str, arguments: Mapping[str, Any]) -> bool:

@@ -247,9 +247,9 @@ class VabusOperations:
         if set(modes) != {STATE_MACHINE}:
             listed = ", ".join(map(str, modes)) + (" in data sets 1 to 4" if len(modes) > 1 else "")
             raise StateError(
-                f"parameter 412 (Local/Remote) is {listed or 'not known to the drive'}: only with 1, the state "
-                "machine, in every data set does the control word start a motor, otherwise its bits may be contacts; "
-                "write 412 = 1"
+                f"parameter 412 (Local/Remote) is {listed or 'not known to the drive'}, but control words start "
+                "the motor only if it is 1 (state machine) in every data set; with other values their bits may act as "
+                "contacts; write 412 = 1"
             )
         yield from self._references.turn(backwards=reverse)
 

@@ -127,9 +127,7 @@ class VabusReferences:
             return [value]
         maxima = yield from self._held(self._maximum)
         if not maxima:
-            raise StateError(
-                "the drive has no maximum frequency (parameter 419), so a percentage means nothing; use hz"
-            )
+            raise StateError("the drive has no maximum frequency (parameter 419), so a percentage is undefined; use hz")
         return [value / 100 * maximum * _factor(self._maximum) for maximum in maxima.values()]
 
     def _effective(self) -> Exchange[Decimal | None]:

@@ -139,12 +139,12 @@ class VltConversation:
         word = self._memory.commanded
         if word is None:
             raise StateError(
-                f"{verb} changes the last control word, and this program has none that the drive has confirmed; "
+                f"{verb} changes the last control word, but the drive has not confirmed any from this program; "
                 "start or stop the drive first"
             )
         seen = yield from self.look()
         if word & _MOVING and not profile().says("running", seen):
-            raise StateError(f"{verb} would start the drive again, which has stopped meanwhile; use start")
+            raise StateError(f"{verb} would restart the drive, which has stopped meanwhile; use start")
         return word
 
     def request(self, word: int, mask: int | None) -> Control:
@@ -162,7 +162,7 @@ class VltConversation:
         try:
             return (yield ask)
         except NoReplyError as error:
-            if "hands back" not in str(error) or self._options.idle_word & 0xF == 0xF:
+            if "echoes what it sends" not in str(error) or self._options.idle_word & 0xF == 0xF:
                 raise
             raise NoReplyError(
                 f"{error}; or a drive in local operation answered byte for byte what it was sent: use idle_word=0x000F",

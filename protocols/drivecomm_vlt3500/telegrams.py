@@ -98,7 +98,7 @@ def _control_word() -> Leaf:
         if groups.translate(None, b"@O"):
             raise ValueError(f"mask {mask:04X}H holds part of a group; only whole groups of four bits can be held")
         if groups[2:3] == b"@":
-            raise ValueError("holding byte 7 would leave it open whether the word is valid (bit 10)")
+            raise ValueError("holding byte 7 would leave the validity of the word undefined (bit 10)")
         if word & ~mask:
             raise ValueError(f"control word {word:04X}H has bits that mask {mask:04X}H holds")
         return bytes(letter if group & 0xF else HOLD for letter, group in zip(letters, groups, strict=True))

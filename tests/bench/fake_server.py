@@ -302,14 +302,14 @@ def fake_keep(fake, name, body):
                 told.append(
                     {
                         "done": "started",
-                        "text": "started; Ctrl-C stops it and sets the watchdog as it was",
+                        "text": "started; Ctrl-C stops it and restores the watchdog",
                         "link_loss": body["policy"],
                         "watchdog_s": str(body["watchdog_s"]),
                     }
                 )
                 begun.set()
                 kept.until(over)
-            told.append({"done": "stop commanded", "text": "stop commanded; watchdog as it was"})
+            told.append({"done": "stop commanded", "text": "stop commanded; watchdog restored"})
         except DriveCommError as error:
             failed.append(error)
         finally:

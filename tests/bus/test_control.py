@@ -98,7 +98,7 @@ def test_standing_motor_is_not_at_its_reference():
 def test_wait_for_at_reference_needs_a_status_that_shows_it():
     waiting = GoalWait("fan", "at_reference", 10.0, now=0.0)
     assert not waiting.over(drive_status(at_reference=None), 1.0)
-    with pytest.raises(NotSupported, match="does not say whether the reference is reached"):
+    with pytest.raises(NotSupported, match="does not report whether the reference is reached"):
         waiting.over(drive_status(at_reference=None, running=True), 1.0)
 
 
@@ -134,7 +134,7 @@ def test_verbs_missing_from_the_capabilities_are_refused(drive):
         "set_relay": {"number": 1, "on": True},
     }.items():
         if verb not in drive.capabilities.verbs:
-            with pytest.raises(NotSupported, match=f"cannot {verb}; of the common verbs it has"):
+            with pytest.raises(NotSupported, match=f"does not support {verb}; supported common verbs: "):
                 getattr(drive, verb)(**arguments)
 
 

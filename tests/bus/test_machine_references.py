@@ -101,7 +101,7 @@ def test_read_only_drive_takes_no_machine_reference():
 
 @pytest.mark.parametrize("machine", ["1.25", {"unit": "m/min", "per_hz": 1}, 1.25])
 def test_invalid_machine_unit_is_refused(machine):
-    with pytest.raises(UsageError, match=r"machine of vabus:1 cannot be .*; give a drivecomm.MachineUnit"):
+    with pytest.raises(UsageError, match=r"invalid machine of vabus:1: .*; give a drivecomm.MachineUnit"):
         Bench(machine=machine)
 
 

@@ -164,7 +164,7 @@ def test_drive_without_an_identity_needs_a_confirmed_model():
     named = replace(load_model("drivecomm_modbus", "modbus", "gs2"), identified_by={"vendor": "X.*"})
     bus, _, _ = opened(virtual_drive("modbus", 1, model="gs2"))
     with bus:
-        with pytest.raises(WrongDriveError, match="nothing of what names its series"):
+        with pytest.raises(WrongDriveError, match="nothing that identifies its series"):
             bus.drive("modbus", 1, model=named).set_reference(hz=20)
         bus.drive("modbus", 1, model=named, confirmed="gs2").set_reference(hz=20)
 

@@ -75,7 +75,7 @@ def test_alarms_check_delivers_a_test_message_and_reports_failures(alarms, tmp_p
     rules = '[[alarm]]\non = "fault"\ndeliver = ["@on-call", "command:/no/such/program"]\n'
     code, out, _ = alarms(rules, "--test", "fault")
     assert code == 1
-    assert out == "@on-call: delivered\ncommand program: there is no program /no/such/program\n"
+    assert out == "@on-call: delivered\ncommand program: program /no/such/program not found\n"
     message = json.loads(got.read_text())
     assert message["title"] == "plant: fault (test)"
     assert message["alarms"][0]["what"] == "test"

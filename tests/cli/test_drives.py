@@ -105,7 +105,7 @@ def test_motor_is_started_reported_and_stopped(shell):
     line = shell.line()
     assert shell("reference", "vabus:1", "25Hz") == 0
     assert shell("start", "vabus:1", "--link-loss", "hold") == 0
-    assert "no model is given, so what it does when its master falls silent is not known" in shell.out
+    assert "no model is given, so its reaction to a link loss is not known" in shell.out
     line.advance(10)
     assert shell("status", "vabus:1", "--json") == 0
     assert shell.objects[0]["state"] == "running"

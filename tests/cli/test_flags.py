@@ -201,7 +201,7 @@ def test_command_line_overrides_the_plant_file(heard, command, flag, value, fact
         ("--stopbits=3", "3.0 stop bits are not possible"),
         ("--bytesize=9", "9 data bits are not possible"),
         ("--timeout=0", "--timeout of 0 leaves no time for a reply"),
-        ("--timeout=nan", "--timeout cannot be nan"),
+        ("--timeout=nan", "invalid --timeout = nan"),
         ("--attempts=0", "--attempts of 0 would never send anything"),
     ],
 )

@@ -212,9 +212,7 @@ def test_history_refuses_wrong_arguments(run, arguments, says):
 def test_missing_history_file_exits_with_2(run, tmp_path):
     code, _, err = run(file=tmp_path / "none.sqlite")
     assert code == 2
-    assert (
-        err == f"drivecomm: {tmp_path / 'none.sqlite'}: there is no such history; a server writes one while it runs\n"
-    )
+    assert err == f"drivecomm: {tmp_path / 'none.sqlite'}: no such history; a server writes it while it runs\n"
 
 
 def test_history_is_found_by_the_plant_file(run, file, tmp_path, monkeypatch):

@@ -76,7 +76,7 @@ def test_hold_is_refused_if_the_watchdog_is_on(shell):
     line = shell.line(virtual_drive("vabus", 1, model="agile"))
     line.drives[0].poke("413", 10)
     assert shell("start", "vabus:1", "--link-loss", "hold", "-m", "agile") == 5
-    assert "the watchdog of vabus:1 is on (trip after 10 s), which is not hold" in shell.err
+    assert "the watchdog of vabus:1 is on (trip after 10 s), which differs from hold" in shell.err
     assert not line.drives[0].motor.running
 
 
@@ -137,8 +137,8 @@ def test_start_with_trip_stays_until_a_signal_stops_it(shell, number):
     assert shell(*given) == 0
     assert shell.out.splitlines() == [
         "vabus:1  watchdog: trip after 3 s without this program",
-        "vabus:1  started, runs to 10.00 Hz; Ctrl-C stops it and sets the watchdog as it was",
-        "vabus:1  stop commanded; watchdog as it was",
+        "vabus:1  started, runs to 10.00 Hz; Ctrl-C stops it and restores the watchdog",
+        "vabus:1  stop commanded; watchdog restored",
     ]
     assert line.time > 100
     line.advance(1000)

@@ -110,7 +110,7 @@ def test_faults_violations_and_counters_over_the_control_socket(simulate, tmp_pa
     assert answers == [19, 19, 0, 19]
     found = command("plant", "violations", "--control", control, cwd=tmp_path)
     assert found.returncode == 1
-    assert "the master sent with 1200 baud and one stop bit, and the drive listens with 19200 7E1" in found.stdout
+    assert "the master sent with 1200 baud and one stop bit, but the drive uses 19200 7E1" in found.stdout
     counted = command("plant", "counters", "--control", control, cwd=tmp_path).stdout
     assert "fault: drop of reply to a read, every 3; happened: 1 of 4" in counted
     assert "enquiry 4" in counted

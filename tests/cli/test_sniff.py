@@ -414,7 +414,7 @@ def test_late_and_unrequested_replies_are_marked(run, written):
     _, output = run(path, "--errors")
     lines = output.out.splitlines()
     assert lines[1].endswith("[900.0 ms]  [late]")
-    assert any(line.endswith("[not asked for]") for line in lines)
+    assert any(line.endswith("[unsolicited]") for line in lines)
 
 
 def test_undecodable_bytes_are_shown_in_hexadecimal(run, written):

@@ -174,7 +174,7 @@ def a_closed_folder(path):
 
 def a_strangers_folder(path):
     if os.getuid() != 0:
-        pytest.skip("only root can give a folder to somebody else")
+        pytest.skip("only root can give a folder to another user")
     path.mkdir(mode=0o700)
     os.chown(path, NOBODY, NOBODY)
 

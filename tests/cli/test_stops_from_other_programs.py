@@ -379,7 +379,7 @@ def test_start_holds_the_line_and_accepts_stops(plant, capsys):
         assert main(["stop", "pump", "--json", *where]) == 0
         assert json.loads(capsys.readouterr().out)["by"] == f"drivecomm start (pid {start.pid})"
         assert start.wait(5) == 0
-        assert "stop commanded; watchdog as it was" in start.stdout.read()
+        assert "stop commanded; watchdog restored" in start.stdout.read()
 
 
 @pytest.mark.soak

@@ -246,7 +246,7 @@ def test_impossible_plans_are_refused():
         poll([])
     with pytest.raises(UsageError, match="pump 1 twice"):
         Schedule([item("1"), item("1")], start_s=0.0)
-    with pytest.raises(UsageError, match="cycles cannot be 0; use 1 or more"):
+    with pytest.raises(UsageError, match="invalid cycles = 0; use 1 or more"):
         Schedule([item("1")], start_s=0.0, cycles=0)
     for wrong in (-1.0, math.inf, math.nan):
         with pytest.raises(UsageError, match="period_s of 1 is"):

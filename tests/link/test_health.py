@@ -215,7 +215,7 @@ def test_refused_call_takes_no_time_on_the_line(protocol, recorder):
         before, events, counters = line.time, len(recorder.events), dict(bus.counters[drive.name])
         for verb in (drive.status, drive.start, drive.reset, lambda: drive.read(READABLE[protocol][0])):
             for _ in range(50):
-                with pytest.raises(NotAnsweringError, match=r"has not answered for .* s; it is asked again in .* s"):
+                with pytest.raises(NotAnsweringError, match=r"has not answered for .* s; it is probed again in .* s"):
                     verb()
         assert line.time == before
         assert len(recorder.events) == events
@@ -230,9 +230,9 @@ def test_refusal_states_the_silence_and_the_time_of_the_next_probe(line, virtual
     line.advance(0.1)
     with pytest.raises(NotAnsweringError) as caught:
         drive.read("481")
-    assert str(caught.value) == f"vabus:3 has not answered for {silent + 0.1:.1f} s; it is asked again in 0.4 s"
+    assert str(caught.value) == f"vabus:3 has not answered for {silent + 0.1:.1f} s; it is probed again in 0.4 s"
     line.advance(0.4)
-    with pytest.raises(NotAnsweringError, match="it was asked again just now"):
+    with pytest.raises(NotAnsweringError, match="it was probed just now"):
         drive.read("481")
 
 

@@ -191,7 +191,7 @@ def test_value_that_differs_in_each_reply_after_a_timeout_is_uncertain():
     bench.line.advance(3)
     bench.line.disturbances.append(Changing())
     reading = bench.drive.read(VOLTAGE)
-    assert reading.doubt == "modbus:1 answered late before, and does not give the same answer twice"
+    assert reading.doubt == "modbus:1 answered late before, and does not repeat the same reply"
     assert reading.quality == "uncertain"
 
 

@@ -60,7 +60,7 @@ def test_damaged_request_is_sent_again(opened):
 def test_request_damaged_at_each_attempt_raises_damaged_reply_error(opened):
     drive, refusing = opened
     refuses = refusing(*4 * [MISHEARD])
-    with pytest.raises(DamagedReplyError, match=r"says that the request came to it damaged \(asked 3 times\)"):
+    with pytest.raises(DamagedReplyError, match=r"reports that the request arrived damaged \(asked 3 times\)"):
         drive.read(NAME)
     assert refuses.asked == 3
 

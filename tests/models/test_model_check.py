@@ -84,9 +84,9 @@ def test_finding_names_file_line_and_key(tmp_path):
         (HEAD.replace("act", "none"), 5, "extends", "there is no model 'none' beside this one or among"),
         (HEAD.replace('"act"', "[]"), 5, "extends", "[] is not a text"),
         (HEAD.replace("act", "../act"), 5, "extends", "there is no model '../act' beside this one or among"),
-        (HEAD.replace("act", "own"), 5, "extends", "extends itself, by way of own"),
+        (HEAD.replace("act", "own"), 5, "extends", "extends itself, through own"),
         # Entries that must agree with each other.
-        (HEAD.replace("a page", "") + PARAMETER, 6, "", "parameter 481: nothing says where it is from"),
+        (HEAD.replace("a page", "") + PARAMETER, 6, "", "parameter 481: its source is missing"),
         (HEAD + PARAMETER * 2, 11, "address", "481 is listed twice"),
         (HEAD + PARAMETER + PARAMETER.replace("481", "482"), 12, "name", "ramp is parameter 481 already"),
         (HEAD + PARAMETER.replace("ramp", "Ramp 1"), 8, "name", "'Ramp 1' is not a name; use lower case"),
@@ -129,19 +129,19 @@ def test_finding_names_file_line_and_key(tmp_path):
             + "values = { 0 = 'off', 1 = 'stop' }\n",
             9,
             "actions",
-            "trip = 5, and parameter 482 takes 0, 1",
+            "trip = 5, and parameter 482 accepts 0, 1",
         ),
         (
             HEAD + "[watchdog]\ntime = '481'\nactions = { trip = 0, hold = 1 }\n" + PARAMETER + "unit = 's'\n",
             8,
             "actions",
-            "there is one thing that a drive does",
+            "a drive has exactly one reaction",
         ),
         (
             HEAD + "[watchdog]\ntime = '481'\naction = 5\nactions = { trip = 0 }\n" + PARAMETER + "unit = 's'\n",
             8,
             "action",
-            "cannot be 5",
+            "invalid value 5",
         ),
         (HEAD + "[watchdog]\ntime = '481'\nactions = { trip = 0 }\nfault = '5'\n", 9, "fault", "is not a fault code"),
         (
@@ -163,21 +163,21 @@ def test_finding_names_file_line_and_key(tmp_path):
             HEAD + "[watchdog]\ntime = '481'\nactions = { trip = 0 }\nsure = 'no'\n" + PARAMETER + "unit = 's'\n",
             9,
             "sure",
-            "cannot be 'no'; it is one of printed",
+            "invalid value 'no'; it is one of printed",
         ),
         (
             HEAD.replace("a page", "") + "[watchdog]\ntime = '481'\nactions = { trip = 0 }\n"
             + PARAMETER + "unit = 's'\nsource = 'page 2'\n",
             6,
             "",
-            "nothing says where it is from; name the manual and the page under source",
+            "its source is missing; name the manual and the page under source",
         ),
         # Rules of the protocol package.
         (HEAD + "[options]\nram_dataset = true\n", 7, "ram_dataset", "no such option; did you mean 'ram_datasets'?"),
         (HEAD + "[options]\nqqqq = true\n", 7, "qqqq", "vabus drives have no such option; they have "),
-        (HEAD + "[options]\nram_datasets = 'false'\n", 7, "ram_datasets", "cannot be 'false'"),
+        (HEAD + "[options]\nram_datasets = 'false'\n", 7, "ram_datasets", "invalid value 'false'"),
         (HEAD + "[options]\nbytesize = 9\n", 7, "bytesize", "9 data bits are not possible"),
-        (HEAD + "[options]\ngap_s = 'long'\n", 7, "gap_s", "cannot be 'long'; give a number"),
+        (HEAD + "[options]\ngap_s = 'long'\n", 7, "gap_s", "invalid gap_s = 'long'; give a number"),
         (HEAD + PARAMETER + "dataset = 4\n", 10, "dataset", "key 'dataset'; did you mean 'datasets'?"),
         (HEAD + PARAMETER + "qqqq = 4\n", 10, "qqqq", "the keys are access, address, datasets, factor"),
         (HEAD + PARAMETER.replace("481", "4x8"), 7, "address", "is not a VABus parameter address"),
@@ -283,7 +283,7 @@ def test_failure_to_make_a_virtual_drive_is_a_finding(check):
         raise RuntimeError("no")
 
     [(line, key, text)] = check(HEAD + "[faults]\n1 = 'x'\n", altered(virtual=never))
-    remedy = "take over a model that has what a drive needs, such as extends = 'agile'"
+    remedy = "extend a model that has what a drive needs, such as extends = 'agile'"
     assert (line, key, text) == (1, "", f"no virtual drive can be made with it (RuntimeError: no); {remedy}")
 
 

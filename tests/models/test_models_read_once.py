@@ -112,7 +112,7 @@ def test_circular_extension_made_after_the_first_read_is_refused(tmp_path):
     read(path)
     write(base, HEAD.replace("some", "whole") + 'extends = "some"\n')
     for _ in range(2):
-        with pytest.raises(FileFormatError, match="extends itself, by way of some, whole"):
+        with pytest.raises(FileFormatError, match="extends itself, through some, whole"):
             read(path)
 
 

@@ -256,7 +256,7 @@ def test_panel_setting_without_a_source_is_found(tmp_path):
     path = tmp_path / "own.toml"
     path.write_text('format = 1\nprotocol = "vabus"\nname = "own"\nextends = "act"\n' + ROW + "value = '1'\n")
     (finding,) = check_model(path)
-    assert finding.text == "nothing says where it is from; name the manual and the page under source"
+    assert finding.text == "its source is missing; name the manual and the page under source"
 
 
 def test_link_loss_without_codes_needs_a_watchdog(tmp_path):
@@ -264,4 +264,4 @@ def test_link_loss_without_codes_needs_a_watchdog(tmp_path):
     head = 'format = 1\nprotocol = "vabus"\nname = "own"\nsource = "a page"\nextends = "act"\nlink_loss = "unknown"\n'
     path.write_text(head + ROW.replace('"line"', '"link loss"') + "made_from = 'link_loss'\n")
     (finding,) = check_model(path)
-    assert "neither these nor a watchdog say" in finding.text
+    assert "neither these nor a watchdog define" in finding.text

@@ -66,7 +66,7 @@ def test_tags_of_a_drive_are_read(file):
         ),
         ("tags = { 480 = { name = ' x' } }\n", "invalid name ' x' of a tag; write up to 200 printable characters"),
         ("tags = { 480 = { name = 'a' }, status = { name = 'a' } }\n", "two values have the tag 'a'; give each a name"),
-        ("tags = { 480 = 'a' }\n", "480 cannot be 'a'; write a table in braces"),
+        ("tags = { 480 = 'a' }\n", "invalid 480 = 'a'; write a table in braces"),
     ],
 )
 def test_invalid_tags_are_refused(file, tags, sentence):

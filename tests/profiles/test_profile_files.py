@@ -38,14 +38,14 @@ def test_conditions_are_read_in_every_form():
         ({"start": [{"place": "x"}]}, "'word' is missing"),
         ({"start": [{"word": 1, "until": "off"}], "state": [STATE]}, "there is no state 'off'"),
         ({"start": [{"word": 1, "until": {"mask": 1}}]}, "write mask and value"),
-        ({"start": [{"word": 1, "until": [1.5]}]}, "cannot be 1.5"),
+        ({"start": [{"word": 1, "until": [1.5]}]}, "= 1.5"),
         ({"state": [{**STATE, "means": "on"}]}, "write not_ready or ready"),
         ({"state": [{**STATE, "motor": "on"}]}, "write off or run"),
         ({"state": [STATE], "transition": [{"from": ["off"], "to": "on"}]}, "there is no state 'off'"),
         ({"stop": {"softly": []}}, "softly"),
         ({"flags": {"40": "x"}}, "40"),
         ({"bits": {"on": 1}}, "on"),
-        ({"valid": "yes"}, "valid cannot be"),
+        ({"valid": "yes"}, "invalid valid = "),
     ],
 )
 def test_invalid_profile_is_refused(content, said):

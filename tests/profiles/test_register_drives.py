@@ -111,7 +111,7 @@ def test_refusal_that_reports_a_line_error_is_retried():
         assert drive.read("125").value == 0
         assert sent() == [telegram("read", 125)] * 3
         refusing(line.drives[0], SUM_ERROR, 9)
-        with pytest.raises(DamagedReplyError, match="came to it damaged"):
+        with pytest.raises(DamagedReplyError, match="request arrived damaged"):
             drive.read("125")
         assert len(sent()) == 6
 
@@ -122,7 +122,7 @@ def test_stop_is_resent_after_a_line_error_and_start_is_not():
         drive.stop()
         assert sent() == [telegram("write", 120, 0)] * 2
         refusing(line.drives[0], SUM_ERROR, 1, 120)
-        with pytest.raises(DamagedReplyError, match="had been told to run"):
+        with pytest.raises(DamagedReplyError, match="had been commanded to run"):
             drive.start()
         assert sent().count(telegram("write", 120, 1)) == 1
 

@@ -86,7 +86,7 @@ def test_protocol_name_is_known_before_its_package_is_imported(fresh, tmp_path):
         ("other = 1", r"cannot be loaded \(AttributeError"),
         (None, r"cannot be loaded \(ModuleNotFoundError"),
         ("protocol = 'vabus'", "is not a drivecomm.protocol.Protocol"),
-        (RENAMED.replace("'stranger'", "'other'"), "brings a protocol named 'other'"),
+        (RENAMED.replace("'stranger'", "'other'"), "provides a protocol named 'other'"),
     ],
 )
 def test_broken_plug_in_breaks_only_itself(fresh, tmp_path, code, what):

@@ -57,7 +57,7 @@ def test_long_telegram_that_starts_with_a_whole_short_one_is_refused():
     data = AMBIGUOUS[:7] + hex_sum(AMBIGUOUS[1:7])
     with pytest.raises(TelegramError):
         CODEC.decode(data, "request")
-    with pytest.raises(TelegramError, match="whole by itself"):
+    with pytest.raises(TelegramError, match="complete shorter one"):
         CODEC.encode(Value(data="1234CA"))
     assert CODEC.measure(data, "request") == len(FOUR)
 

@@ -102,7 +102,7 @@ def test_number_of_option_texts_is_limited_on_request():
     only = described([*script, element(801, 4, None), option_text(801, 0, "Both")], "8-01", option_texts=1)
     assert only.values == {0: "Both"}
     for bad in (-1, 255, 1.5, True):
-        with pytest.raises(UsageError, match="option texts cannot be asked for"):
+        with pytest.raises(UsageError, match="option texts cannot be read"):
             described([], "8-01", option_texts=bad)
 
 

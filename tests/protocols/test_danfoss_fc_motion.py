@@ -409,7 +409,7 @@ class TestFunctions:
 
     def test_select_setup_does_not_restart_a_motor_stopped_by_others(self):
         drive = started()
-        with pytest.raises(StateError, match="select_setup needs a command that holds"):
+        with pytest.raises(StateError, match="select_setup needs an active command"):
             play(drive.extra["select_setup"](2), [sent(0)])
         play(drive.stop(), [sent(0x043C)])
 

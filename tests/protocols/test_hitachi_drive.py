@@ -86,7 +86,7 @@ def test_coast_sets_frs_and_the_next_start_clears_it(talk):
 
 def test_start_without_a_reply_is_sent_once(talk):
     talk.lose(RUN)
-    with pytest.raises(NoReplyError, match="told to run"):
+    with pytest.raises(NoReplyError, match="commanded to run"):
         talk.drive.start()
     assert talk.sent(RUN) == [RUN]
 

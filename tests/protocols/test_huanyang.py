@@ -146,7 +146,7 @@ def test_stop_does_not_wait_for_a_late_reply_to_a_start(hy):
         drive.set_reference(hz=20)
         hears = hy.hear
         hy.hear = lambda find, now: None if hears(find, now).data[1] == 3 else hears(find, now)
-        with pytest.raises(NoReplyError, match="told to run"):
+        with pytest.raises(NoReplyError, match="commanded to run"):
             drive.start()
         heard_at = []
         hy.hear = lambda find, now: heard_at.append(now) or hears(find, now)
@@ -220,7 +220,7 @@ def test_drive_has_no_link_loss_policy_but_hold(hy):
         drive = bus.drive("huanyang", 1, model="hy")
         assert not drive.capabilities.faults
         assert [each for each in policies(drive.model) if each != "hold"] == []
-        assert "presumably the motor goes on" in drive.capabilities.link_loss
+        assert "presumably the motor keeps running" in drive.capabilities.link_loss
         for policy in ("ramp", "coast", "trip"):
             with pytest.raises(NotSupported):
                 set_watchdog(drive, policy, 2)

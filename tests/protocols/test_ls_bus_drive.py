@@ -125,7 +125,7 @@ def test_operation_command_of_0_does_not_stop_the_motor(talk):
 
 def test_start_without_a_reply_is_sent_once(talk):
     talk.answer(RUN, *[None] * 9)
-    with pytest.raises(NoReplyError, match="told to run"):
+    with pytest.raises(NoReplyError, match="commanded to run"):
         talk.drive.start()
     assert talk.sent(RUN) == [RUN]
 

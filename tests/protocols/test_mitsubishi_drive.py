@@ -224,7 +224,7 @@ def test_request_that_arrived_damaged_is_sent_at_most_twice(code):
     with Line(scripted(nak, rest(b"011770", begin=b"\x02")[:-2] + b"\x0330")) as line:
         assert str(line.bus.drive("mitsubishi", 1, model="fr700").read("H6F").value) == "60.00"
     with Line(scripted(*[nak] * 9)) as line:
-        with pytest.raises(DamagedReplyError, match="came to it damaged"):
+        with pytest.raises(DamagedReplyError, match="request arrived damaged"):
             line.bus.drive("mitsubishi", 1, model="fr700").read("H6F")
         assert line.sent == [rest(b"016F0")] * 2
 

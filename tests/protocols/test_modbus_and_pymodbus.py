@@ -118,7 +118,7 @@ def test_pymodbus_drive_is_read_over_modbus_tcp():
             drive.write("0x0100", 0x1234)
             assert drive.read("0x0100").value == 0x1234
             assert [found.address for found in bus.scan(addresses=[1])] == [1]
-            with pytest.raises(UsageError, match="vabus is not spoken at modbus-tcp"):
+            with pytest.raises(UsageError, match="vabus is not supported at modbus-tcp"):
                 bus.drive("vabus", 1)
             with pytest.raises(UsageError, match="framing='rtu' cannot be at modbus-tcp"):
                 bus.drive("modbus", 2, framing="rtu")

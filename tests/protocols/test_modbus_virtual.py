@@ -173,7 +173,7 @@ def test_undeclared_echo_does_not_confirm_the_first_write(command, first):
     line = VirtualLine([virtual_drive("modbus", 2, model="delta")], echo=True, paced=False)
     sent = []
     with drivecomm.open_bus(line.port, trace=sent.append) as bus:
-        with pytest.raises(NoReplyError, match="hands back what it sends"):
+        with pytest.raises(NoReplyError, match="echoes what it sends"):
             command(bus.drive("modbus", 1, model="delta"))
         # A stop is sent without a read; before a reference the maximum is read.
         assert next(event for event in sent if event.what == "sent").data[1] == first

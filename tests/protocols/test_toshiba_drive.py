@@ -125,7 +125,7 @@ def test_write_without_a_model_goes_to_ram():
 
 def test_start_without_a_reply_is_sent_once(talk):
     talk.lose(RUN)
-    with pytest.raises(NoReplyError, match="told to run"):
+    with pytest.raises(NoReplyError, match="commanded to run"):
         talk.drive.start()
     assert talk.heard.count(RUN) == 1
 

@@ -552,11 +552,11 @@ class TestControl:
 
     def test_no_reply_error_after_the_last_start_word_mentions_the_start(self):
         silence = (enquiry(411), NoReplyError("silence"))
-        with pytest.raises(NoReplyError, match="silence; the drive had been told to run before"):
+        with pytest.raises(NoReplyError, match="silence; the drive had been commanded to run before"):
             play(operations().start(), [*standing("0023"), *write_steps(410, "000F"), silence])
         with pytest.raises(NoReplyError) as caught:
             play(operations().start(), [*standing("0031"), *write_steps(410, "0007"), silence])
-        assert "told to run" not in str(caught.value)
+        assert "commanded to run" not in str(caught.value)
 
     def test_raw_control_word_is_written(self):
         play(operations().extra["control_word"](word=0x0F), write_steps(410, "000F"))

@@ -129,7 +129,7 @@ class TestWriting:
             drive().write("516", 1, attempts=0)
         with pytest.raises(NotSupported, match="read-only"):
             drive().write("502[1]", 1)
-        with pytest.raises(NotSupported, match="whether 516 is kept without mains is not known"):
+        with pytest.raises(NotSupported, match="whether 516 is kept without mains is unknown"):
             drive().write("516", 1, store=True)
 
     def test_broadcast_write_returns_no_reading(self) -> None:
@@ -231,7 +231,7 @@ class TestStarting:
 
     def test_missing_reply_after_a_start_mentions_the_start(self) -> None:
         script = [(word(0), status(READY)), (word(0x047F), status(READY)), (word(0), NoReplyError("silence"))]
-        with pytest.raises(NoReplyError, match="had been told to run"):
+        with pytest.raises(NoReplyError, match="had been commanded to run"):
             play(drive().start(), script)
 
 

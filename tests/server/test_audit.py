@@ -122,8 +122,8 @@ def test_full_disk_refuses_every_command_except_a_stop(tmp_path):
         with pytest.raises(NotAllowedError) as caught:
             await audit.record_command(ANNA, START, LEASE)
         assert str(caught.value) == (
-            "start of pump is not carried out, because its audit record cannot be written: "
-            f"{path}: No space left on device; a stop is carried out all the same"
+            "start of pump was not sent, because its audit record cannot be written: "
+            f"{path}: No space left on device; a stop would still be sent"
         )
         begun = time.perf_counter()
         for _ in range(1000):
@@ -138,8 +138,8 @@ def test_full_disk_refuses_every_command_except_a_stop(tmp_path):
 
     told = with_audit(path, use)
     assert told == [
-        f"{path}: No space left on device; nothing can be commanded but a stop until it can be written",
-        f"{path}: commands are written down again; 1002 records are missing",
+        f"{path}: No space left on device; only stops are sent until it can be written",
+        f"{path}: commands are recorded again; 1002 records are missing",
     ]
     assert [(each["record"], each.get("missing")) for each in lines_of(path)] == [
         ("gap", 1002), ("asked", None), ("asked", None),
@@ -167,7 +167,7 @@ def test_hanging_disk_refuses_commands_and_counts_missing_stops(tmp_path, monkey
     async def use(audit):
         begun = time.perf_counter()
         for _ in range(2):
-            with pytest.raises(NotAllowedError, match="the disk does not answer; a stop is carried out all the same"):
+            with pytest.raises(NotAllowedError, match="the disk does not answer; a stop would still be sent"):
                 await audit.record_command(ANNA, START)
         for number in range(20):
             audit.record_stop(ANNA, CommandRequest(drive=f"fan{number}", verb="stop"))

@@ -128,7 +128,7 @@ def test_full_disk_delays_no_poll_or_stop_and_writing_resumes(tmp_path, small_di
         written = len(list(small_disk.iterdir()))
         full.unlink()
         served.until(lambda: served.ask("/api/v1/drives/pump/reset", {"id": ""})["outcome"] != "refused")
-        served.until(lambda: any("the history is written again" in each["text"] for each in served.events()), 20)
+        served.until(lambda: any("writing the history has resumed" in each["text"] for each in served.events()), 20)
         assert written >= 2
         served.end()
         assert served.process.returncode == 0

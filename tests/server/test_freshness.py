@@ -63,11 +63,11 @@ def test_old_command_never_passes_with_any_clock_offsets(issued, valid_s, waited
 
 
 def test_refusal_names_the_age_of_the_command():
-    with pytest.raises(NotAllowedError, match=r"given 3600.0 s ago and counts for 2 s only; it was not sent"):
+    with pytest.raises(NotAllowedError, match=r"given 3600.0 s ago and is valid for only 2 s; it was not sent"):
         check_fresh(replace(START, issued_s=NOW_S - 3600), session="now", time_s=NOW_S)
-    with pytest.raises(NotAllowedError, match=r"will be given in 3600.0 s; set the clock"):
+    with pytest.raises(NotAllowedError, match=r"is dated in the future by 3600.0 s; set the clock"):
         check_fresh(replace(START, issued_s=NOW_S + 3600), session="now", time_s=NOW_S)
-    with pytest.raises(NotAllowedError, match=r"had to wait for 3.0 s and counts for 2 s only"):
+    with pytest.raises(NotAllowedError, match=r"had to wait for 3.0 s and is valid for only 2 s"):
         check_fresh(START, session="now", time_s=NOW_S, waited_s=3)
 
 

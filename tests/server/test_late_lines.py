@@ -67,7 +67,7 @@ async def test_late_line_is_reported_once_and_its_drives_stay_alive(tmp_path):
             await until(lambda: core.drive("pump").late)
             state = core.drive("pump")
             assert (state.reachability, state.status.state.value) == ("answers", "not_ready")
-            assert "was not asked" in state.error
+            assert "was not polled" in state.error
             assert "pump" in plant.answering()
             messages = node.changed(plant.values(), ["pump"], time.time()) + node.periodic_messages(time.time())
             of_pump = [each for each in messages if each.device == "pump"]
@@ -89,8 +89,8 @@ async def test_late_line_is_reported_once_and_its_drives_stay_alive(tmp_path):
         assert len(line_events(core, "hall")) == 1
         line.look(time.monotonic() + LATE_OVER_S + 1)
         begun, over = line_events(core, "hall")
-        assert begun.startswith("is late: it had no time to ask for the status of pump")
-        assert over.startswith("asks for every status in time again (2 late within")
+        assert begun.startswith("is late: it had no time to poll the status of pump")
+        assert over.startswith("polls every status in time again (2 late within")
         assert not plant.lines()[0].late
         assert plant.lines()[0].late_statuses == 2
         assert len(core.table.events()) == events + 2

@@ -67,7 +67,7 @@ def test_holder_acquires_the_lease_again_with_its_key():
 def test_commands_are_admitted_without_a_lease_or_with_its_key():
     leases = Leases()
     assert leases.admit(ANNA, "pump", "", now=0) is None
-    with pytest.raises(LeaseError, match="the lease of pump is over; take it again"):
+    with pytest.raises(LeaseError, match="the lease of pump has expired; acquire it again"):
         leases.admit(ANNA, "pump", "a key from before", now=0)
     lease = take(leases, ANNA)
     assert leases.admit(ANNA, "pump", lease.key, now=1) == lease
@@ -103,7 +103,7 @@ def test_lease_of_one_command_may_expire_before_its_release():
 @pytest.mark.parametrize("seconds", [0, -1, 30.1, math.nan, math.inf, "10", None])
 def test_invalid_lease_time_is_refused(seconds):
     leases = Leases()
-    with pytest.raises(UsageError, match="take up to 30 s, and renew it"):
+    with pytest.raises(UsageError, match="give up to 30 s, and renew it"):
         take(leases, ANNA, seconds)
     assert not leases.all(now=0)
 

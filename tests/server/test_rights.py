@@ -100,7 +100,7 @@ def test_stop_needs_only_a_known_caller(drive):
         for door in (HTTP, LOCAL, "mqtt"):
             assert may(caller(role, door), command("stop", how="coast"), drive)
             assert may(caller(role, door), replace(command("stop"), arm=True), drive)
-    with pytest.raises(NotAllowedError, match="pump is stopped only for users who are known; log in, or send a token"):
+    with pytest.raises(NotAllowedError, match="pump is stopped only for known users; log in, or send a token"):
         RIGHTS.check(caller(Role.VIEW, name=ANONYMOUS), command("stop"), drive)
     assert not may(caller(Role.NOBODY), command("stop"), drive)
 

@@ -257,7 +257,10 @@ class TestNonBlockingLog:
         hanging.go_on.set()
         handler.close()
         written = texts(hanging.written)
-        assert any(re.fullmatch(r"9\d\d messages were lost: they came faster than written", text) for text in written)
+        assert any(
+            re.fullmatch(r"9\d\d messages were lost, because they arrived faster than they were written", text)
+            for text in written
+        )
 
     def test_close_waits_for_a_hanging_destination_only_briefly(self, monkeypatch):
         monkeypatch.setattr(logs, "_PATIENCE_S", 0.1)

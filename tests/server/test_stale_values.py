@@ -50,9 +50,9 @@ async def test_drive_of_a_busy_line_is_late_and_keeps_its_last_values(tmp_path):
             assert (told["reachability"], told["state"], told["fault"]) == ("answers", "fault", fault)
             assert told["late"]
             assert told["status"]["fault"]
-            assert "was not asked" in told["error"]
+            assert "was not polled" in told["error"]
             assert {each["quality"] for each in told["values"]} == {"stale"}
-            assert all(each["reading"] and "was not asked" in each["cause"] for each in told["values"])
+            assert all(each["reading"] and "was not polled" in each["cause"] for each in told["values"])
             sample = sample_of(values_of(core, "pump")["output_frequency"])
             assert sample.quality == "stale"
             assert sample.source_ms < sample.time_ms

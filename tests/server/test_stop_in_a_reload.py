@@ -148,7 +148,7 @@ async def test_line_that_cannot_be_replaced_is_reported_and_still_polled(core):
         yard = served.lines["yard"]
         yard.has = breaks
         told = await served.changed(faster_hall(replace(served.plant, drives=served.plant.drives[:2])))
-        assert told == ["line hall is opened anew", "line yard could not be exchanged: BrokenError"]
+        assert told == ["line hall is opened anew", "line yard could not be replaced: BrokenError"]
         before = yard.state().polls
         await until(lambda: yard.state().polls > before)
         await until(lambda: served.drive("pump").reachability == "answers")

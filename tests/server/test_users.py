@@ -87,7 +87,7 @@ def owned(file, monkeypatch):
 def test_users_file_accessible_to_others_is_refused(file, owned, mode):
     owned(1000, mode, 1000)
     for use in (read_users, lambda path: add_user(path, user("ben"))):
-        with pytest.raises(FileFormatError, match=f"{file}: others can read or write it; say chmod 600 {file}"):
+        with pytest.raises(FileFormatError, match=f"{file}: others can read or write it; run chmod 600 {file}"):
             use(file)
 
 
@@ -100,8 +100,8 @@ def test_users_file_accessible_to_others_is_refused(file, owned, mode):
         (0, 0o600, 0, ""),
         (0, 0o640, 4711, ""),
         (0, 0o640, 0, ""),
-        (0, 0o660, 4711, "others can read or write it; say chmod 640"),
-        (0, 0o644, 4711, "others can read or write it; say chmod 640"),
+        (0, 0o660, 4711, "others can read or write it; run chmod 640"),
+        (0, 0o644, 4711, "others can read or write it; run chmod 640"),
     ],
 )
 def test_users_file_of_another_owner_is_refused_except_of_root(file, owned, *, owner, mode, me, sentence):
@@ -133,14 +133,14 @@ def test_rewritten_users_file_keeps_owner_group_and_mode(file):
         ('[[user]]\nname = "a"\nrole = "nobody"\n', "line 3: user 1 (a): unknown role 'nobody'"),
         ('[[user]]\nname = "a"\nrole = "view"\n', "line 1: user 1 (a): a has neither a token nor a password"),
         (ENTRY + "passwrod = 3\n", "line 5: user 1 (anna): unknown key 'passwrod'; did you mean 'password'?"),
-        (ENTRY + ENTRY, "line 5: user 2 (anna): anna is there twice"),
+        (ENTRY + ENTRY, "line 5: user 2 (anna): anna is listed twice"),
         (
             ENTRY.replace("anna", "anonymous"),
             "line 1: user 1 (anonymous): anonymous is reserved for callers without a login",
         ),
         (ENTRY.replace("anna", "a b"), "line 1: user 1 (a b): 'a b' cannot be a user's name"),
         (ENTRY.replace("anna", ""), "line 1: user 1: '' cannot be a user's name"),
-        ("user = 3\n", "line 1: user cannot be 3"),
+        ("user = 3\n", "line 1: invalid user = 3"),
         ("=", "cannot be read as a file of users"),
     ],
 )

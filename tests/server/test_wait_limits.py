@@ -70,7 +70,7 @@ async def test_wait_ends_at_its_goal_or_its_timeout(tmp_path):
     ("wanted", "sentence"),
     [
         (waiting(timeout_s=LONGEST_S + 1), "timeout_s is at most 600"),
-        (waiting(timeout_s="soon"), "timeout_s cannot be 'soon'"),
+        (waiting(timeout_s="soon"), "invalid timeout_s = 'soon'"),
         (waiting(goal="asleep"), "cannot wait for 'asleep'"),
         (waiting(hours=1), "unknown key 'hours'"),
     ],

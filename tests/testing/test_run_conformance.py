@@ -233,7 +233,7 @@ class LooseOptions:
         (
             {"control_profiles": lambda: (replace(control_profile("fuji"), stops={}),)},
             "commands soundly",
-            "control profile 'fuji': it says how to start a motor, and not how to stop it",
+            "control profile 'fuji': it defines how to start a motor, but not how to stop it",
         ),
         ({"mismatch": lambda *_: None}, "judges every pair", "it says None"),
         ({"mismatch": lambda request, _: request.no_such}, "judges every pair", "AttributeError"),

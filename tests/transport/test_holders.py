@@ -139,7 +139,7 @@ def test_pseudo_terminal_is_not_marked_exclusive(terminal, monkeypatch):
 @linux
 def test_exclusive_mark_keeps_out_a_program_without_root_rights(terminal, monkeypatch):
     if os.getuid() != 0 or shutil.which("setpriv") is None:
-        pytest.skip("needs somebody who may become somebody else")
+        pytest.skip("needs a user that may become another user")
     monkeypatch.setattr("drivecomm.transport.tty_channel.is_pseudo", lambda _: False)
     Path(terminal).chmod(0o666)
     plain = ["setpriv", "--reuid=65534", "--clear-groups", "sh", "-c", f": <{terminal}"]
@@ -223,7 +223,7 @@ def test_nothing_is_sent_into_a_connection_closed_by_the_server():
         port = SerialPort(f"socket://127.0.0.1:{door.getsockname()[1]}")
         door.accept()[0].close()
         time.sleep(0.01)
-        with pytest.raises(drivecomm.LinkDownError, match="the server has closed it"):
+        with pytest.raises(drivecomm.LinkDownError, match="the server closed it"):
             port.write(b"stop")
         port.close()
 

@@ -346,10 +346,10 @@ def test_plant_file_gives_a_poll_plan(tmp_path):
     ("before", "after", "message"),
     [
         ("reply_delay_s = 0.005", "reply_delay_s = -1", r"line 11: drive 1 \(pump\): invalid reply_delay_s = -1"),
-        ("reply_delay_s = 0.005", "reply_delay_s = true", r"line 16: drive 1 \(pump\): reply_delay_s cannot be True"),
+        ("reply_delay_s = 0.005", "reply_delay_s = true", r"line 16: drive 1 \(pump\): invalid reply_delay_s = True"),
         ('["481", "480"]', "[]", r"drive 1 \(pump\): nothing to poll"),
         ('["481", "480"]', "[481]", r"line 17: drive 1 \(pump\), poll 1: parameters are texts"),
-        ("priority = 2", "priority = 2.5", r"line 17: drive 1 \(pump\), poll 1: priority cannot be 2.5"),
+        ("priority = 2", "priority = 2.5", r"line 17: drive 1 \(pump\), poll 1: invalid priority = 2.5"),
         ("priority = 2", "prio = 2", r"line 17: drive 1 \(pump\), poll 1: unknown key 'prio'; did you mean 'priority'"),
         ("dataset = 1 }", "dataset = 1 }, port = 3", r"poll 1: unknown key 'port'"),
         ('"vabus:1"', '"vabus:1,model=act"', r"line 11: drive 1 \(pump\): options do not belong behind vabus:1"),

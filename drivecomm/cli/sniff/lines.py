@@ -122,7 +122,7 @@ def _remarks(event: LineEvent) -> list[str]:
     if pair.outcome == "late":
         found.append("late")
     elif pair.outcome == "stray":
-        found.append("not asked for")
+        found.append("unsolicited")
     return found
 
 

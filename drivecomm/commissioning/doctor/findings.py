@@ -120,7 +120,7 @@ def _echo(measurements: Measurements) -> Iterator[_Found]:
         return
     kinds = [trial.kind for trial in trials]
     if "whole" in kinds:
-        text = "the adapter hands back what it sends"
+        text = "the adapter echoes what it sends"
         if kinds.count("whole") < len(kinds):
             text += f", though not always whole ({kinds.count('whole')} of {len(kinds)} times)"
         if said == "off":
@@ -137,10 +137,10 @@ def _echo(measurements: Measurements) -> Iterator[_Found]:
         remedy = "if the line is quiet otherwise, use --echo expect, and check whether two transmitters are on at once"
         yield "problem", text, remedy
     elif said == "expect":
-        text = "the adapter hands nothing back, though --echo expect says so"
+        text = "the adapter does not echo, although --echo expect is set"
         yield "note", text, "leave --echo out"
     else:
-        yield "fine", "the adapter hands nothing back of what it sends", ""
+        yield "fine", "the adapter does not echo what it sends", ""
 
 
 def _drives(measurements: Measurements) -> Iterator[_Found]:

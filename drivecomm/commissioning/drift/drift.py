@@ -31,7 +31,7 @@ class Drift:
     replaced: evidence that another drive is there, empty if there is none. untold: identity fields that the drive
     reported at approval and does not report now, so that it may be another drive. changed: settings with another value.
     not_comparable: settings that were read only then or only now, with the reason. These four are drift; the rest is
-    not. equal: number of settings as approved. never_read: settings read neither then nor now. in_ram: settings written
+    not. equal: number of settings as approved. never_read: settings not read in either set. in_ram: settings written
     only to RAM, by the program that reads. unapproved: settings that the approved set does not have.
     """
 

@@ -83,7 +83,7 @@ _START = DecidingPlace(-1, -1)
 
 def _unknown(what: str, live: Sequence[FormShape]) -> UsageError:
     titles = " or ".join(repr(each.title) for each in live)
-    return UsageError(f"nothing tells {what} {titles}; declare a leaf of theirs as deciding, or leave one out")
+    return UsageError(f"nothing determines {what} {titles}; declare a leaf of theirs as deciding, or leave one out")
 
 
 def _spots(live: Sequence[FormShape], behind: DecidingPlace) -> list[DecidingPlace]:
@@ -230,7 +230,9 @@ def writer(forms: Sequence[Form[Any]]) -> Callable[[Any], bytes]:
             by_fields.setdefault(key[0] if len(names) == 1 else key, []).append(form)
     for several in by_fields.values():
         if sum(each.when is None for each in several) > 1:
-            raise UsageError(f"nothing tells in which form a {forms[0].message.__name__} is written; say it by `when`")
+            raise UsageError(
+                f"nothing determines in which form a {forms[0].message.__name__} is written; declare it by `when`"
+            )
     builders = {key: _choice(several) for key, several in by_fields.items()}
     key_of: Callable[[Any], Any] = attrgetter(*names) if names else lambda _: ()
 

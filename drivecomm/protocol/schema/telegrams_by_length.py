@@ -64,7 +64,7 @@ class TelegramsByLength(Telegrams):
                 raise error from None
         sides = [side for side, kinds in self._kinds.items() if any(each is type(message) for _, each in kinds)]
         if not any(self.measure(data, side) == len(data) for side in sides):
-            raise TelegramError("field", f"this {message.kind} telegram begins with one that is whole by itself")
+            raise TelegramError("field", f"this {message.kind} telegram begins with a complete shorter one")
         return data
 
     def _is_whole(self, data: bytes, direction: Direction) -> bool:

@@ -24,10 +24,10 @@ def main() -> int:
     service = apprise.Apprise.instantiate(given["url"])
     if service is None:
         # The log output of apprise contains the URL, which may hold a secret.
-        return _failed("apprise cannot make anything of its URL; see https://github.com/caronc/apprise/wiki")
+        return _failed("apprise does not support its URL; see https://github.com/caronc/apprise/wiki")
     message = given["message"]
     if message and not service.notify(title=message["title"], body=message["text"]):
-        return _failed(f"apprise could not deliver it: {'; '.join(said) or 'it does not say why'}")
+        return _failed(f"apprise could not deliver it: {'; '.join(said) or 'it gave no reason'}")
     return 0
 
 

@@ -33,10 +33,10 @@ def check_drive(on: Watched, state: DriveSnapshot) -> ConditionFinding:
     if on == "changed_since_baseline":
         return _of_drift(state.drift)
     if state.late:
-        return ConditionFinding(holds=None, text="the line is late and has not asked the drive")
+        return ConditionFinding(holds=None, text="the line is late and has not polled the drive")
     if on == "silent":
         if state.reachability == "asking":
-            return ConditionFinding(holds=None, text="it has not been asked yet")
+            return ConditionFinding(holds=None, text="it has not been polled yet")
         if state.reachability == "silent":
             return ConditionFinding(
                 holds=True, text=f"does not answer: {state.error}" if state.error else "does not answer"
@@ -54,7 +54,7 @@ def check_drive(on: Watched, state: DriveSnapshot) -> ConditionFinding:
             )
         return ConditionFinding(holds=False, text="no fault")
     if status.warning is None:
-        return ConditionFinding(holds=None, text="the status does not say whether there is a warning")
+        return ConditionFinding(holds=None, text="the status does not report warnings")
     return ConditionFinding(holds=status.warning, text="a warning is active" if status.warning else "no warning")
 
 

@@ -126,7 +126,7 @@ class _Queue:
             news, self._full = full and not self._full, self._full or full
             self._news.notify()
         if news:
-            self._say(f"more than {MOST} alarms wait for {self._receiver.label}; the oldest are given up")
+            self._say(f"more than {MOST} alarms wait for {self._receiver.label}; the oldest are discarded")
 
     def waiting(self) -> list[UndeliveredAlarm]:
         with self._news:
@@ -168,10 +168,10 @@ class _Queue:
             return
         self._failures += 1
         if self._failures == 1:
-            self._say(f"an alarm could not be delivered to {self._receiver.label}, it is tried again: {failure}")
+            self._say(f"an alarm could not be delivered to {self._receiver.label}, and will be retried: {failure}")
         until = time.monotonic() - self._pace.give_up_s
         if too_old := [each for each in now if each[0] <= until]:
-            self._say(f"an alarm was not delivered to {self._receiver.label}, and is given up: {failure}")
+            self._say(f"an alarm was not delivered to {self._receiver.label}, and is discarded: {failure}")
             self._done(too_old)
         pause_s = min(self._pace.longest_s, self._pace.first_s * 2 ** min(self._failures - 1, 20))
         with self._news:

@@ -262,7 +262,7 @@ class PlantAlarms:
             aside = self._file.with_name(f"{self._file.name}.damaged")
             with suppress(OSError):
                 self._file.replace(aside)
-            self._say(f"alarms before this start are not known, their file is {aside.name} now: {error}")
+            self._say(f"alarms before this start are unknown; their file was renamed to {aside.name}: {error}")
             return StoredAlarms()
 
     def _close(self) -> None:

@@ -87,7 +87,7 @@ class RuleState:
             self._held_s = self._held(now_s)
             self._known_from = None
             if self.active:
-                self._text = f"{_known(self._text)}; not known now: {finding.text}"
+                self._text = f"{_known(self._text)}; now unknown: {finding.text}"
             return
         if finding.holds is not self.holds:
             self._held_s = 0.0

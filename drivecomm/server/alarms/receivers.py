@@ -110,7 +110,7 @@ class CommandReceiver:
         """Return an error text if there is no such program."""
         from shutil import which
 
-        return "" if which(self.argv[0]) else f"there is no program {self.argv[0]}"
+        return "" if which(self.argv[0]) else f"program {self.argv[0]} not found"
 
     def deliver(self, message: Message, within_s: float) -> str:
         """Run the command; kill it and its child processes if it takes too long."""

@@ -137,7 +137,7 @@ def read_alarms(
     for table in tables:
         rule = _rule(table, drives, backed_up)
         if rule.name in rules:
-            raise table.error(f"two alarms are called {rule.name!r}; give this one another name", "name")
+            raise table.error(f"two alarms are named {rule.name!r}; give this one another name", "name")
         rules[rule.name] = rule
     return tuple(rules.values())
 
@@ -152,13 +152,13 @@ def _rule(table: TomlTable, drives: Sequence[DriveConfig], backed_up: Collection
     if limit is None:
         for key in ("above", "below", "hysteresis"):
             if key in given:
-                raise table.error(f'{key} is of a quantity; write quantity = "output_current", for example', key)
+                raise table.error(f'{key} needs a quantity; write quantity = "output_current", for example', key)
         if "on" not in given:
-            raise table.error(f"an alarm has on = {_ONES_OF_STATE}, or a quantity with above or below")
+            raise table.error(f"an alarm needs on = {_ONES_OF_STATE}, or a quantity with above or below")
         if given["on"] not in _STATES:
             raise table.error(f"unknown on = {given['on']!r}; {suggestion(given['on'], _STATES, 'use')}", "on")
     elif "on" in given:
-        raise table.error("on and quantity are two alarms; write an [[alarm]] for each", "on")
+        raise table.error("on and quantity define two alarms; write an [[alarm]] for each", "on")
     watched = _drives(table, drives, limit)
     if given.get("on") == "changed_since_baseline":
         watched = _backed_up(table, watched, backed_up)
@@ -182,7 +182,7 @@ def _limit(table: TomlTable) -> AlarmLimit:
     given = table.content
     sides: list[Literal["above", "below"]] = [side for side in ("above", "below") if side in given]
     if len(sides) != 1:
-        raise table.error("a quantity has one limit; write above = 12.5, or below, for example", "quantity")
+        raise table.error("a quantity needs exactly one limit; write above = 12.5, or below, for example", "quantity")
     for key in (sides[0], "hysteresis"):
         if not -inf < given.get(key, 0) < inf or (key == "hysteresis" and given.get(key, 0) < 0):
             raise table.error(
@@ -219,7 +219,7 @@ def _backed_up(table: TomlTable, drives: tuple[str, ...], backed_up: Collection[
     if len(found) < len(drives) and ("drives" in table.content or not found):
         name = next(each for each in drives if each not in found)
         raise table.error(
-            f"the server does not back {name} up, so that it sees no change; write backup = true in [server], or for "
+            f"the server does not back {name} up, so no change is detected; write backup = true in [server], or for "
             "this drive",
             "on",
         )
@@ -229,5 +229,5 @@ def _backed_up(table: TomlTable, drives: tuple[str, ...], backed_up: Collection[
 def _texts(table: TomlTable, key: str) -> tuple[str, ...]:
     found = table.content.get(key, [])
     if not all(isinstance(each, str) and each for each in found) or (key == "drives" and not found):
-        raise table.error(f'{key} cannot be {found!r}; write a list of texts, such as ["one", "two"]', key)
+        raise table.error(f'invalid {key} = {found!r}; write a list of texts, such as ["one", "two"]', key)
     return tuple(found)

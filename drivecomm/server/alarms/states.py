@@ -83,7 +83,7 @@ class Alarms:
         left, self._left = self._left, [alarm for alarm in self._left if alarm.over_s is not None]
         for alarm in left:
             if alarm.over_s is None:
-                gone = "the plant file has no such alarm any more"
+                gone = "the plant file no longer has this alarm"
                 over = replace(
                     alarm, gone=gone, gone_s=time_s, over_s=time_s, told=alarm.told + 1, told_s=time_s, present=False
                 )

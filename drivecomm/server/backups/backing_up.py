@@ -209,7 +209,7 @@ class Backups:
             named = [self._with_writer(drive, each) for each in kept.changed[:_NAMED]]
             if more := len(kept.changed) - len(named):
                 named.append(f"and {more} more")
-            happened("state", f"set otherwise than in backup {kept.before.name}: {', '.join(named)}", **about)
+            happened("state", f"settings differ from backup {kept.before.name}: {', '.join(named)}", **about)
         if kept.trouble:
             happened("warning", f"its backup is not committed: {kept.trouble}", **about)
 

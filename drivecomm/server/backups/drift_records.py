@@ -101,7 +101,7 @@ def news(before: DriveDrift, now: DriveDrift, writers: Mapping[str, str]) -> lis
         if now.replaced == before.replaced:
             return []
         return [(True, f"replaced by another drive: {now.replaced}; to give it the approved set: {now.restore}")]
-    found = [(False, "it is the drive of its baseline again")] if before.replaced else []
+    found = [(False, "the drive of its baseline is back")] if before.replaced else []
     earlier, there = ({each.address: each for each in known.changes} for known in (before, now))
     new = [
         f"{each}{writers.get(address, '')}"

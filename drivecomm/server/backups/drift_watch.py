@@ -156,7 +156,7 @@ class DriftWatch:
         happened, about = self._core.table.record_event, {"drive": drive.name, "line": drive.line}
         if now.state == "no baseline":
             if before.approved_s is not None:
-                happened("warning", "its baseline is gone, so that no drift is seen any more", **about)
+                happened("warning", "its baseline is gone, so drift is no longer detected", **about)
         elif now.state == "not compared":
             if now.cause not in (before.cause, _NO_BACKUP, _NOT_BACKED_UP):
                 happened("warning", f"cannot be compared with its baseline: {now.cause}", **about)
@@ -168,7 +168,7 @@ class DriftWatch:
         try:
             await asyncio.to_thread(write_drifts, self._file, dict(self._core.drift))
         except (OSError, ValueError, FileFormatError) as error:
-            _log.warning("drift of drives is not known after a restart: %s", in_one_line(error))
+            _log.warning("drift of drives is unknown after a restart: %s", in_one_line(error))
 
     def _names(self) -> set[str]:
         return {each.name for each in self._core.plant.drives}

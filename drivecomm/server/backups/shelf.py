@@ -105,7 +105,7 @@ class Shelf:
                     [git, *command], cwd=self.folder, capture_output=True, text=True, timeout=_GIT_S, check=False
                 )
                 if done.returncode:
-                    return in_one_line(UsageError((done.stderr or done.stdout).strip() or "git says nothing"))
+                    return in_one_line(UsageError((done.stderr or done.stdout).strip() or "git printed no error"))
         except (OSError, subprocess.SubprocessError) as error:
             return in_one_line(error)
         return ""

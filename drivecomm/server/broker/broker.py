@@ -93,8 +93,8 @@ class Broker:
                 # Not every broker reports that another client took over the client id.
                 pauses = self._taken
                 problem = (
-                    f"broker {self.settings.place}: the connection is lost again and again soon after it was made; has "
-                    "another client the same client id? write another client_id = for one of them"
+                    f"broker {self.settings.place}: the connection is repeatedly lost soon after it was made; if "
+                    "another client uses the same client id, write a different client_id = for one of them"
                 )
             self.connected = False
             if now() - began >= (_PEACE_S if pauses is self._taken else _LASTED_S):
@@ -119,7 +119,7 @@ class Broker:
                 for task in (lost, serving):
                     if task.done():
                         task.result()
-                raise LinkDownError(f"broker {self.settings.place}: nothing is left to be done")
+                raise LinkDownError(f"broker {self.settings.place}: no work is left")
             except asyncio.CancelledError:
                 await cancel_and_wait(serving)
                 with suppress(LinkError, TimeoutError):
@@ -136,7 +136,7 @@ class Broker:
         self.connected = True
         if self._told:
             self._told = ""
-            self._tell(f"broker {self.settings.place} is there again")
+            self._tell(f"broker {self.settings.place} is connected again")
         tried()
         await self._messages.serve(connection)
 

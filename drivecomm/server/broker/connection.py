@@ -126,7 +126,7 @@ class BrokerConnection:
         """Raise LinkDownError if the broker has refused a published message."""
         if self._client.refusal:
             raise LinkDownError(
-                f"broker {self._settings.place} does not take what {self._settings.user or 'this client'} publishes, "
+                f"broker {self._settings.place} does not accept what {self._settings.user or 'this client'} publishes, "
                 f"such as {message.topic} ({self._client.refusal}); allow it in the broker's access control"
             )
 

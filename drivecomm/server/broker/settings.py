@@ -95,17 +95,17 @@ def broker_settings(
     host, port, tls = _place(table, given.get("broker", "mqtt://127.0.0.1"))
     if not (tls or given.get("insecure", False) or is_loopback(host)):
         raise table.error(
-            f"{host} is another machine, and what goes there could be read and changed on its way; write "
-            f'broker = "mqtts://{host}", or spell out insecure = true',
+            f"{host} is another machine, and data sent there could be read and changed in transit; write "
+            f'broker = "mqtts://{host}", or set insecure = true',
             "broker",
         )
     if bool(given.get("certificate")) != bool(given.get("key")):
-        raise table.error("a certificate takes two files; write both certificate = and key =", "certificate")
+        raise table.error("a certificate needs two files; write both certificate = and key =", "certificate")
     for name in ("authority", "certificate"):
         if given.get(name) and not tls:
             raise table.error(f"{name} is for brokers with TLS; write mqtts:// or leave it out", name)
     if given.get("version", "5") not in VERSIONS:
-        raise table.error(f"version cannot be {given['version']!r}; write {BROKER_KEYS['version'].words}", "version")
+        raise table.error(f"invalid version = {given['version']!r}; write {BROKER_KEYS['version'].words}", "version")
     if not given.get("client_id", "").isprintable():
         raise table.error("client_id has characters that brokers refuse; write letters, digits, - and _", "client_id")
     keep_alive_s = given.get("keep_alive_s", 15)
@@ -135,7 +135,7 @@ def _place(table: TomlTable, url: str) -> tuple[str, int, bool]:
     if "@" in parts.netloc:
         raise table.error("broker names a user; write user = and password_file =, which are apart from it", "broker")
     if parts.scheme not in _SCHEMES or not parts.hostname or port == 0 or parts.path.strip("/") or parts.query:
-        raise table.error(f"broker cannot be {url!r:.80}; write {_URL.words}", "broker")
+        raise table.error(f"invalid broker = {url!r:.80}; write {_URL.words}", "broker")
     return parts.hostname, port or _SCHEMES[parts.scheme], parts.scheme == "mqtts"
 
 
@@ -146,14 +146,14 @@ def _password(table: TomlTable, given: Mapping[str, Any], environment: Mapping[s
     if not given.get("user"):
         raise table.error("a password needs a user; write user =", "password" if said else "password_file")
     if said is not None and file is not None:
-        raise table.error("password and password_file are both there; leave one of them out", "password")
+        raise table.error("password and password_file exclude each other; leave one of them out", "password")
     if file is not None:
         path = table.beside(file)
         return lambda: first_line(path)
     found = _SECRET.fullmatch(said or "")
     if not found:
         # The text is not repeated in the error, because it may be a password.
-        raise table.error(f"a password does not belong into a plant file; write {_PASSWORD.words}", "password")
+        raise table.error(f"a password does not belong in a plant file; write {_PASSWORD.words}", "password")
     name = found[1]
     return lambda: _secret(name, environment)
 
@@ -180,7 +180,7 @@ def first_line(path: Path) -> str:
         found = path.stat()
         # A file that root provides for a service may be readable for the group of the service.
         if stat.S_IMODE(found.st_mode) & (0o037 if found.st_uid == 0 else 0o077):
-            raise UsageError(f"{path}: others can read or write this password; say chmod 600 {path}")
+            raise UsageError(f"{path}: others can read or write this password; run chmod 600 {path}")
     return _text_of(path)
 
 

@@ -48,7 +48,7 @@ async def acknowledge_over_broker(
         answer = await _answer(replace(settings, version=OLDER), bridge, asked)
     if answer["outcome"] != "done":
         error = answer.get("error") or {}
-        raise NotAllowedError(f"{plant} refuses: {error.get('text', 'it does not say why')}")
+        raise NotAllowedError(f"{plant} refuses: {error.get('text', 'it gave no reason')}")
     return dict(answer["result"])
 
 

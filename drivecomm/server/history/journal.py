@@ -127,7 +127,7 @@ class HistoryWriter:
         self._wake.set()
         self._thread.join(timeout_s)
         if self._thread.is_alive():
-            self._tell(f"{self.file}: the disk does not answer; what was not written to the history by now is lost")
+            self._tell(f"{self.file}: the disk does not answer; what was not yet written to the history is lost")
 
     def _drop_oldest(self) -> None:
         while self._waiting > MOST_WAITING:
@@ -193,7 +193,7 @@ class HistoryWriter:
         finally:
             self.written += done
         if self._trouble:
-            self._tell(f"{self.file}: the history is written again; {self.missing} values are missing in all")
+            self._tell(f"{self.file}: writing the history has resumed; {self.missing} values are missing in all")
             self._trouble = ""
 
     def _put_back(self, values: Sequence[CurrentValue], others: Sequence[JournalEntry], dropped: Gap | None) -> None:
@@ -237,7 +237,7 @@ class HistoryWriter:
         if not self._trouble:
             self._tell(
                 f"{self.file}: {error}; the history is not written from {datetime.now().astimezone():%H:%M:%S} on, "
-                "and tried again every few seconds; everything else goes on"
+                "and retried every few seconds; everything else continues"
             )
         self._trouble = str(error)
         return False

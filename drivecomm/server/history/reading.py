@@ -56,7 +56,7 @@ class History:
     def __init__(self, file: Path) -> None:
         self.file = file
         if not file.is_file():
-            raise FileFormatError(f"{file}: there is no such history; a server writes one while it runs")
+            raise FileFormatError(f"{file}: no such history; a server writes it while it runs")
         with self._told():
             self._connection = open_for_reading(file)
         self._execute = self._connection.execute

@@ -52,7 +52,7 @@ class HttpDoor:
         self._way_in = read_door_access(table, given, _DEFAULT)
         self._names = given.get("names", [])
         if not all(isinstance(name, str) for name in self._names):
-            raise table.error('names cannot hold anything but texts; write names = ["drives.example.com"]', "names")
+            raise table.error('names is not a list of texts; write names = ["drives.example.com"]', "names")
         self._listen = given.get("listen", _DEFAULT)
         self.port = 0
         self.connections = _BOUNDS

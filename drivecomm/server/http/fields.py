@@ -107,7 +107,7 @@ class CarryOut(Fresh):
 class StopDrive(CarryOut):
     """Arguments of a stop. Every stop is carried out, so its id serves for the answer only."""
 
-    id: Text = _optional("a text of your choice, for the answer")
+    id: Text = _optional("a text of your choice, repeated in the response")
 
 
 class Keep(Fresh):

@@ -93,7 +93,7 @@ def check_place(scope: Scope, names: Collection[str]) -> None:
     host = headers.get(b"host", b"").decode("latin-1")
     if not _is_ours(host, names):
         raise HTTPException(
-            403, f"this server is not called {host!r}; use its address, or write names = [...] in its [[door]]"
+            403, f"this server is not named {host!r}; use its address, or write names = [...] in its [[door]]"
         )
     if b"origin" in headers and urlsplit(headers[b"origin"].decode("latin-1")).netloc.lower() != host.lower():
         raise HTTPException(403, "the request comes from a page of another server")
@@ -136,7 +136,7 @@ async def whole_body(request: Request) -> bytes:
                 if len(body) > LARGEST_BODY:
                     raise too_large
     except TimeoutError:
-        raise HTTPException(408, "the body did not come in time", {"Connection": "close"}) from None
+        raise HTTPException(408, "the body did not arrive in time", {"Connection": "close"}) from None
     return body
 
 

@@ -32,12 +32,12 @@ _DAY_S = 86400.0
 _FORMS = {"csv": "text/csv; charset=utf-8", "ndjson": "application/x-ndjson"}
 _From = Annotated[
     Time | None,
-    Query(alias="from", description="the earliest time, in seconds since 1970; a day before the latest unless given"),
+    Query(alias="from", description="the earliest time, in seconds since 1970; one day before the latest unless given"),
 ]
 _To = Annotated[Time | None, Query(alias="to", description="the latest time, in seconds since 1970; now unless given")]
 _Form = Annotated[
     Literal["json", "csv", "ndjson"] | None,
-    Query(alias="format", description="csv, ndjson: every value as it was read; what Accept says unless given"),
+    Query(alias="format", description="csv, ndjson: every value as it was read; as in Accept unless given"),
 ]
 
 
@@ -49,7 +49,7 @@ async def history(
     name: Annotated[Text, Query(description="the quantity, as it is polled")],
     from_s: _From = None,
     to_s: _To = None,
-    points: Annotated[int, Query(ge=2, le=10_000, description="about how many points, if thinned")] = 500,
+    points: Annotated[int, Query(ge=2, le=10_000, description="approximate number of points, if thinned")] = 500,
     form: _Form = None,
 ) -> Response:
     """Past values of a quantity: thinned for a plot, or every value as CSV or as JSON lines."""
@@ -59,7 +59,9 @@ async def history(
     if chosen == "json":
         return json_answer({"points": await _journal(asked).points(drive, name, *span, points)})
     if asked.door.readers.locked():
-        raise HTTPException(503, "others read the history now; ask again in some seconds", {"Retry-After": "5"})
+        raise HTTPException(
+            503, "another client is reading the history; try again in a few seconds", {"Retry-After": "5"}
+        )
     pieces = _journal(asked).pieces(drive, name, *span)
     # An unknown quantity raises here, before the response has begun.
     first: Sequence[PastValue] = await anext(pieces, [])

@@ -130,7 +130,7 @@ class PlantCollector:
         polls = CounterMetricFamily("drivecomm_line_polls", "Polls of the line.", labels=["line"])
         missed = CounterMetricFamily("drivecomm_line_missed_polls", "Polls that came too late.", labels=["line"])
         late = CounterMetricFamily(
-            "drivecomm_line_late_statuses", "Statuses of drives that were not asked for in time.", labels=["line"]
+            "drivecomm_line_late_statuses", "Status polls of drives that were not sent in time.", labels=["line"]
         )
         for line in self._plant.lines():
             up.add_metric([line.name, line.port], line.up)
@@ -158,15 +158,15 @@ def _of_doors(doors: Iterable[DoorSnapshot]) -> Iterable[Metric]:
 
 
 def _of_drives(drives: Iterable[DriveSnapshot], values: Iterable[CurrentValue]) -> Iterable[Metric]:
-    up = GaugeMetricFamily("drivecomm_drive_up", "Whether the drive answered when it was asked last.", labels=_DRIVE)
-    info = InfoMetricFamily("drivecomm_drive", "What the drive is.", labels=_DRIVE)
-    state = StateSetMetricFamily("drivecomm_drive_state", "What the drive is doing.", labels=_DRIVE)
+    up = GaugeMetricFamily("drivecomm_drive_up", "Whether the drive answered its last poll.", labels=_DRIVE)
+    info = InfoMetricFamily("drivecomm_drive", "Identity of the drive.", labels=_DRIVE)
+    state = StateSetMetricFamily("drivecomm_drive_state", "State of the drive.", labels=_DRIVE)
     fault = GaugeMetricFamily("drivecomm_drive_fault", "Whether the drive has tripped.", labels=_DRIVE)
     changed = GaugeMetricFamily(
         "drivecomm_drive_changed_parameters", "Parameters that are not as in the drive's baseline.", labels=_DRIVE
     )
     replaced = GaugeMetricFamily(
-        "drivecomm_drive_replaced", "Whether another drive is there than that of the baseline.", labels=_DRIVE
+        "drivecomm_drive_replaced", "Whether the drive differs from that of the baseline.", labels=_DRIVE
     )
     reply = GaugeMetricFamily("drivecomm_drive_reply_seconds", "Mean of the drive's reply times.", labels=_DRIVE)
     texts: dict[str, dict[str, str]] = {}

@@ -57,7 +57,7 @@ async def failed(_: Request, error: Any) -> Response:
 
 async def broken(_: Request, __: Exception) -> Response:
     """Return the response for an internal error: its details go to the log and not to the client."""
-    return problem(500, DriveCommError("the server has made a mistake; its log says which"))
+    return problem(500, DriveCommError("internal error of the server; see its log"))
 
 
 async def refused(request: Request, error: Any) -> Response:
@@ -67,9 +67,9 @@ async def refused(request: Request, error: Any) -> Response:
         headers["Allow"] = ", ".join(each for each in _METHODS if each == "OPTIONS" or _is_served(request, each))
         if request.method == "OPTIONS":
             return Response(status_code=204, headers=headers)
-        detail = f"{request.method} is not for {request.url.path}"
+        detail = f"{request.method} is not supported at {request.url.path}"
     elif detail == HTTPStatus.NOT_FOUND.phrase:
-        detail = f"there is nothing at {request.url.path}"
+        detail = f"{request.url.path} does not exist"
     return http_error_response(HTTPException(error.status_code, detail, headers))
 
 
@@ -89,7 +89,7 @@ async def not_understood(_: Request, error: Any) -> Response:
     given = first["input"]
     shown = str(given) if isinstance(given, float) else json_text(plain(given))
     why = first["msg"].replace("Input", "it").replace("String", "it").replace("dictionary", "object")
-    return problem(422, UsageError(f"{name} cannot be {shown:.{_SHOWN}}: {why}"))
+    return problem(422, UsageError(f"invalid {name} = {shown:.{_SHOWN}}: {why}"))
 
 
 def _is_served(request: Request, method: str) -> bool:

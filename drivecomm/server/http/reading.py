@@ -90,7 +90,7 @@ async def stream(
         Names | None, Query(description="names, with commas between them; all drives unless given")
     ] = None,
     every: Annotated[
-        Number | None, Query(ge=0.05, le=3600, description="values at most once in so many seconds")
+        Number | None, Query(ge=0.05, le=3600, description="minimum interval between values, in seconds")
     ] = None,
 ) -> Response:
     """Live values and events as Server-Sent Events."""

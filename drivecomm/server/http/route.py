@@ -35,7 +35,7 @@ T = TypeVar("T", bound="Callable[..., Any]")
 
 V1 = "/api/v1"
 _FAILURE: Any = {
-    "description": "It was not understood, may not be, or was not done: 400, 401, 403, 404, 405, 408, 409, 413, 422, "
+    "description": "Invalid, forbidden, or not carried out: 400, 401, 403, 404, 405, 408, 409, 413, 422, "
     "429, 500, 502, 503, 504.",
     "content": {"application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}},
 }
@@ -167,7 +167,7 @@ class Route(APIRoute):
             asked.scope["state"]["standing"].known = True
         if self.role is not Role.NOBODY:
             if caller is None or (self.named and caller.name == ANONYMOUS):
-                text = "give the token of a user who may: Authorization: Bearer TOKEN"
+                text = "give the token of a permitted user: Authorization: Bearer TOKEN"
                 raise HTTPException(401, text, {"WWW-Authenticate": "Bearer"})
             if caller.role < self.role:
                 text = f"{caller} has the role {caller.role.name.lower()}; this needs {self.role.name.lower()}"

@@ -314,7 +314,7 @@ class Streams:
 
 def _cut_off(*groups: _Group) -> None:
     """Disconnect clients that missed changes by an internal error: they reconnect and get the latest values."""
-    _log.exception("telling the stream what has changed")
+    _log.exception("sending changes to the stream")
     for group in groups:
         for client in group.clients:
             client.transport.abort()

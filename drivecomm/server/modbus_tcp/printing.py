@@ -31,11 +31,11 @@ _QUALITIES = {
     Quality.GOOD: "current",
 }
 _OUTCOMES = {
-    Outcome.NOTHING: "nothing was asked for yet",
+    Outcome.NOTHING: "no request yet",
     Outcome.UNDER_WAY: "under way",
     Outcome.DONE: "done: the drive has confirmed it",
     Outcome.REFUSED: "refused: nothing was sent",
-    Outcome.FAILED: "failed: the drive said no",
+    Outcome.FAILED: "failed: the drive refused",
     Outcome.OPEN: "open: sent, and not known whether the drive acted",
 }
 _REASONS = {
@@ -48,11 +48,11 @@ _REASONS = {
     Reason.READ_ONLY: "the drive is not armed",
     Reason.VALUE: "the drive cannot take this value",
     Reason.CANNOT: "the drive cannot do it, or not now",
-    Reason.DRIVE_REFUSES: "the drive said no",
+    Reason.DRIVE_REFUSES: "the drive refused",
     Reason.NO_REPLY: "the drive did not answer",
     Reason.NO_LINE: "the line is not open",
     Reason.CANCELLED: "a stop came after it",
-    Reason.MISTAKE: "a mistake in the server, whose log has more",
+    Reason.MISTAKE: "an internal error of the server; see its log",
 }
 
 
@@ -89,7 +89,7 @@ def _markdown(door: ModbusTcpDoor, plant: Plant, notes: Mapping[tuple[str, str],
     yield from _numbers("quality", _QUALITIES)
     told = [(drive, name, note) for (drive, name), note in notes.items() if drive in settings.units.values()]
     if told:
-        yield "A good value says nothing of how sure the drive's model is of its type and unit:"
+        yield "Good quality does not show how certain the drive's model is of type and unit:"
         yield ""
         yield from _table(("drive", "value", "how sure"), told)
     yield from _table(("bit of the state", "meaning"), enumerate(STATE_BITS))

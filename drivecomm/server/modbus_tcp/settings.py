@@ -74,7 +74,7 @@ def read_door_settings(table: TomlTable) -> DoorSettings:
     if not (listen.is_loopback or given.get("insecure", False)):
         raise table.error(
             f"{listen} can be reached from the network, and Modbus TCP has no encryption and no users; listen on "
-            "127.0.0.1, or spell out insecure = true",
+            "127.0.0.1, or set insecure = true",
             "listen",
         )
     lease_s = given.get("lease_s", 3.0)
@@ -119,7 +119,7 @@ def _units(table: TomlTable) -> dict[int, str]:
         raise said.error(f"no drive is a unit; write units = {_KEYS['units'].words}", "units")
     for name, unit in said.content.items():
         if not isinstance(unit, int) or isinstance(unit, bool) or not 1 <= unit <= _LAST_UNIT:
-            raise said.error(f"{name} cannot be {unit!r}; write a number from 1 to {_LAST_UNIT}", name)
+            raise said.error(f"invalid {name} = {unit!r}; write a number from 1 to {_LAST_UNIT}", name)
         if unit in units:
             raise said.error(
                 f"{units[unit]} and {name} cannot both be unit {unit}; give each a number of its own", name
@@ -153,11 +153,11 @@ def _own_register(table: TomlTable, name: str, place: Any) -> OwnRegister:
         given = table.table(name).take(_REGISTER, "address")
         place, number = given["address"], given.get("type", number)
         if number not in _TYPES:
-            raise table.error(f"{name}: type cannot be {number!r}; write {' or '.join(map(repr, _TYPES))}", name)
+            raise table.error(f"{name}: invalid type = {number!r}; write {' or '.join(map(repr, _TYPES))}", name)
     is_number = isinstance(place, int) and not isinstance(place, bool)
     if not is_number or not FIRST_OWN <= place <= LAST_OWN or place % VALUE_WORDS:
         raise table.error(
-            f"{name} cannot be at {place!r}; write a multiple of {VALUE_WORDS} from {FIRST_OWN} to {LAST_OWN}", name
+            f"invalid {name} = {place!r}; write a multiple of {VALUE_WORDS} from {FIRST_OWN} to {LAST_OWN}", name
         )
     return OwnRegister(name, place, number)
 

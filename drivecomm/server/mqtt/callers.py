@@ -48,7 +48,7 @@ class BrokerCallers:
         token = content.get("token")
         if token is None:
             if self.role is None:
-                raise NotAllowedError("only users are listened to here; send your token in the field token")
+                raise NotAllowedError("only users may command here; send your token in the field token")
             return self.everybody
         if self.users is None:
             raise NotAllowedError("the plant has no users; leave the token out")

@@ -49,10 +49,10 @@ REQUESTS: Mapping[str, Mapping[str, Field]] = {
 """Requests about the plant as a whole, with their fields. All fields but token and lines are required."""
 
 _SAID = {
-    "id": "one of its own, so that the same command twice is carried out once",
-    "session": "the one that bridge/state tells, so that it cannot be meant for another time",
-    "issued_s": "when it was given, so that it cannot be carried out late",
-    "valid_s": "for how many seconds it counts",
+    "id": "a unique text, so that a repeated command is sent once",
+    "session": "the session in bridge/state, which ties the command to this connection",
+    "issued_s": "the time of the command, so that it is not sent late",
+    "valid_s": "its validity in seconds",
 }
 
 
@@ -71,7 +71,7 @@ def parse_fields(payload: bytes, fields: Mapping[str, Field]) -> dict[str, Any]:
         if field is None:
             raise UsageError(unknown_key(name[:_LONGEST_TEXT], fields))
         if not _fits(value, field):
-            raise UsageError(f"{name} cannot be {shortened(value)}; give {field.words}")
+            raise UsageError(f"invalid {name} = {shortened(value)}; give {field.words}")
     return content
 
 
@@ -143,7 +143,7 @@ def why_incomplete(content: Mapping[str, Any]) -> str:
     """Return an error text if a command lacks a field that proves it is fresh; "" if it is complete."""
     verb = content.get("verb")
     if not verb:
-        return "the field 'verb' is missing; give what is to be done, such as start"
+        return "the field 'verb' is missing; give a verb, such as start"
     needed = _SAID if verb not in NEEDS or NEEDS[verb].commands else ("id",)
     missing = [name for name in needed if not content.get(name)]
     if not missing:

@@ -120,9 +120,9 @@ class Commanding:
                 # The topic that stops everything stays subscribed.
                 await connection.subscribe(self._stop_all)
             await connection.unsubscribe(topic)
-            self._tell(f"too many messages come to {topic}: nothing is listened to there for {PAUSE_S:g} s", kind)
+            self._tell(f"too many messages arrive at {topic}: ignoring that topic for {PAUSE_S:g} s", kind)
             await asyncio.sleep(PAUSE_S)
-            why = f"{self._rates[kind].taken()} messages to {topic} were thrown away: they came too fast"
+            why = f"{self._rates[kind].taken()} messages to {topic} were discarded, because they arrived too fast"
             await connection.subscribe(topic)
             if kind == "request":
                 await connection.unsubscribe(self._stop_all)
@@ -171,7 +171,7 @@ class Commanding:
         with suppress(DriveCommError):
             if self._stops.put(self._stopped_by(received), received):
                 return
-        self._tell(f"too many messages come to {received.topic} that stop nothing: they are thrown away", "stop")
+        self._tell(f"too many messages arrive at {received.topic} that are not stops: they are discarded", "stop")
 
     def _begin_stop(self, received: ReceivedMessage) -> None:
         # Not among the tasks cancelled with the connection: a received stop must be sent.
@@ -205,7 +205,7 @@ class Commanding:
             self._check_topic(drive, received)
             self._check_now(content, received)
             if content.get("verb") != "stop" and self._commands >= MOST_AT_ONCE:
-                raise NotAllowedError(f"{MOST_AT_ONCE} commands are under way; ask again when some of them are done")
+                raise NotAllowedError(f"{MOST_AT_ONCE} commands are under way; try again when some of them are done")
         except DriveCommError as error:
             command = replace(command_of(drive, content), verb=content.get("verb", "") or "command")
             await self._refused(caller, command, error, received)
@@ -217,7 +217,7 @@ class Commanding:
         asks = command.verb in NEEDS and not NEEDS[command.verb].commands
         if not asks and self._is_repeated(caller, command):
             # The plant does not repeat the command; it returns the first answer again.
-            self._plant.refuse(caller, command, "the same command came again; nothing was done for it")
+            self._plant.refuse(caller, command, "the same command arrived again and was ignored")
         self._commands += 1
         try:
             await self._carried_out(caller, command, received)
@@ -236,7 +236,7 @@ class Commanding:
         """Raise UsageError for a command below the wrong line. A stop there is still carried out."""
         own = self._topics.command(drive)
         if received.topic != own and any(each.name == drive for each in self._plant.plant.drives):
-            raise UsageError(f"{received.topic} is not where {drive} is commanded; publish to {own}")
+            raise UsageError(f"{received.topic} is not the command topic of {drive}; publish to {own}")
 
     def _check_now(self, content: dict[str, Any], received: ReceivedMessage) -> None:
         """Raise NotAllowedError or UsageError for a command that may be meant for another time."""

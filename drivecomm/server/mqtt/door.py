@@ -36,7 +36,7 @@ def mqtt_door(table: TomlTable) -> MqttDoor:
         from drivecomm.server.broker import Broker  # noqa: F401 - as above
         from drivecomm.server.mqtt import serving  # noqa: F401 - as above
     except ImportError as error:
-        raise UsageError(f'the MQTT door needs more packages ({error}); say pip install "drivecomm[mqtt]"') from error
+        raise UsageError(f'the MQTT door needs more packages ({error}); run pip install "drivecomm[mqtt]"') from error
     return MqttDoor(settings)
 
 

@@ -62,7 +62,7 @@ class EventBackfill:
                 await self._publish(connection, horizon)
                 horizon, self._trouble = end, ""
             except FileFormatError as error:
-                self._complain(f"what happened cannot be published: {error}; it is tried again")
+                self._complain(f"missed events cannot be published: {error}; it is tried again")
             await asyncio.sleep(LOOKED_EVERY_S)
 
     async def _publish(self, connection: BrokerConnection, horizon: int) -> None:

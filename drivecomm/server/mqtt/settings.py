@@ -70,9 +70,9 @@ def mqtt_settings(table: TomlTable) -> MqttSettings:
         if key in given:
             _check_topic(table, key, given[key])
     if given.get("messages", "quantities") not in ("quantities", "drives"):
-        raise table.error(f"messages cannot be {given['messages']!r:.80}; write {_KEYS['messages'].words}", "messages")
+        raise table.error(f"invalid messages = {given['messages']!r:.80}; write {_KEYS['messages'].words}", "messages")
     if given.get("publish", "polls") not in ("polls", "changes"):
-        raise table.error(f"publish cannot be {given['publish']!r:.80}; write {_KEYS['publish'].words}", "publish")
+        raise table.error(f"invalid publish = {given['publish']!r:.80}; write {_KEYS['publish'].words}", "publish")
     role = given.get("role")
     if role is not None and role not in ROLES:
         raise table.error(f"unknown role {role!r:.80}; {suggestion(role, ROLES, 'use')}", "role")
@@ -97,7 +97,7 @@ def _change_rules(table: TomlTable, given: Mapping[str, Any]) -> ChangeRules | N
     for name, size in deadbands.items():
         if isinstance(size, bool) or not isinstance(size, int | float) or not 0 <= size < inf:
             raise table.error(
-                f"the deadband of {name} cannot be {size!r:.80}; write a number in the quantity's unit, 0 or more",
+                f"invalid deadband of {name}: {size!r:.80}; write a number in the quantity's unit, 0 or more",
                 "deadband",
             )
     every_s = given.get("at_least_every_s", AT_LEAST_EVERY_S)
@@ -113,7 +113,7 @@ def _check_topic(table: TomlTable, key: str, topic: str) -> None:
     fit = all(levels) and not topic.startswith("$") and not set(topic) & set("+#") and topic.isprintable()
     if not fit or len(topic) > _LONGEST_PREFIX:
         raise table.error(
-            f"{key} cannot be {topic!r:.80}; write {_KEYS[key].words}, without + and #, no $ at its beginning, and no "
+            f"invalid {key} = {topic!r:.80}; write {_KEYS[key].words}, without + and #, no $ at its beginning, and no "
             "empty level",
             key,
         )

@@ -98,7 +98,7 @@ class ValueBackfill:
             except FileFormatError as error:
                 # Reported only once; the writer of the history reports the details.
                 if not self._trouble:
-                    self._tell(f"what was missed cannot be published: {error}; it is tried again")
+                    self._tell(f"missed values cannot be published: {error}; it is tried again")
                 self._trouble = str(error)
             if time.monotonic() - self._written_s >= WRITTEN_EVERY_S:
                 await self._write()

@@ -42,7 +42,7 @@ class OpcuaDoor:
         self._trusted = table.beside(given["trusted"]) if "trusted" in given else None
         if self._trusted is not None and self._way_in.certificate is None:
             raise table.error(
-                "clients show their certificates on encrypted channels only; write certificate = and key =", "trusted"
+                "clients present certificates on encrypted channels only; write certificate = and key =", "trusted"
             )
         self._listen = given.get("listen", _DEFAULT)
         self.port = 0

@@ -48,7 +48,7 @@ class Locks:
     async def init(self, now: ActiveRequest, drive: str) -> tuple[int, str]:
         """Lock a drive for a session."""
         if now.waited_s > VALID_S:
-            return REFUSED, "the call was on its way for too long"
+            return REFUSED, "the call took too long to arrive"
         try:
             lease = await self._plant.take_lease(now.session.caller, drive, LOCK_S)
         except LeaseError as error:
@@ -59,7 +59,7 @@ class Locks:
         if now.session.over:
             # The session ended while the lease was being acquired.
             await self._give_back(drive, held)
-            return REFUSED, "the session is over"
+            return REFUSED, "the session has ended"
         self._held[drive] = held
         return DONE, ""
 
@@ -69,7 +69,7 @@ class Locks:
         if held is None or held.session is not now.session:
             return NOT_FREE, f"this session has not locked {drive}"
         if now.waited_s > VALID_S:
-            return REFUSED, "the call was on its way for too long"
+            return REFUSED, "the call took too long to arrive"
         try:
             await self._plant.renew_lease(held.caller, drive, held.key, LOCK_S)
         except DriveCommError as error:
@@ -106,6 +106,6 @@ class Locks:
             await self._plant.end_lease(held.caller, drive, held.key)
         except DriveCommError as error:
             # The lease had already expired.
-            _log.debug("giving back the lock of %s: %s", drive, error)
+            _log.debug("releasing the lock of %s: %s", drive, error)
             return NOT_FREE, in_one_line(error)
         return DONE, ""

@@ -72,7 +72,7 @@ class LoggingIn:
         if not token:
             return caller
         if self._users is None:
-            raise NotAllowedError("the plant has no users any more")
+            raise NotAllowedError("the plant no longer has users")
         until = self._until.get(token)
         if until is not None and until - time.time() < _RENEWED_S:
             self._until[token] = self._users.renew(token).until_s

@@ -92,15 +92,17 @@ def _written(given: Sequence[Any]) -> Mapping[str, Any]:
 
 STOPS = (
     Method(name="Stop", verb="stop", about="Stop the motor on its ramp.", arguments=lambda _: {"how": "ramp"}),
-    Method(name="QuickStop", verb="stop", about="Stop it on the quick ramp.", arguments=lambda _: {"how": "quick"}),
-    Method(name="Coast", verb="stop", about="Let the motor run out.", arguments=lambda _: {"how": "coast"}),
+    Method(
+        name="QuickStop", verb="stop", about="Stop the motor on its quick ramp.", arguments=lambda _: {"how": "quick"}
+    ),
+    Method(name="Coast", verb="stop", about="Let the motor coast.", arguments=lambda _: {"how": "coast"}),
 )
 
 METHODS = (
     *STOPS,
     Method(name="Start", verb="start", word="start", about="Start the motor with the reference that is set."),
-    Method(name="Reverse", verb="reverse", word="reverse", about="Start it backwards, or let it turn round."),
-    Method(name="ResetFault", verb="reset", word="reset", about="Acknowledge a fault; the motor does not start by it."),
+    Method(name="Reverse", verb="reverse", word="reverse", about="Start it in reverse, or reverse its direction."),
+    Method(name="ResetFault", verb="reset", word="reset", about="Acknowledge a fault; this does not start the motor."),
     Method(
         name="SetReference",
         verb="set_reference",
@@ -125,7 +127,7 @@ METHODS = (
         name="SelectSetup",
         verb="select_setup",
         word="select_setup",
-        about="Work with this set-up of parameters.",
+        about="Use this set-up of parameters.",
         takes=(_NUMBER,),
         arguments=lambda given: {"number": given[0]},
     ),
@@ -133,7 +135,7 @@ METHODS = (
         name="SelectPreset",
         verb="select_preset",
         word="select_preset",
-        about="Take this preset reference.",
+        about="Use this preset reference.",
         takes=(_NUMBER,),
         arguments=lambda given: {"number": given[0]},
     ),
@@ -142,7 +144,7 @@ METHODS = (
         verb="set_relay",
         word="set_relay",
         about="Switch a relay.",
-        takes=(_NUMBER, Argument("On", ua.VariantType.Boolean, "whether it is to be on")),
+        takes=(_NUMBER, Argument("On", ua.VariantType.Boolean, "whether to switch it on")),
         arguments=lambda given: {"number": given[0], "on": given[1]},
     ),
     Method(
@@ -163,11 +165,11 @@ STOP_ALL = Method(name="StopAll", about="Stop all motors of the plant on their r
 LOCKING = (
     Method(
         name="InitLock",
-        about="Take the right to command this drive, for this session and some seconds.",
-        takes=(Argument("Context", ua.VariantType.String, "what for, in words"),),
+        about="Acquire the right to command this drive, for this session and some seconds.",
+        takes=(Argument("Context", ua.VariantType.String, "the purpose, in words"),),
         gives=_LOCKED,
     ),
-    Method(name="RenewLock", about="Have it for longer, from now on.", gives=_LOCKED),
-    Method(name="ExitLock", about="Give it back.", gives=_LOCKED),
+    Method(name="RenewLock", about="Renew the lock from now on.", gives=_LOCKED),
+    Method(name="ExitLock", about="Release the lock.", gives=_LOCKED),
     Method(name="BreakLock", about="End the lock of another session of this door.", gives=_LOCKED),
 )

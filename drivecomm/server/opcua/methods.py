@@ -62,7 +62,7 @@ class Types:
             standard(ua.ObjectIds.SystemEventType),
             nodes.id("types", "PlantEventType"),
             "PlantEventType",
-            "Something that has happened in the plant.",
+            "An event of the plant.",
         )
         for name in ("Kind", "Drive", "Line", "Who"):
             below = nodes.id("types", "PlantEventType", name)
@@ -141,9 +141,7 @@ class Methods:
         now = current_request.get()
         left_s = VALID_S - now.waited_s
         if left_s <= 0 and method not in STOPS:
-            text = (
-                f"the call was on its way for {now.waited_s:.1f} s, and counts for {VALID_S:g} s only; nothing was sent"
-            )
+            text = f"the call arrived after {now.waited_s:.1f} s, but is valid for only {VALID_S:g} s; nothing was sent"
             self._plant.refuse(now.session.caller, CommandRequest(drive=drive, verb=method.verb), text)
             return _answer("refused", text, ua.StatusCodes.BadTimeout)
         try:

@@ -100,9 +100,9 @@ class TrustedClients:
                 file.write_bytes(certificate.public_bytes(Encoding.DER))
         except OSError:
             file = self._folder
-        where = f"; to let it in, move {file} to {self._folder}" if file.is_file() else f"; it is not in {self._folder}"
+        where = f"; to admit it, move {file} to {self._folder}" if file.is_file() else f"; it is not in {self._folder}"
         who = shortened(certificate.subject.rfc4514_string())
-        self._tell(f"a client was not let in, whose certificate {who}, SHA-256 {fingerprint}, is not trusted{where}")
+        self._tell(f"refused a client: its certificate {who}, SHA-256 {fingerprint}, is not trusted{where}")
 
 
 def _files(folder: Path) -> Iterator[Path]:

@@ -38,7 +38,7 @@ class Layout:
             if each not in LEVELS:
                 raise UsageError(f"there is no level {each!r}; {suggestion(each, LEVELS, 'there are')}")
         if not self.levels or list(self.levels) != [each for each in LEVELS if each in self.levels]:
-            raise UsageError(f"levels go from the highest to the lowest, each once: {', '.join(LEVELS)}")
+            raise UsageError(f"list levels from highest to lowest, each once: {', '.join(LEVELS)}")
         # If only the line is listed, the name of the plant remains above it.
         object.__setattr__(self, "_of_plant", max(1, sum(each != LINE for each in self.levels)))
         object.__setattr__(self, "_of_drive", 3 if LINE in self.levels else 2)

@@ -227,7 +227,7 @@ def _number(value: Any) -> str:
     exact = Decimal(value)
     _, digits, exponent = exact.as_tuple()
     if not isinstance(exponent, int) or len(digits) > _MOST_DIGITS or abs(exponent) > _LARGEST_EXPONENT:
-        raise ValueError("no database holds this number exactly")
+        raise ValueError("no database stores this number exactly")
     return str(exact)
 
 
@@ -242,7 +242,7 @@ def _ms(said: Any) -> int:
         raise TypeError("not a time")
     # Compared first, because rounding a number with a huge exponent takes extremely long.
     if not 0 <= said * 1000 <= TO_THE_END_MS:
-        raise ValueError("not a time of our days")
+        raise ValueError("not a plausible time")
     return round(said * 1000)
 
 

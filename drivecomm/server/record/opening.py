@@ -24,7 +24,7 @@ def open_record(place: str, *, insecure: bool = False) -> Database:
             from drivecomm.server.record.postgres import PostgresDatabase
         except ImportError as error:
             raise UsageError(
-                f'a record in PostgreSQL needs more packages ({error}); say pip install "drivecomm[record]"'
+                f'a record in PostgreSQL needs more packages ({error}); run pip install "drivecomm[record]"'
             ) from error
         return PostgresDatabase(place, insecure=insecure)
     file = place.removeprefix(_SQLITE)

@@ -146,7 +146,7 @@ def _parts(url: str) -> dict[str, Any]:
     if "password" in said:
         # The password is not repeated in the message; it is already visible in the process list.
         raise UsageError(
-            "a password does not belong into the URL of a database; put it into the file ~/.pgpass, or into $PGPASSWORD"
+            "a password does not belong in the URL of a database; put it into the file ~/.pgpass, or into $PGPASSWORD"
         )
     return said
 
@@ -154,6 +154,6 @@ def _parts(url: str) -> dict[str, Any]:
 def _check_encrypted(said: Mapping[str, Any], host: str) -> None:
     if said.get("sslmode") not in _ENCRYPTED:
         raise UsageError(
-            f"{host} is another machine, and what goes there could be read and changed on its way; have the URL say "
-            "sslmode verify-full, or spell out --insecure"
+            f"{host} is another machine, and data sent there could be read and changed in transit; put "
+            "sslmode verify-full into the URL, or give --insecure"
         )

@@ -231,7 +231,7 @@ class BrokerRecorder:
     def _on_disconnect(self, _: paho.Client, __: Any, ___: Any, code: ReasonCode, ____: Any) -> None:
         if code.value == _TAKEN_OVER:
             self._problem = UsageError(
-                f"broker {self._settings.place}: another recorder has begun under the name of this one "
+                f"broker {self._settings.place}: another recorder has started with the same name "
                 f"({self._client_id}); give each its own --name"
             )
 
@@ -268,8 +268,8 @@ class BrokerRecorder:
             return
         # Not every broker reports that another client has taken over the client id.
         again = LinkDownError(
-            f"broker {self._settings.place}: the connection is lost again and again soon after it was made; has "
-            f"another recorder the name of this one ({self._client_id})? give each its own --name"
+            f"broker {self._settings.place}: the connection is repeatedly lost soon after it was made; if "
+            f"another recorder uses the same name ({self._client_id}), give each its own --name"
         )
         self._failed("broker", again, _LOST_SOON_PAUSE_S)
 
@@ -294,4 +294,4 @@ class BrokerRecorder:
     def _succeeded(self, what: str, name: str) -> None:
         self._pauses[what].succeeded()
         if self._told.pop(what, ""):
-            self._tell(f"{name} is there again")
+            self._tell(f"{name} is connected again")

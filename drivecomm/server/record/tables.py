@@ -127,7 +127,7 @@ def upgrade(place: str, found: int, other: str) -> Iterator[str]:
     """
     if found > VERSION:
         raise UsageError(
-            f"{place}: its tables were made by a newer drivecomm (version {found}, this one knows {VERSION}); "
+            f"{place}: its tables were created by a newer drivecomm (version {found}, this one knows {VERSION}); "
             f"update drivecomm, or name another {other}"
         )
     for version in range(found, VERSION):

@@ -87,7 +87,7 @@ def commands_in(payload: Payload, metrics: Sequence[Metric], drive: str) -> list
         if (command := _command(metric, payload, drive, number, word)) is not None
     ]
     if wanted and payload.time_ms is None:
-        raise NotAllowedError("the message does not say when it was sent; a DCMD needs a timestamp")
+        raise NotAllowedError("the message has no timestamp; a DCMD needs one")
     for each in wanted:
         if each.verb in _STARTS and not word:
             raise NotAllowedError(

@@ -77,7 +77,7 @@ def sparkplug_door(table: TomlTable) -> SparkplugDoor:
         wire.payload_class()
     except ImportError as error:
         raise UsageError(
-            f'the Sparkplug door needs more packages ({error}); say pip install "drivecomm[sparkplug]"'
+            f'the Sparkplug door needs more packages ({error}); run pip install "drivecomm[sparkplug]"'
         ) from error
     return door
 
@@ -97,10 +97,10 @@ class SparkplugDoor:
                 raise table.error(f"the key {key!r} is missing; write {key} = {TEXT.words}, or {levels} among levels")
         for key in ("group", "node", "host"):
             if key in given and not is_id(given[key]):
-                raise table.error(f"{key} cannot be {given[key]!r}; write a text without / + and #", key)
+                raise table.error(f"invalid {key} = {given[key]!r}; write a text without / + and #", key)
         urls = given.pop("brokers", None)
         if urls is not None and "broker" in given:
-            raise table.error("broker and brokers are both there; leave one of them out", "broker")
+            raise table.error("broker and brokers exclude each other; leave one of them out", "broker")
         if urls is not None and not (urls and all(isinstance(url, str) for url in urls)):
             raise table.error(
                 'brokers is a list of one or more; write brokers = ["mqtt://one", "mqtt://two"]', "brokers"
@@ -110,7 +110,7 @@ class SparkplugDoor:
         self._topics = SparkplugTopics(group=given["group"], node=given["node"], host=given.get("host", ""))
         role = given.get("role")
         if role is not None and role not in _ROLES:
-            raise table.error(f"role cannot be {role!r:.80}; write {_ROLE.words}", "role")
+            raise table.error(f"invalid role = {role!r:.80}; write {_ROLE.words}", "role")
         # The broker does not reveal the sender of a command, so it must restrict who may send one.
         self._caller = Caller(
             name=ANONYMOUS if role is None else self._topics.host or EVERYBODY,
@@ -182,7 +182,7 @@ class SparkplugDoor:
 
         now = asyncio.get_running_loop().time
         soon, taken, turn = Backoff(_FIRST_S, _LONGEST_S), Backoff(_TAKEN_FIRST_S, _TAKEN_LONGEST_S), 0
-        another, lost_soon = f"is there another edge node {self.name.partition(' ')[2]}?", 0
+        another, lost_soon = f"check for another edge node {self.name.partition(' ')[2]}", 0
         while True:
             settings, began, pauses = self._brokers[turn % len(self._brokers)], now(), soon
             new = self._session = session(await asyncio.to_thread(kept.next_connection))
@@ -201,7 +201,7 @@ class SparkplugDoor:
                 lost_soon = lost_soon + 1 if new.born and now() - began < _LASTED_S else 0
                 if lost_soon >= _LOST_SOON:
                     # Not every broker reports that another client has taken over the client id.
-                    problem, pauses = f"broker {settings.place}: is lost again and again at once; {another}", taken
+                    problem, pauses = f"broker {settings.place}: is repeatedly lost immediately; {another}", taken
             finally:
                 self._session = None
                 hosts.forget()
@@ -230,7 +230,7 @@ class SparkplugDoor:
     def _opened(self, plant: ServedPlant, settings: BrokerSettings, opened: Callable[[], None]) -> None:
         if self._told:
             self._told = ""
-            plant.tell(f"broker {settings.place} is there again", who=self.name)
+            plant.tell(f"broker {settings.place} is connected again", who=self.name)
         opened()
 
     def _tell(self, plant: ServedPlant, problem: str) -> None:

@@ -114,7 +114,7 @@ class Hosts:
 
     def _node_command(self, received: ReceivedMessage) -> None:
         if received.retained:
-            raise NotAllowedError("a command that is retained is not carried out")
+            raise NotAllowedError("retained commands are not sent")
         for metric in decode_payload(received.payload).metrics:
             if metric.name != REBIRTH:
                 raise UsageError(f"{metric.name[:100]!r} of the edge node cannot be written; there is {REBIRTH}")
@@ -124,7 +124,7 @@ class Hosts:
     def _drive_command(self, received: ReceivedMessage, node: EdgeNode, drive: str) -> None:
         try:
             if received.retained:
-                raise NotAllowedError(f"a command that is retained is not carried out; remove it from {received.topic}")
+                raise NotAllowedError(f"retained commands are not sent; remove it from {received.topic}")
             payload = decode_payload(received.payload)
             wanted = commands_in(payload, _named(payload, node, drive), drive)
         except DriveCommError as error:
@@ -158,7 +158,7 @@ class Hosts:
 
     def _put(self, command: CommandRequest) -> None:
         if not self._admits:
-            self._refuse(command, NotAllowedError("the edge node has no session now; wait for its births"))
+            self._refuse(command, NotAllowedError("the edge node has no session; wait for its births"))
             return
         self._count()
         self._admitted += 1
@@ -174,7 +174,7 @@ class Hosts:
         try:
             waiting.put_nowait((command, self._stops[command.drive]))
         except asyncio.QueueFull:
-            self._refuse(command, NotAllowedError(f"{command.drive} has {MOST_WAITING} commands to do before this one"))
+            self._refuse(command, NotAllowedError(f"{command.drive} already has {MOST_WAITING} queued commands"))
 
     async def _one_by_one(self, waiting: asyncio.Queue[tuple[CommandRequest, int]]) -> None:
         while True:
@@ -243,9 +243,7 @@ class Hosts:
 
 
 def _stopped(drive: str) -> NotAllowedError:
-    return NotAllowedError(
-        f"{drive} was to be stopped, or its host went offline, after this command was given, which was not sent"
-    )
+    return NotAllowedError(f"{drive} was sent a stop, or its host went offline, after this command, which was not sent")
 
 
 def _named(payload: Payload, node: EdgeNode, drive: str) -> Sequence[Metric]:

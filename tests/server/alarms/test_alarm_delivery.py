@@ -128,7 +128,7 @@ def test_delivery_is_given_up_after_its_deadline(hook, delivering, eventually):
     )
     out.put()
     eventually(lambda: not out.delivery.waiting())
-    assert out.said[-1].endswith("and is given up: it answered 500 Internal Server Error")
+    assert out.said[-1].endswith("and is discarded: it answered 500 Internal Server Error")
     assert hook.begun >= 2
 
 
@@ -246,7 +246,7 @@ class TestCommand:
     def test_missing_command_is_reported(self, delivering, eventually):
         out = delivering("command:/no/such/program")
         assert eventually(lambda: out.said) == [
-            "no alarm can be delivered to command program: there is no program /no/such/program"
+            "no alarm can be delivered to command program: program /no/such/program not found"
         ]
         out.put()
         eventually(lambda: len(out.said) > 1)
@@ -307,9 +307,7 @@ class TestApprise:
     def test_invalid_apprise_url_is_reported_before_the_first_alarm(self, delivering, eventually):
         out = delivering("nonsense://secret")
         (said,) = eventually(lambda: out.said, 60)
-        assert said.startswith(
-            "no alarm can be delivered to nonsense: it ended with exit status 1: apprise cannot make"
-        )
+        assert said.startswith("no alarm can be delivered to nonsense: it ended with exit status 1: apprise does not")
         assert "secret" not in said
 
     def test_apprise_is_not_imported_into_the_server_process(self):

@@ -364,7 +364,7 @@ class TestRestart:
         assert again.at(0) == ["over", "over"]
         assert again.at(1) == []
         assert again.texts() == ["fault F1"]
-        assert [each.gone for each in again.alarms.standing()] == ["the plant file has no such alarm any more"]
+        assert [each.gone for each in again.alarms.standing()] == ["the plant file no longer has this alarm"]
         assert again.acknowledge().what == "acknowledged"
         assert again.alarms.standing() == []
 

@@ -225,7 +225,9 @@ def test_alarm_is_delivered_if_the_server_is_killed_during_or_after_delivery(run
 def test_damaged_alarm_file_loses_no_present_alarm(running, eventually, tmp_path, content):
     (tmp_path / "alarms.json").write_text(content)
     server = running(rule(), state=pump("F1"))
-    assert server.texts[0].startswith("alarms before this start are not known, their file is alarms.json.damaged now")
+    assert server.texts[0].startswith(
+        "alarms before this start are unknown; their file was renamed to alarms.json.damaged"
+    )
     eventually(lambda: "pump fault: fault F1" in server.texts)
     assert (tmp_path / "alarms.json.damaged").read_text() == content
 
@@ -253,7 +255,7 @@ def test_changed_rules_end_alarms_and_raise_others(running, hook, eventually):
         server.alarms.change_rules([rule(), rule("warning", deliver=(f"webhook:{other.url}",))])
         eventually(lambda: other.told == ["raised"])
         server.alarms.change_rules([rule("warning", over_s=1.0, deliver=(f"webhook:{hook.url}",))])
-        no_rule = "; now the plant file has no such alarm any more"
+        no_rule = "; now the plant file no longer has this alarm"
         eventually(lambda: any(text.endswith(no_rule) for text in server.texts))
         server.plant.see(pump())
         eventually(lambda: hook.told == ["raised", "over"])

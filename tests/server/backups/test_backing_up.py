@@ -60,9 +60,9 @@ async def test_due_drive_is_backed_up_and_a_change_is_reported_with_its_author(t
         assert len(files(tmp_path, "pump")) == 1
         monkeypatch.setattr(backing_up, "QUIET_S", 0.0)
         await until(lambda: len(files(tmp_path, "pump")) == 2, 20)
-        await until(lambda: any("set otherwise" in text for text in texts(core, "pump")))
-        told = next(text for text in texts(core, "pump") if "set otherwise" in text)
-        assert f"set otherwise than in backup {files(tmp_path, 'pump')[0].name}: 481" in told
+        await until(lambda: any("settings differ" in text for text in texts(core, "pump")))
+        told = next(text for text in texts(core, "pump") if "settings differ" in text)
+        assert f"settings differ from backup {files(tmp_path, 'pump')[0].name}: 481" in told
         assert re.search(r"12\.00 Hz \(eva \(local\), [-0-9]+ [:0-9]+ UTC, audit record 1\), 482", told)
 
 

@@ -77,10 +77,10 @@ def test_backup_of_one_line_covers_only_its_drives(backups):
         ("server", "backup = { keep = 0 }", "invalid keep = 0"),
         ("server", "backup = { share = 1.5 }", "invalid share = 1.5"),
         ("server", 'backup = { folder = "" }', "folder is empty"),
-        ("server", 'backup = "daily"', "backup cannot be 'daily'; write true, false, or a table"),
+        ("server", 'backup = "daily"', "invalid backup = 'daily'; write true, false, or a table"),
         ("hall", "backup = { git = true }", "unknown key 'git'"),
         ("pump", 'backup = { evry = "1 d" }', "unknown key 'evry'"),
-        ("pump", "backup = 1", "backup cannot be 1"),
+        ("pump", "backup = 1", "invalid backup = 1"),
     ],
 )
 def test_invalid_backup_entry_is_refused_with_its_place(backups, where, text, wrong):

@@ -90,7 +90,7 @@ def test_replaced_drive_is_reported_with_the_restore_command():
         f"set: {RESTORE}"
     )
     assert news(found, found, {}) == []
-    assert news(found, SAME, {}) == [(False, "it is the drive of its baseline again")]
+    assert news(found, SAME, {}) == [(False, "the drive of its baseline is back")]
 
 
 def test_news_names_values_their_author_and_the_number_of_differences():

@@ -172,7 +172,7 @@ async def test_removed_baseline_is_reported(tmp_path, clock):
         await until(lambda: state(core).state == "as approved")
         baseline_path(tmp_path / "plant.toml", "pump").unlink()
         await until(lambda: state(core).state == "no baseline")
-        assert about_approval(core) == ["its baseline is gone, so that no drift is seen any more"]
+        assert about_approval(core) == ["its baseline is gone, so drift is no longer detected"]
 
 
 @awaited

@@ -119,7 +119,7 @@ def test_connection_returns_within_five_seconds_and_is_reported_once(tmp_path):
                 back = time.monotonic()
                 await until(lambda: door.connections == 2)
                 assert time.monotonic() - back < 5
-                await until(lambda: "is there again" in door.told[-1])
+                await until(lambda: "is connected again" in door.told[-1])
             # At most three events: lost, cannot be reached, connected again.
             assert len(door.told) <= 3, door.told
 

@@ -25,7 +25,7 @@ def test_message_rejected_by_the_broker_raises_an_error(tmp_path):
             async with connect_to_broker(settings, "client", print) as connection:
                 await connection.publish(BrokerMessage(topic="allowed/value", payload="1"))
                 with pytest.raises(
-                    LinkDownError, match="does not take what this client publishes, such as plant/value"
+                    LinkDownError, match="does not accept what this client publishes, such as plant/value"
                 ):
                     await connection.publish(BrokerMessage(topic="plant/value", payload="1"))
 

@@ -310,7 +310,7 @@ def test_other_file_is_refused_as_a_history(file, content):
 
 
 def test_missing_history_is_reported(file):
-    with pytest.raises(FileFormatError, match="there is no such history"):
+    with pytest.raises(FileFormatError, match="no such history"):
         History(file)
 
 

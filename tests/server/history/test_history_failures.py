@@ -123,7 +123,7 @@ def test_full_disk_loses_the_oldest_values_and_no_event(file, said, monkeypatch)
     assert gap.time_s == NOON + 100
     assert gap.note == "values were lost, because of the history's file: database or disk is full"
     assert "database or disk is full; the history is not written from" in said[0]
-    assert said[1:] == [f"{file}: the history is written again; 4000 values are missing in all"]
+    assert said[1:] == [f"{file}: writing the history has resumed; 4000 values are missing in all"]
 
 
 def test_gap_is_recorded_although_its_first_writes_failed(file, said, monkeypatch):
@@ -198,7 +198,7 @@ def test_hanging_disk_does_not_block_the_caller(file, said, monkeypatch):
         journal.add_events([event(n)])
     journal.close(timeout_s=0.2)
     assert time.perf_counter() - began < 10
-    assert said == [f"{file}: the disk does not answer; what was not written to the history by now is lost"]
+    assert said == [f"{file}: the disk does not answer; what was not yet written to the history is lost"]
     goes_on.set()
     journal._thread.join(10)
     assert numbers(file) == list(range(1, 100))

@@ -67,7 +67,7 @@ def test_invalid_door_table_is_refused(content, text):
     ids=["every-address", "every-address-of-6", "one", "a-name"],
 )
 def test_network_address_needs_tls_and_users(listen, certificate):
-    with pytest.raises(FileFormatError, match=r"certificate = and key =, .*, or spell out insecure = true"):
+    with pytest.raises(FileFormatError, match=r"certificate = and key =, .*, or set insecure = true"):
         http_door(table(listen=listen))
     door = http_door(table(listen=listen, certificate=str(certificate[0]), key=str(certificate[1])))
     with pytest.raises(UsageError, match=r'write users = "users\.toml" in \[server\]'), served(door, FakePlant()):

@@ -288,7 +288,7 @@ def test_stop_does_not_wait_for_other_calls_of_its_session(door):
             gate.set()
             status, (outcome, text) = await starting
             assert (status, outcome) == ("BadInvalidState", "refused"), text
-            assert "was to be stopped after" in text
+            assert "was requested after" in text
             assert not one.runs("pump")
 
     door.run(test)

@@ -301,7 +301,7 @@ def test_condition_of_a_removed_rule_disappears_when_acknowledged(tmp_path):
             await client.shows(TRIPPED, active=True)
             one.alarms.change_rules([rule for rule in one.alarms.rules if rule.name != "tripped"])
             over = await client.shows(TRIPPED, active=False, retain=True, acked=False)
-            assert "the plant file has no such alarm any more" in over["message"]
+            assert "the plant file no longer has this alarm" in over["message"]
             assert await client.act("acknowledge", TRIPPED) == "Good"
             await client.shows(TRIPPED, acked=True, retain=False)
 

@@ -127,7 +127,7 @@ def test_invalid_opcua_table_is_refused(content, text):
 
 @pytest.mark.parametrize("listen", ["0.0.0.0:0", "[::]:0", "192.168.1.2:0", "plant.example:0"])
 def test_network_address_needs_a_certificate_and_users(listen, certificates):
-    with pytest.raises(FileFormatError, match=r"certificate = and key =, .*, or spell out insecure = true"):
+    with pytest.raises(FileFormatError, match=r"certificate = and key =, .*, or set insecure = true"):
         opcua_door(table(listen=listen))
     certificate, key = certificates[0]
     door = opcua_door(table(listen=listen, certificate=certificate, key=key))
@@ -397,7 +397,7 @@ class TestTrustedClients:
                     with pytest.raises(ua.uaerrors.BadCertificateUntrusted):
                         async with self.client(one, own):
                             pass
-                (told,) = [each.text for each in one.core.table.events() if "was not let in" in each.text]
+                (told,) = [each.text for each in one.core.table.events() if "refused a client" in each.text]
                 (kept,) = (trusted / "rejected").iterdir()
                 assert "CN=client" in told
                 assert f"move {kept} to {trusted}" in told

@@ -154,7 +154,7 @@ def test_page_reloads_its_data_after_a_server_restart(page_server, shown):
     page_server.drives["pump"]["state"] = "running"
     page_server.restart()
     expect(page.locator(".drive-bar")).to_contain_text("running", timeout=10000)
-    expect(page.get_by_text("Nobody has control")).to_be_visible()
+    expect(page.get_by_text("No user has control")).to_be_visible()
     expect(answers(page)).to_contain_text("the server was restarted")
     expect(page.get_by_text("from the first run")).to_be_hidden()
 
@@ -229,7 +229,7 @@ def test_stop_without_a_server_has_outcome_open(page_server, shown):
     page = shown()
     page_server.stop()
     page.get_by_role("button", name="Stop pump").click()
-    expect(answers(page)).to_contain_text("Open whether the drive acted")
+    expect(answers(page)).to_contain_text("Unknown whether the drive acted")
     page_server.start()
     page.wait_for_selector("html[data-link=live]")
 
@@ -241,7 +241,7 @@ def test_page_shows_the_state_from_the_server_after_an_open_stop(page_server, sh
     page_server.answer = "open"
     page.get_by_role("button", name="Stop pump").click()
     answer = answers(page).locator("[data-outcome=open]")
-    expect(answer).to_contain_text("Open whether the drive acted")
+    expect(answer).to_contain_text("Unknown whether the drive acted")
     expect(tile(page, "pump").locator(".state")).to_have_text("running")
     page_server.answer = "pump may not be stopped by the night shift"
     page.get_by_role("button", name="Stop pump").click()

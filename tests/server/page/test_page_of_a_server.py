@@ -197,7 +197,7 @@ def test_policy_acts_on_the_motor_of_a_killed_browser(page_server, launched):
                 assert time.monotonic() < killed + 35
                 time.sleep(0.1)
             told = [event.text for event in page_server.serving._core.table.events() if event.kind == "link loss"]
-            assert any("does not renew their lease; the motor is treated by its policy, ramp" in text for text in told)
+            assert any("did not renew the lease; the motor is released by its policy, ramp" in text for text in told)
             time.sleep(2)
             assert not running(control)
         finally:

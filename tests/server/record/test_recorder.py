@@ -95,7 +95,7 @@ def test_killed_recorder_and_database_lose_and_duplicate_nothing(broker, databas
         _, told = recorder.end()
     assert database.all(TWICE)[0][0] == 0
     assert "it is tried again" in told
-    assert "is there again" in told
+    assert "is connected again" in told
 
 
 @needs_postgres

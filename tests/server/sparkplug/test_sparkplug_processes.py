@@ -88,7 +88,7 @@ async def test_two_gateways_of_one_name_report_the_conflict_and_stop_reconnectin
                 await asyncio.sleep(15)
             births = len(host.of("NBIRTH"))
             told = [each.text for each in one.core.table.events() if each.kind == "door"]
-            assert [each for each in told if "is there another edge node plant/gateway?" in each], told
+            assert [each for each in told if "check for another edge node plant/gateway" in each], told
             # Each gateway reconnects several times before it detects the conflict.
             assert births <= 12, (births, told)
 

@@ -437,7 +437,7 @@ class TestTrace:
         line = lines.line(["vabus:1"])
         with drivecomm.open_bus(line.port) as bus, pytest.raises(drivecomm.ReplyError):
             bus.drive("vabus", 1, baudrate=9600).read("481")
-        assert "[sent with 9600 7E1, which no drive here listens with]" in line.trace()
+        assert "[sent with 9600 7E1, which no drive here uses]" in line.trace()
 
     def test_trace_marks_a_collision(self, lines):
         line = lines.line(["vabus:1"])
@@ -446,7 +446,7 @@ class TestTrace:
         line.advance(0.002)
         line.inject(b"\x55\x55")
         line.advance(1)
-        assert "[met others on the wire, or broke off]" in line.trace()
+        assert "[collided with others on the wire, or broke off]" in line.trace()
 
     def test_trace_shows_the_last_80_telegrams(self, lines):
         line = lines.line(["vabus:1"])

@@ -120,7 +120,7 @@ class TestTheTraceOfAFailingTest:
         result.stdout.fnmatch_lines(
             [
                 "*line 1: vabus:1, danfoss-fc:3, in virtual time*",
-                "nothing was on the line",
+                "no traffic on the line",
                 "*line 2: fuji:7, in virtual time*",
                 "*->*",
             ]

@@ -129,7 +129,7 @@ class TestASimulatedDrive:
 
         assert on_the_line("reference", "acme:5", "25Hz").code == 0
         started = on_the_line("start", "acme:5", "--reverse", "--link-loss", "hold").out
-        assert "no model is given, so what it does when its master falls silent is not known" in started
+        assert "no model is given, so its reaction to a link loss is not known" in started
         [running] = on_the_line("status", "acme:5", "--json").objects
         assert (running["state"], running["reverse"]) == ("running", True)
         assert on_the_line("stop", "acme:5", "--how", "coast").code == 0

@@ -25,7 +25,7 @@ export function accountPage(main) {
       form("Sign in with a password", signIn, el("label", { for: "user" }, "Name"), name,
         el("label", { for: "password" }, "Password"), password, el("button", {}, "Sign in")),
       form("Sign in with a token", () => use(given.value.trim()), el("label", { for: "token" }, "Or the token of a user"), given, el("button", {}, "Use it"))),
-    el("p", { class: "quiet" }, "It is kept for this tab only, and forgotten when the tab is closed.")));
+    el("p", { class: "quiet" }, "It is kept for this tab only, and deleted when the tab is closed.")));
 
   async function signIn() {
     put(wrong, "");
@@ -45,7 +45,7 @@ export function accountPage(main) {
 
   function show() {
     const you = plant.info?.you;
-    put(who, plant.link === "locked" ? "This plant is shown to its users only." : you ? `You are ${you.name || "nobody in particular"}. ${ROLES[roleName()]}` : "");
+    put(who, plant.link === "locked" ? "This plant is shown to its users only." : you ? `You are ${you.name || "not signed in"}. ${ROLES[roleName()]}` : "");
     out.hidden = !token.get();
   }
   show();

@@ -10,7 +10,7 @@ const TITLES = {
   done: "Done",
   refused: "Refused",
   failed: "Failed",
-  open: "Open whether the drive acted",
+  open: "Unknown whether the drive acted",
   ended: "Over",
 };
 

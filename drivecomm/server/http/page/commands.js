@@ -7,7 +7,7 @@ import { plant, serverTime } from "./plant.js";
 const STOP_TRIES = 3;
 const STOP_TIMEOUT_MS = 4000;
 const VALID_S = 2;
-const NOT_KNOWN = "no answer from the server; whether the drive acted is not known";
+const NOT_KNOWN = "no response from the server; whether the drive acted is unknown";
 
 let listener = () => {};
 
@@ -167,6 +167,6 @@ async function renewOne(drive, lease) {
 }
 
 function over(drive, why) {
-  tell({ number: ++asked, drive, words: "your control is over", outcome: "ended", text: why });
+  tell({ number: ++asked, drive, words: "your control has ended", outcome: "ended", text: why });
   askAgain(drive);
 }

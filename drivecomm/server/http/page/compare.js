@@ -61,7 +61,7 @@ export function comparePage(main) {
         } });
       return el("label", {}, box, chosen.has(name) ? sample(order.indexOf(name)) : null, el("span", {}, name), value);
     }));
-    put(note, having.length ? (having.length > LINES.length ? `Up to ${LINES.length} drives at once.` : "") : "No numbers are polled of any drive.");
+    put(note, having.length ? (having.length > LINES.length ? `Up to ${LINES.length} drives.` : "") : "No numeric values are polled.");
   }
 
   async function draw() {

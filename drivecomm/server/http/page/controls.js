@@ -6,10 +6,10 @@ import { clock } from "./format.js";
 import { isLive, may, roleName, serverTime } from "./plant.js";
 
 const POLICIES = {
-  ramp: "the motor stops down its ramp",
-  coast: "the drive switches its output off, and the motor runs out",
+  ramp: "the motor stops along its ramp",
+  coast: "the drive switches its output off, and the motor coasts",
   trip: "the drive stops the motor with a fault that must be reset",
-  hold: "the motor goes on as it was commanded, with nobody there to stop it",
+  hold: "the motor keeps running as commanded, and nothing stops it",
 };
 const COMMANDS = ["start", "set_reference", "reset"];
 const CONFIRM_AFTER_MS = 600;
@@ -19,7 +19,7 @@ export function controls(name) {
   const why = el("p", { class: "quiet" });
   const holder = el("p", { class: "lease" });
   const take = el("button", { type: "button", click: () => leases.take(name) }, "Take control");
-  const give = el("button", { type: "button", click: () => leases.give(name) }, "Give control back");
+  const give = el("button", { type: "button", click: () => leases.give(name) }, "Release control");
   const reference = referenceForm(name);
   const starting = startForm(name);
   const reset = el("button", { type: "button", click: () => command(name, "reset", {}, "reset the fault") }, "Reset the fault");
@@ -48,7 +48,7 @@ export function controls(name) {
 
 function whoCommands(drive, mine) {
   if (mine) return "You have control of this drive, for as long as this page is open.";
-  if (!drive.lease) return drive.kept ? `Nobody has control; the server keeps the motor running (${drive.kept}).` : "Nobody has control of this drive.";
+  if (!drive.lease) return drive.kept ? `No user has control; the server keeps the motor running (${drive.kept}).` : "No user has control of this drive.";
   const who = drive.lease.yours ? "You have control in another window" : `${drive.lease.holder} has control`;
   const left = Math.max(0, Math.round(drive.lease.until_s - serverTime()));
   return `${who}${drive.lease.door ? ` (${drive.lease.door})` : ""} until ${clock(drive.lease.until_s)}, ${left} s from now unless it is renewed.`;
@@ -56,12 +56,12 @@ function whoCommands(drive, mine) {
 
 function reasons(drive, allowed, mine) {
   if (!isLive()) return "Nothing can be commanded from here: there is no connection to the server.";
-  if (allowed) return mine || drive.lease ? "" : "Take control to command it; others see that you have it.";
-  if (drive.monitoring_only) return "This drive is monitoring only: its model has no orders, so it is read, and neither commanded nor stopped.";
+  if (allowed) return mine || drive.lease ? "" : "Take control to command it; other users see it.";
+  if (drive.monitoring_only) return "This drive is monitoring only: its model has no commands, so it can only be read.";
   if (drive.read_only_reason) return drive.read_only_reason;
   if (!drive.armed) return "The plant file does not arm this drive: it can only be watched and stopped.";
-  if (["nobody", "view"].includes(roleName())) return "You may only watch. Sign in as somebody who may operate the plant.";
-  return "The plant file lets nobody command this drive over the network.";
+  if (["nobody", "view"].includes(roleName())) return "You may only watch. Sign in as a user who may operate the plant.";
+  return "The plant file does not allow this drive to be commanded over the network.";
 }
 
 function referenceForm(name) {
@@ -168,7 +168,7 @@ function startForm(name) {
     hide(backwards, !may(drive, "reverse"));
     const able = offered(drive);
     first.disabled = !ready || !able.length;
-    put(none, able.length ? "" : "It cannot be started from here: the plant file allows no link_loss policy that this drive has.");
+    put(none, able.length ? "" : "It cannot be started from here: the plant file allows no link_loss policy that this drive supports.");
     if (first.disabled && !form.hidden) cancel();
     for (const { element: choice, radio } of policies) {
       const isAble = able.some((each) => each.radio === radio);

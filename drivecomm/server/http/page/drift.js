@@ -63,7 +63,7 @@ function contentOf(drift) {
     rows.length ? el("table", { class: "values" },
       el("thead", {}, el("tr", {}, ...COLUMNS.map((text) => el("th", { scope: "col" }, text)))), el("tbody", {}, ...rows)) : null,
     ...drift.not_comparable.map((each) => el("p", {}, `${each.address} could not be compared: ${each.reason}`)),
-    drift.untold.length ? el("p", {}, `It may be another drive, since it does not tell what it is: ${drift.untold.join(", ")}`) : null,
+    drift.untold.length ? el("p", {}, `It may be another drive, since it does not identify itself: ${drift.untold.join(", ")}`) : null,
     el("p", { class: "quiet" }, `Approved by ${drift.approved_by}: ${clock(drift.approved_s)}. Read last: ${clock(drift.compared_s)}.`),
   ].filter(Boolean);
 }

@@ -114,7 +114,7 @@ function showFault(box, drive, state, log) {
     lines.push(since, drive.error || "");
   } else {
     const code = drive.status?.fault_code;
-    const text = drive.fault || drive.status?.fault_text || "The drive does not say which.";
+    const text = drive.fault || drive.status?.fault_text || "The drive does not report which.";
     lines.push(text, code !== null && code !== undefined && !text.includes(code) ? `Code ${code}` : "");
     if (log[0]) lines.push(`Since ${clock(log[0].time_s)}`);
   }

@@ -78,7 +78,7 @@ export function eventsPage(main) {
       hide(older, found.length < PAGE);
       put(note, "");
     } catch (error) {
-      put(note, `Older events are not to be had: ${error.message}.`);
+      put(note, `Older events cannot be loaded: ${error.message}.`);
     }
     show();
   }

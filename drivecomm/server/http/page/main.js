@@ -67,7 +67,7 @@ function showLink() {
   put(part.link, texts[plant.link]);
   const banners = {
     lost: `No connection since ${since}. Nothing shown here is current. A stop cannot go out from here: use the drive's own panel or the emergency stop.`,
-    paused: `Paused since ${since}, because this page was not seen. Nothing shown here is current.`,
+    paused: `Paused since ${since}, because this page was hidden. Nothing shown here is current.`,
     locked: "Sign in to see this plant.",
   };
   const off = plant.info?.time_s ? Math.round(Date.now() / 1000 - serverTime()) : 0;

@@ -25,7 +25,7 @@ export function plantPage(main) {
   const trouble = el("p", { class: "trouble" });
   const areas = el("div", { class: "areas" });
   const lines = el("details", { class: "lines" }, el("summary"), el("ul"));
-  const none = el("p", { class: "quiet", hidden: true }, "No drive like that.");
+  const none = el("p", { class: "quiet", hidden: true }, "No matching drive.");
   const waiting = el("p", { class: "quiet" }, "Waiting for the server.");
   const tiles = new Map();
   // Tiles that nobody sees are drawn when they come into sight.
@@ -235,7 +235,7 @@ function beside(text, machine) {
 function noteOf(drive, state, late) {
   if (state === "fault") return drive.fault || drive.status?.fault_text || "fault";
   if (state === "silent") return drive.answered_s ? `no answer since ${clock(drive.answered_s)}` : drive.error || "no answer yet";
-  if (drive.late) return "late: its line is too busy to ask";
+  if (drive.late) return "late: its line is too busy to poll it";
   if (late) return `value is ${late} old`;
   if (drive.status?.warning) return "warning";
   if (drive.status?.remote === false) return "local control";
@@ -257,7 +257,7 @@ function showTrouble(element) {
   element.dataset.shown = key;
   mark(element, "data-any", found.length > 0);
   if (!plant.drives.size) return element.replaceChildren();
-  if (!found.length) return element.replaceChildren(isLive() ? "No faults; all drives answer." : "No faults when last heard.");
+  if (!found.length) return element.replaceChildren(isLive() ? "No faults; all drives answer." : "No faults at the last contact.");
   const links = found.slice(0, 4).map(([drive, state]) =>
     el("a", { href: driveLink(drive.name) }, shape(state),
       el("span", {}, `${drive.name}: ${state === "fault" ? noteOf(drive, state, "") : "no answer"}`)));

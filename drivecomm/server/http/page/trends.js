@@ -27,7 +27,7 @@ export function showTrends(place, drive) {
     ...numbers.map(({ name }) => el("button", { type: "button", "aria-pressed": String(chosen.has(name)),
       click: (event) => { toggle(name, event.currentTarget); } }, title(name))));
   place.append(el("div", { class: "trend-bar" }, spans, numbers.length > 1 ? which : null), area);
-  if (!numbers.length) place.append(el("p", { class: "quiet" }, "No numbers are polled of this drive."));
+  if (!numbers.length) place.append(el("p", { class: "quiet" }, "No numeric values of this drive are polled."));
 
   function toggle(name, button) {
     if (!chosen.delete(name)) chosen.add(name);
