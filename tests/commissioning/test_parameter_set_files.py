@@ -134,7 +134,7 @@ HEAD = 'format = 1\nprotocol = "vabus"\ndrive = "vabus:1"\nmodel = "agile"\n'
         ('format = 1\ndrive = "vabus:1"', "the key 'protocol' is missing"),
         (f"{HEAD}colour = 1", "line 5: unknown key 'colour'; the keys are format, protocol"),
         (f"{HEAD}time = 12", "line 5: time cannot be 12; write a time with its zone, as 2026-"),
-        (f"{HEAD}time = 2026-11-21T19:00:00", "line 5: time cannot be 2026-11-21 19:00:00; write it with its zone"),
+        (f"{HEAD}time = 2026-11-21T19:00:00", "line 5: invalid time 2026-11-21 19:00:00; write it with its zone"),
         (f"{HEAD}firmware = 5", "line 5: firmware cannot be 5; write a text in quotes"),
         (f"{HEAD}settings = 5", "line 5: settings cannot be 5; write a table"),
         (f'{HEAD}[settings]\n"481" = 5', "line 6: settings: 481 cannot be 5; write a table in braces"),
