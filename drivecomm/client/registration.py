@@ -152,7 +152,7 @@ def register_holder(holder: Registration, socket: Path) -> Iterator[None]:
     """Publish a program that has a port during the block, so that stops find it. Raises OSError."""
     held = lock_record(users_folder() / f"{socket.stem}{_HOLDERS_RECORD}")
     if held is None:
-        raise FileExistsError(f"{socket} is another program's")
+        raise FileExistsError(f"{socket} belongs to another program")
     try:
         held.write(asdict(holder))
         yield
@@ -260,7 +260,7 @@ def _is_alive(pid: int) -> bool:
 
 def _runs_already(other: Registration | None) -> UsageError:
     if other is None:
-        return UsageError("another server of this plant begins or ends just now; try again")
+        return UsageError("another server of this plant is starting or stopping; try again")
     since = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(other.started_s))
     return UsageError(
         f"{other.plant} has a server already (pid {other.pid}, since {since}); use that one, or end it first"

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 # The longest known telegram (Danfoss FC with LGE 255); limits the wait on a line that is never silent.
 LONGEST_TELEGRAM = 257
-_ECHO = "the adapter hands back what it sends, and no other reply came; open the port with echo on"
+_ECHO = "the adapter echoes what it sends, and no other reply came; open the port with echo on"
 _IN_PLACE_OF_ECHO = "what came may be a disturbed echo; if this adapter has none, open the port with echo off"
 
 

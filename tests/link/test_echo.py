@@ -241,7 +241,7 @@ def test_unexpected_echo_error_on_a_network_port_names_the_remedy(protocol):
     port.paced = False
     with drivecomm.open_bus(lambda: port, echo="off") as bus:
         drive = bus.drive(protocol, ADDRESS, attempts=1)
-        with pytest.raises(NoReplyError, match=r"the adapter hands back what it sends.*open the port with echo on"):
+        with pytest.raises(NoReplyError, match=r"the adapter echoes what it sends.*open the port with echo on"):
             drive.probe()
 
 
