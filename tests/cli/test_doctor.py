@@ -23,14 +23,20 @@ def test_sound_line_has_no_problems(shell):
     assert shell("doctor", "line", "--quick", port=None) == 0
     assert "PROBLEM" not in shell.out
     assert shell.out.endswith("no problems found\n")
-    for part in ("the line is quiet", "hands nothing back", "vabus:1 answers", "fuji:3 answers", "vabus:1 is done"):
+    for part in (
+        "the line is quiet",
+        "does not echo what it sends",
+        "vabus:1 answers",
+        "fuji:3 answers",
+        "vabus:1 is done",
+    ):
         assert part in shell.out
 
 
 def test_problem_is_printed_with_its_remedy_and_exits_with_1(shell):
     shell.line(echo=True)
     assert shell("doctor", "line", "--protocol", "vabus", "--quick", port=None) == 1
-    assert "PROBLEM  echo    the adapter hands back what it sends\n" in shell.out
+    assert "PROBLEM  echo    the adapter echoes what it sends\n" in shell.out
     assert "> use --echo expect" in shell.out
     assert shell.out.endswith("1 problem found\n")
     assert shell("doctor", "line", "--protocol", "vabus", "--quick", "--echo", port=None) == 0
@@ -169,7 +175,7 @@ def test_noise_on_a_pseudo_terminal_is_found(capsys):
         os.close(ours)
         os.close(theirs)
     assert code == 1
-    assert "came unasked" in problems["noise"]["text"]
+    assert "came unrequested" in problems["noise"]["text"]
     assert measured["unclear_bytes"] > 0
 
 
@@ -190,5 +196,5 @@ def test_doctor_reports_what_a_tcp_port_cannot_show(capsys):
         port = f"socket://{address.rpartition('//')[2].removeprefix('tcp:')}"
         assert main(["doctor", port, *FEW]) == 0
     text = capsys.readouterr().out
-    assert "settings are those of the server" in text
+    assert "the server sets the line settings" in text
     assert "cannot be known from here" in text

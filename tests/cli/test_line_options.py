@@ -29,7 +29,7 @@ def test_echo_flag_works_in_every_spelling(shell, arguments, echoed):
 def test_unexpected_echo_is_explained(shell, arguments):
     shell.lines["line"] = VirtualLine([virtual_drive("vabus", 2)], echo=True)
     assert shell("read", "vabus:1", "481", "--attempts", "1", *arguments) == 4
-    assert "the adapter hands back what it sends" in shell.err
+    assert "the adapter echoes what it sends" in shell.err
 
 
 def test_unknown_echo_mode_is_refused(shell):
