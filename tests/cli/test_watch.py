@@ -84,7 +84,7 @@ def test_watch_refuses_wrong_arguments(shell, plant_file, tmp_path, monkeypatch)
         ([plant_file], "line", 2, "so --port has no effect; leave it out"),
         ([str(tmp_path / "none.toml")], None, 2, "there is no such file"),
         ([plant_file, "--json"], None, 2, "use drivecomm poll for --json"),
-        ([plant_file, "--for", "0"], None, 2, "--for 0 s is not possible"),
+        ([plant_file, "--for", "0"], None, 2, "--for 0 s is not a valid time"),
         ([plant_file], None, 2, "watch needs a terminal; without one, use drivecomm poll"),
     ):
         assert shell("watch", *arguments, port=port) == code

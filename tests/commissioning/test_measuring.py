@@ -336,7 +336,7 @@ def test_reply_time_close_to_the_timeout_is_noted():
 @pytest.mark.parametrize(
     ("report", "part"),
     [
-        (None, "nothing is known"),
+        (None, "only the measurements"),
         (PortReport(url="line", kind="pseudo-terminal", stable_name="line"), "cannot be known from here"),
         (
             PortReport(url="socket://h:1", kind="raw TCP", stable_name="socket://h:1"),

@@ -152,7 +152,7 @@ HEAD = 'format = 1\nprotocol = "vabus"\ndrive = "vabus:1"\nmodel = "agile"\n'
         ),
         (
             f'{HEAD}[settings]\n"1" = {{ value = 1 }}\n[measured]\n"1" = {{ value = 1 }}',
-            "line 8: measured: 1 stands under [sett",
+            "line 8: measured: 1 is also listed under [sett",
         ),
         (f"{HEAD}[identity]\nserial = 5", "line 6: identity: serial cannot be 5; write a text in quotes"),
         (f"{HEAD}[settings", "cannot be read as a parameter set"),

@@ -245,7 +245,7 @@ def test_proof_file_survives_a_write_and_read(file, tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "text"),
     [
-        ('verdict = "agrees"', 'verdict = "maybe"', "verdict cannot be 'maybe'"),
+        ('verdict = "agrees"', 'verdict = "maybe"', "verdict is 'maybe', and must be one of"),
         ("format = 1", "format = 2", "is not a proof of this format"),
         ('kind = "parameter"', 'knd = "parameter"', "unknown key 'knd'"),
         ('shows = ["scale"]', 'shows = ["all"]', "shows has one or more of"),

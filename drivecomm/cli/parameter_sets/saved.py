@@ -171,7 +171,7 @@ def compare(
     if FACTORY in (left, right) and (left == right or _file(left) or _file(right)):
         raise UsageError("factory means the default values that a drive reports; compare a drive with it")
     if _file(left) and _file(right):
-        line.refuse("both are files, so no drive is read")
+        line.refuse("both are files and no drive is read")
         if model is not None:
             raise UsageError("both are files, which say their models, so --model has no effect; leave it out")
     files = {word: read_set(path) for word in (left, right) if (path := _file(word))}
