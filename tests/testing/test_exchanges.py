@@ -145,7 +145,7 @@ WRONG = {
         "read does not give colour",
     ),
     "something for nothing": (reading(*SOUND.steps, expected=Expected(result={})), "expected nothing"),
-    "no error": (reading(*SOUND.steps, expected=Expected(error="NoReplyError")), "expected is NoReplyError"),
+    "no error": (reading(*SOUND.steps, expected=Expected(error="NoReplyError")), "expected NoReplyError"),
     "another error": (
         reading(send(ENQUIRY), SILENCE, expected=Expected(error="RefusedError"), options={"attempts": 1}),
         r"read raises NoReplyError \(.*\), expected RefusedError",
