@@ -204,7 +204,7 @@ def nothing():
 
 def test_doubled_reference_in_hertz_is_found(with_operations):
     plugin = with_operations("vabus", set_reference_hz=lambda real: lambda hz: real.set_reference_hz(hz * 2))
-    assert "told to run at 10 Hz" in failed(plugin, "vabus/models/agile/runs at")["runs at the reference"]
+    assert "commanded to run at 10 Hz" in failed(plugin, "vabus/models/agile/runs at")["runs at the reference"]
 
 
 # The contract
