@@ -35,7 +35,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         type=int,
         default=0,
         metavar="N",
-        help="Another course of the faults on virtual lines; 0 unless given.",
+        help="Seed of the faults on virtual lines. Default: 0.",
     )
 
 

@@ -97,7 +97,7 @@ class WriteGaps:
                 reason = _REASONS.get(error.errno or 0, error.strerror or str(error))
                 self._tell(
                     f"{self._place}: {reason}; {self._kept} are not {self._done} from {_clock(time_s)} on; "
-                    f"{self._goes_on} goes on"
+                    f"{self._goes_on} continues"
                 )
             self._count()
             return False

@@ -142,7 +142,7 @@ def _part(text: str, time_s: float | None) -> PrintedLine:
     except UsageError:
         return PrintedLine(time_s=time_s, mark=mark, reason=f"{shown[:40]!r} could be decimal or hexadecimal")
     if not mark and text.strip(_SIGNS_AROUND) != shown.strip(_SIGNS_AROUND):
-        return PrintedLine(time_s=time_s, reason="nothing says who sent these bytes, or whether they are any")
+        return PrintedLine(time_s=time_s, reason="the line does not say who sent these bytes, or whether it holds any")
     return PrintedLine(time_s=time_s, mark=mark, data=data, style=bracketed)
 
 

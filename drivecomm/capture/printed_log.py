@@ -82,9 +82,9 @@ class PrintedLogReader:
         for number, line in lines:
             reason = line.reason
             if line.data and marked and not line.mark:
-                reason = "nothing says who sent these bytes, as other lines of this log do"
+                reason = "the line does not say who sent these bytes, unlike other lines of this log"
             elif line.data and before is not None and _is_repeated(line, before, timed=timed):
-                reason = "the same line once more, without its time"
+                reason = "the same line again, without its time"
             if reason:
                 self.remarks.append(f"{path}: line {number} is not read: {reason}")
             if reason or not line.data:

@@ -167,7 +167,7 @@ class Recording:
             action()
         except Exception as error:  # noqa: BLE001 - whatever it is, a motor must still be stopped
             self._over = True
-            _LOGGER.warning("the recording has ended, the line goes on: %s", error)
+            _LOGGER.warning("the recording has stopped, the line continues: %s", error)
 
     def _recorder_now(self) -> PieceReceiver:
         if self._recorder is None:

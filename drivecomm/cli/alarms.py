@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 @click.option("--test", metavar="NAME", help="Deliver a test message to the receivers of this alarm.")
 @options.json
 def check(*, plant: Path, test: str | None, json: bool) -> int:
-    """Show the alarms of a plant file in words, or try one out.
+    """Describe the alarms of a plant file in words, or test one.
 
     Exit code 1 if there are none, or if a receiver did not get the test message.
     """

@@ -54,9 +54,9 @@ COMMANDS = {
     ),
     "cohabit": ("cohabit:cohabit", "Check whether drives on one line can mistake each other's telegrams."),
     "alarms": ("", "Alarms of a plant that drivecomm serve runs."),
-    "alarms list": ("standing_alarms:list_alarms", "List the alarms that stand in a running server."),
+    "alarms list": ("standing_alarms:list_alarms", "List the active alarms of a running server."),
     "alarms acknowledge": ("standing_alarms:acknowledge", "Acknowledge alarms of a running server by their ids."),
-    "alarms check": ("alarms:check", "Show the alarms of a plant file in words, or try one out."),
+    "alarms check": ("alarms:check", "Describe the alarms of a plant file in words, or test one."),
     "simulate": ("simulate:simulate", "Serve virtual drives to other programs."),
     "serve": (
         "serve:serve",

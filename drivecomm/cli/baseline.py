@@ -42,8 +42,8 @@ if TYPE_CHECKING:
 @click.command(cls=LineCommand)
 @options.drive
 @click.option("--by", metavar="WHO", help="Who approves it. Default: the user of this system.")
-@click.option("--why", metavar="TEXT", default="", help="Why it is right so.")
-@click.option("--from", "source", type=FILE, help="A file that backup wrote, instead of asking the drive.")
+@click.option("--why", metavar="TEXT", default="", help="Why it is approved.")
+@click.option("--from", "source", type=FILE, help="A file written by backup, instead of reading the drive.")
 def accept(*, drive: str, line: LineArguments, by: str | None, why: str, source: Path | None) -> int:
     """Make the present parameters of a drive, or a file, its approved set.
 
@@ -51,20 +51,22 @@ def accept(*, drive: str, line: LineArguments, by: str | None, why: str, source:
     """
     place = line.in_plant(drive)
     if place is None:
-        raise UsageError(f"{drive} is in no plant, beside whose file a baseline is kept; name the plant with --plant")
+        raise UsageError(
+            f"{drive} is not in a plant, and baselines are stored beside a plant file; name the plant with --plant"
+        )
     reached, name = line.reaching(drive)
     path = baseline_path(Path(place[0]), name.name)
     must_be_writable(path if path.parent.exists() else path.parent)
     before = read_set(path) if path.exists() else None
     approval = Approval(
-        by=by or system_user("say who approves it with --by"), why=why, time=datetime.now(UTC).replace(microsecond=0)
+        by=by or system_user("name the approver with --by"), why=why, time=datetime.now(UTC).replace(microsecond=0)
     )
     if source is None:
         with drive_of_set(reached, name, None, before) as one, progress_bar("reading", shown=not line.json) as progress:
             found = back_up(one, progress=progress)
     else:
         known = (each.name for each in fields(line) if each.name not in ("json", "plant"))
-        line.refuse("the set is in a file and no drive is asked", *known)
+        line.refuse("the set is read from a file and not from a drive", *known)
         found = read_set(source)
         if found.drive != str(name):
             raise UsageError(f"{source}: this is the parameter set of {found.drive}, and {name.name} is {name}")
@@ -94,7 +96,7 @@ def _show_accepted(
         return
     if change is not None:
         if change.replaced:
-            say(f"{name.name}  the set before was of another drive: {change.replaced}")
+            say(f"{name.name}  the previous set was of another drive: {change.replaced}")
         show_changes(name, change)
     for address, reason in approved.not_read.items():
         say(f"{name.name}  {address}  not read, so not approved: {reason}")
@@ -120,7 +122,7 @@ def plant_of_baselines(file: Path | None) -> Plant:
     """Return the plant of a call. Raises UsageError if there is no plant file."""
     known = known_plant(file, port_given=False)
     if known is None:
-        raise UsageError("no plant, beside whose file the baselines are kept; name one with --plant")
+        raise UsageError("no plant given, and baselines are stored beside a plant file; name one with --plant")
     return known
 
 

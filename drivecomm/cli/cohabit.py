@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 @click.option(
     "--bits",
     type=Number(int, "a whole number", at_least=1),
-    help="Accept what happens by chance in less than one of 2^BITS telegrams.",
+    help="Accept mix-ups that chance produces in fewer than one of 2^BITS telegrams.",
 )
 @options.json
 def cohabit(*, plant: Path | None, drive: tuple[str, ...], bits: int | None, json: bool) -> int:
@@ -73,10 +73,10 @@ def _emit(line: str, found: Cohabitation) -> None:
 def _tell(line: str, found: Cohabitation) -> None:
     if line:
         say(f"Line {line}")
-    say("What each drive can take for a telegram of its own:")
+    say("Telegrams that each drive can mistake for its own:")
     _tell_each(found.drives)
     say()
-    say("What the master, waiting for a drive, can take for its reply when another drive answers late:")
+    say("Late replies of other drives that the master can mistake for the one it waits for:")
     _tell_each(found.master)
     say()
     for sentence in found.advice:

@@ -40,7 +40,7 @@ def drift(*, drives: tuple[str, ...], line: LineArguments) -> int:
     asked = line.reaching_each(drives or [each.name for each in plant.drives])
     known = {(each.line, str(each)) for each in plant.drives}
     if outside := [name.name for _, name in asked if (name.line, str(name)) not in known]:
-        raise UsageError(f"{outside[0]} is in no plant, so it has no baseline; name its plant with --plant")
+        raise UsageError(f"{outside[0]} is not in a plant, so it has no baseline; name its plant with --plant")
     paths = {name.name: baseline_path(Path(plant.file), name.name) for _, name in asked}
     lacking = [name for name, path in paths.items() if not path.exists()]
     code = 0
@@ -91,12 +91,12 @@ def _show(found: Drift, name: DriveConfig, restoring: str, *, as_json: bool) -> 
     by_reason: dict[str, list[str]] = {}
     for each in found.not_comparable:
         by_reason.setdefault(each.reason, []).append(parameter_label(each))
-    by_reason["not read in either set"] = list(found.never_read)
+    by_reason["not read then or now"] = list(found.never_read)
     for reason, names in by_reason.items():
         if names:
             say(f"{name.name}  not comparable, {reason}: {', '.join(names)}")
     if found.untold:
-        say(f"{name.name}  it may be another drive, since it does not identify itself: {', '.join(found.untold)}")
+        say(f"{name.name}  it may be another drive, because it does not report its {', '.join(found.untold)}")
     for what, addresses in (("written to RAM only", found.in_ram), ("not in the approved set", found.unapproved)):
         if addresses:
             say(f"{name.name}  {what}: {', '.join(addresses)}")

@@ -55,7 +55,7 @@ def answer_logbook(
 
 def _how_to_go_on(logbook: Logbook) -> str:
     kept = counted(len(logbook.answers), "answer")
-    return f"{kept} kept in {logbook.path}, and the same command goes on from there"
+    return f"{kept} stored in {logbook.path}; run the same command again to continue"
 
 
 def _foretell(drive: Drive, way: ExplorationPlan, logbook: Logbook, line: LineArguments) -> None:
@@ -68,8 +68,8 @@ def _foretell(drive: Drive, way: ExplorationPlan, logbook: Logbook, line: LineAr
         return
     before = f", {remembered} were answered before" if remembered else ""
     note(
-        f"{counted(foreseen.addresses, 'question')} to the drive, about {duration(foreseen.seconds)}{before}; Ctrl-C "
-        "ends it, and the same command goes on"
+        f"{counted(foreseen.addresses, 'request')} to the drive, about {duration(foreseen.seconds)}{before}; Ctrl-C "
+        "stops it, and the same command resumes it"
     )
 
 

@@ -71,7 +71,7 @@ def fleet(
         event_loop.run(partial(_serve, settings, known, listen, open_database))
         return 0
     if record is not None:
-        raise UsageError("--from is for the page here; in the terminal, fleet history and fleet alarms show it")
+        raise UsageError("--from needs --listen; in the terminal, use fleet history or fleet alarms")
     event_loop.run(partial(_heard, settings, known))
     if known.unreadable:
         note(f"{counted(known.unreadable, 'message')} below {known.prefix} could not be read")
@@ -159,7 +159,7 @@ def _show_drives(plant: FleetPlant, *, as_json: bool) -> int:
     else:
         print_columns([_DRIVES_HEAD, *(_drive_cells(drive, now, live=live) for drive in plant.shown)])
         if not live:
-            say("its server is not connected: what the drives do is not known")
+            say("its server is not connected, so the state of its drives is not known")
     if any(drive.state == "fault" for drive in plant.shown) and live:
         return DriveError.exit_code
     return 0 if live and not any(drive.answers is False for drive in plant.shown) else NoReplyError.exit_code

@@ -23,7 +23,7 @@ record_option = click.option(
     "record",
     required=True,
     metavar="RECORD",
-    help="Show from this record: postgresql://USER@HOST/DATABASE or a file, as fleet record --to has it.",
+    help="The record to show: postgresql://USER@HOST/DATABASE or a file, as in fleet record --to.",
 )
 
 
@@ -66,9 +66,9 @@ def broker_options(command: Callable[..., int]) -> Callable[..., int]:
     for option in reversed(
         (
             click.option("--prefix", metavar="TOPIC", default="drivecomm", help="The topic above all plants."),
-            click.option("--user", metavar="NAME", help="Who this is to the broker."),
+            click.option("--user", metavar="NAME", help="User name at the broker."),
             click.option("--password-file", type=FILE, help="A file with the password in its first line."),
-            click.option("--authority", type=FILE, help="Who has signed the broker's certificate."),
+            click.option("--authority", type=FILE, help="Certificate of the authority that signed the broker's."),
             click.option("--insecure", is_flag=True, help="Allow a broker or database on another machine without TLS."),
         )
     ):

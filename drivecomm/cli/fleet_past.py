@@ -20,18 +20,20 @@ if TYPE_CHECKING:
     from drivecomm.cli.time_ranges import TimeRange
 
 _MOST = 100_000
-_since_option = click.option("--since", "begin", metavar="TIME", help='From then on, such as "2026-11-22 10:00".')
-_until_option = click.option("--until", "end", metavar="TIME", help="Until then.")
+_since_option = click.option("--since", "begin", metavar="TIME", help='Start time, such as "2026-11-22 10:00".')
+_until_option = click.option("--until", "end", metavar="TIME", help="End time.")
 _insecure_option = click.option("--insecure", is_flag=True, help="Allow a database on another machine without TLS.")
 
 
 @click.command(cls=CliCommand)
 @click.argument("plant", help="Its name, as fleet shows it.")
 @click.argument("drive", required=False, help="Its name in the plant.")
-@click.argument("quantities", metavar="[QUANTITY...]", nargs=-1, help="Only these, such as output_frequency.")
+@click.argument(
+    "quantities", metavar="[QUANTITY...]", nargs=-1, help="Only these quantities, such as output_frequency."
+)
 @record_option
 @click.option("--events", is_flag=True, help="Show what happened: faults, silence, commands.")
-@click.option("--commands", is_flag=True, help="Show who commanded what, and what came of it.")
+@click.option("--commands", is_flag=True, help="Show commands, their senders and their results.")
 @_since_option
 @_until_option
 @last_option
@@ -55,7 +57,7 @@ def history(
     if events and commands:
         raise UsageError("--events and --commands exclude each other; give one of them")
     if drive is None and not (events or commands):
-        raise UsageError("values are of a drive; name it, or give --events or --commands")
+        raise UsageError("values belong to a drive; name one, or give --events or --commands")
     from drivecomm.server.record import RecordQueries, TimePeriod, open_record
 
     when = _when(begin, end, last)
@@ -78,7 +80,7 @@ def history(
 
 
 @click.command(cls=CliCommand)
-@click.argument("plant", required=False, help="Only of this plant. Default: of all.")
+@click.argument("plant", required=False, help="Only this plant. Default: all plants.")
 @record_option
 @_since_option
 @_until_option

@@ -21,8 +21,10 @@ if TYPE_CHECKING:
 @click.command(cls=CliCommand)
 @click.option("--broker", required=True, metavar="URL", help="mqtt://HOST or mqtts://HOST, with a port if needed.")
 @click.option("--to", "record", required=True, metavar="RECORD", help="postgresql://USER@HOST/DATABASE, or a file.")
-@click.option("--name", default="record", help="The broker keeps what comes for this name while it is gone.")
-@click.option("--share", metavar="WORD", help="Share the work with the recorders that have the same word.")
+@click.option(
+    "--name", default="record", help="Client name under which the broker queues messages for an absent recorder."
+)
+@click.option("--share", metavar="WORD", help="Group name; recorders of the same group share the work.")
 @click.option(
     "--levels",
     metavar="LEVELS",
@@ -52,7 +54,7 @@ def record(
 
     for flag, word in (("--name", name), ("--share", share or "")):
         if set(word) & set("/+# ") or (not word and flag == "--name"):
-            raise UsageError(f"{flag} cannot be {word!r}; give a word without spaces, /, + and #")
+            raise UsageError(f"invalid {flag} {word!r}; give a word without spaces, /, + and #")
     settings = reach.broker(broker)
     recorder = BrokerRecorder(
         settings,

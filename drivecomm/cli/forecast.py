@@ -33,8 +33,10 @@ _WIDTH = 200
 @period_option
 @click.option("--delay", type=NUMBER, metavar="MS", help="Reply delay of the drives in milliseconds.")
 @click.option("--guard", type=NUMBER, metavar="MS", default=5.0, help="Quiet time after a change of line settings.")
-@click.option("--room", metavar="PERCENT", default="5%", help="Of the line's time, for commands and repetitions.")
-@click.option("--served", is_flag=True, help="Count the status of each drive, too, as a server asks for it.")
+@click.option(
+    "--room", metavar="PERCENT", default="5%", help="Share of the line's time reserved for commands and repetitions."
+)
+@click.option("--served", is_flag=True, help="Also count the status of each drive, which a server polls.")
 def forecast(
     *,
     line: LineArguments,
@@ -53,12 +55,12 @@ def forecast(
     be read.
     """
     if served and (words or period is not None):
-        raise UsageError("a server asks what the plant file says; give --served without drives and parameters")
+        raise UsageError("a server polls what the plant file lists; give --served without drives and parameters")
     file = _served_file(plan, line, always=served) if not words and period is None else None
     if file is not None:
         chosen, status_period_s = _served_plan(file, line)
         if not line.json:
-            say(f"{file} as a server asks it: its polls, and the status of each drive every {status_period_s:g} s")
+            say(f"{file} as a server polls it: its polls, and the status of each drive every {status_period_s:g} s")
     else:
         chosen, line = given_plan(words, plan, line, period_s=period)
     delay_s = None if delay is None else delay / 1000
@@ -132,7 +134,7 @@ def _draw(found: Forecast, room: float) -> None:
     need = f"the plan needs {found.utilisation:.1%} of the line's time"
     verdict = "it fits" if found.fits else "it does not fit"
     if found.fits and not found.room_to_spare:
-        verdict += f" without room to spare, which is {100 * room:g}% for commands and repetitions"
+        verdict += f" without the spare {100 * room:g}% for commands and repetitions"
     if unread := sum(bool(item.cause) for item in found.items):
         verdict += f", without {counted(unread, 'parameter')} that cannot be read"
     say(f"a round takes {1000 * found.cycle_s:.1f} ms; {need}; {verdict}")

@@ -34,10 +34,12 @@ _SHOWN = "1h"
 
 @click.command(cls=CliCommand)
 @click.argument("drive", required=False, help="Its name in the plant. Default: the latest values of all.")
-@click.argument("quantities", metavar="[QUANTITY...]", nargs=-1, help="Only these, such as output_frequency.")
+@click.argument(
+    "quantities", metavar="[QUANTITY...]", nargs=-1, help="Only these quantities, such as output_frequency."
+)
 @click.option("--events", is_flag=True, help="Show what happened: faults, silence, commands.")
-@click.option("--commands", is_flag=True, help="Show who commanded what, and what came of it.")
-@click.option("--fault-logs", is_flag=True, help="Show the faults that drives remembered when they were asked.")
+@click.option("--commands", is_flag=True, help="Show commands, their senders and their results.")
+@click.option("--fault-logs", is_flag=True, help="Show the fault logs that were read from the drives.")
 @from_option
 @to_option
 @last_option
@@ -76,7 +78,7 @@ def history(
         raise UsageError(f"{' and '.join(chosen)} exclude each other; give one of them")
     lists = events or commands or fault_logs
     if lists and quantities:
-        raise UsageError(f"{chosen[0]} is of drives, not of quantities; leave {quantities[0]} out")
+        raise UsageError(f"{chosen[0]} lists drives, not quantities; leave {quantities[0]} out")
     target = csv or parquet
     must_be_free(target, "--csv or --parquet", force=force)
     when = time_range(begin, end, last, otherwise=None if target else _SHOWN)
@@ -113,7 +115,7 @@ def history_file(plant: Path | None) -> Path:
         return Path(server.history)
     settings = read_settings(path)
     if settings.history is None:
-        raise UsageError(f"{path}: its server keeps no history; leave history = false out, and start it again")
+        raise UsageError(f"{path}: history = false switches the history off; remove it, and restart the server")
     return settings.history.file
 
 

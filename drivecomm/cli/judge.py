@@ -58,10 +58,14 @@ _AT_LEAST_ONE = Number(int, "a whole number", at_least=1)
     metavar="REGEX",
     show_default=False,
     default="",
-    help="Where a read shows its value, in a group named value.",
+    help="Regular expression that finds a read's value, in a group named value.",
 )
 @click.option(
-    "--parameter", metavar="PARAM", show_default=False, default="", help="What is read, if it cannot be learned."
+    "--parameter",
+    metavar="PARAM",
+    show_default=False,
+    default="",
+    help="The parameter that is read, if it cannot be inferred.",
 )
 @click.option(
     "--listen",
@@ -69,18 +73,14 @@ _AT_LEAST_ONE = Number(int, "a whole number", at_least=1)
     metavar="PLACE",
     show_default=False,
     default="",
-    help="pty (default), tcp or rfc2217, or a place as simulate has it.",
+    help="pty (default), tcp or rfc2217, or an address as for simulate.",
 )
-@click.option(
-    "--limit", type=NUMBER, metavar="SECONDS", default=None, help="How long one process may take; 15 unless given."
-)
-@click.option("--manual", is_flag=True, help="Judge a master that runs already: you are told what to do with it.")
+@click.option("--limit", type=NUMBER, metavar="SECONDS", default=None, help="Time limit of one process. Default: 15.")
+@click.option("--manual", is_flag=True, help="Judge a master that is already running, with prompts for each step.")
 @click.option("--case", "-c", "names", metavar="NAME", multiple=True, help="Only this case; repeatable.")
 @click.option("--list", "listed", is_flag=True, help="List the cases and play none.")
-@click.option(
-    "--seed", type=WHOLE_NUMBER, metavar="N", default=None, help="Another course of noise and damage; 0 unless given."
-)
-@click.option("--jobs", type=_AT_LEAST_ONE, metavar="N", default=3, help="How many cases are played at a time.")
+@click.option("--seed", type=WHOLE_NUMBER, metavar="N", default=None, help="Seed of noise and damage. Default: 0.")
+@click.option("--jobs", type=_AT_LEAST_ONE, metavar="N", default=3, help="Number of cases played in parallel.")
 @click.option("--junit", type=FILE, help="Write the verdicts as JUnit XML too.")
 @click.option("--json", "json_file", type=FILE, help="Write the report as JSON too.")
 @click.option("--html", type=FILE, help="Write the report as a page too.")
@@ -124,7 +124,7 @@ def judge(
     _must_be_free(files, force=force)
     if manual:
         if order.command:
-            raise UsageError("--manual is for a master that runs already; leave the command out")
+            raise UsageError("--manual is for a master that is already running; leave the command out")
         with ManualMaster(order, _ask) as master:
             report = _judged(Judge(order, master, names), jobs, verbose=verbose)
     else:

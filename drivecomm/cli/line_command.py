@@ -39,7 +39,7 @@ _OPTIONS = (
     LineSetting(["--parity"], metavar="LETTER", help="N, E, O, M or S."),
     LineSetting(["--stopbits"], type=NUMBER, help="1, 1.5 or 2."),
     LineSetting(["--timeout"], type=NUMBER, metavar="SECONDS", help="Seconds to wait for a reply."),
-    LineSetting(["--attempts"], type=WHOLE_NUMBER, help="Attempts per request at most."),
+    LineSetting(["--attempts"], type=WHOLE_NUMBER, help="Maximum number of attempts per request."),
     LineSetting(
         ["--echo"],
         type=OneOf(get_args(Echo)),
@@ -50,7 +50,7 @@ _OPTIONS = (
     LineSetting(
         ["--low-latency/--no-low-latency"],
         default=None,
-        help="Let a USB adapter deliver bytes at once; by default where it can.",
+        help="Set a USB adapter to low latency. Default: if it can.",
     ),
     LineSetting(["--trace"], is_flag=True, help="Show every telegram, decoded, with its time."),
     LineSetting(["--record"], type=FILE, help="Record every byte sent and received: .jsonl or .pcapng."),

@@ -34,9 +34,9 @@ if TYPE_CHECKING:
     from drivecomm.plant import Plant, PlantLine
     from drivecomm.protocol import DriveConfig, LinkLossPolicy
 
-_COMMANDS_NOTHING = {"arm": "commands nothing"}
+_COMMANDS_NOTHING = {"arm": "does not command a drive"}
 _OPENS_NOTHING = "opens no port"
-_RECORDS_NOTHING = "uses the port itself and records nothing"
+_RECORDS_NOTHING = "uses the port itself and does not record"
 
 WITHOUT_EFFECT: Mapping[str, Mapping[str, str]] = {
     **dict.fromkeys(
@@ -51,7 +51,7 @@ WITHOUT_EFFECT: Mapping[str, Mapping[str, str]] = {
     "doctor": {**_COMMANDS_NOTHING, "record": _RECORDS_NOTHING},
     "tune": {**_COMMANDS_NOTHING, "attempts": "counts each request that fails"},
     "replay": {
-        **dict.fromkeys(("attempts", "trace"), "sends again what is in the file, each once"),
+        **dict.fromkeys(("attempts", "trace"), "sends each telegram of the file once"),
         "record": _RECORDS_NOTHING,
     },
 }
@@ -94,7 +94,9 @@ class LineArguments:
         place = _placed(text, self)
         if place is None:
             if self.arm:
-                raise UsageError(f"{text} is in no plant that keeps it read-only, so --arm has no effect; leave it out")
+                raise UsageError(
+                    f"{text} is not in a plant that keeps it read-only, so --arm has no effect; leave it out"
+                )
             drive = parse_drive(text)
             if drive.protocol not in installed:
                 # A mistyped protocol is reported before a missing port.
@@ -164,7 +166,7 @@ class LineArguments:
         for drive in known.drives if known else ():
             there = known is not None and same_port(known.line(drive.line).reached_at, self.named_port)
             if known is not None and there and not drive.armed and not self.arm:
-                raise UsageError(f"{drive.why_read_only(known.file)}, or give --arm for this once")
+                raise UsageError(f"{drive.why_read_only(known.file)}, or give --arm for this command")
 
     def link_loss_of(self, text: str) -> LinkLossPolicy | None:
         """Return the plant's link loss policy of a drive, None if there is none."""
@@ -236,7 +238,7 @@ class LineArguments:
         """Raise PortError if a server has the port. what: name of the feature that needs the port for itself."""
         if (found := server_of_port(self.named_port)) is not None:
             raise PortError(
-                f"port {self.named_port} is in use by {found[0]}, and {what} needs it for itself; end that server first"
+                f"port {self.named_port} is in use by {found[0]}, and {what} needs it alone; stop that server first"
             )
 
     def _served_bus(self, found: tuple[Registration, str], opening: Mapping[str, Any]) -> ServedBus:
@@ -369,7 +371,7 @@ def _permitted(known: Plant, drive: DriveConfig, asked: LineArguments) -> DriveC
     if asked.arm and not reason:
         raise UsageError(f"{drive.name} is armed in {known.file}, so --arm has no effect; leave it out")
     if reason and not asked.arm:
-        return replace(drive, read_only_reason=f"{reason}, or give --arm for this once")
+        return replace(drive, read_only_reason=f"{reason}, or give --arm for this command")
     return drive
 
 

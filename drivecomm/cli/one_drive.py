@@ -208,7 +208,7 @@ def _starts_nothing(link_loss: str | None, watchdog: str | None) -> None:
     """Raise UsageError if a link loss option is given for a command that does not start the motor."""
     for flag, given in (("--link-loss", link_loss), ("--watchdog", watchdog)):
         if given is not None:
-            raise UsageError(f"{flag} is for what starts the motor, which this does not; leave it out")
+            raise UsageError(f"{flag} only applies to a start of the motor, which this is not; leave it out")
 
 
 @click.command(cls=LineCommand)
@@ -286,7 +286,7 @@ def _with_unit(value: str, machine: MachineUnit | None) -> tuple[str, str]:
         figure = text[: -len(unit)].strip()
         if machine is not None and machine.unit.casefold() == unit.casefold():
             raise UsageError(
-                f"{value!r} may be a speed of the motor or of its machine, which counts {machine.unit}, too; write "
+                f"{value!r} may be a speed of the motor or of its machine, which also uses {machine.unit}; write "
                 f"--{flag} {figure} or --machine {figure}"
             )
         return flag, figure
@@ -309,7 +309,7 @@ def _either(words: list[str]) -> str:
 @click.command(cls=LineCommand)
 @options.drive
 @click.argument("state", help="ready, running, stopping, fault, not_ready or at_reference.")
-@click.option("--seconds", type=NUMBER, default=10.0, help="How long at most.")
+@click.option("--seconds", type=NUMBER, default=10.0, help="Maximum waiting time.")
 @options.model
 def wait(*, drive: str, state: str, line: LineArguments, seconds: float, model: str | None) -> int:
     """Wait until a drive reaches a state. Exit code 5 when it does not reach it in time, or has a fault."""

@@ -15,7 +15,7 @@ from drivecomm.tomlfile import must_be_writable
 if TYPE_CHECKING:
     from pathlib import Path
 
-force_option = click.option("--force", is_flag=True, help="Replace a file that is there.")
+force_option = click.option("--force", is_flag=True, help="Replace an existing file.")
 
 
 def must_be_free(path: Path | None, named_by: str, *, force: bool) -> None:
@@ -25,7 +25,7 @@ def must_be_free(path: Path | None, named_by: str, *, force: bool) -> None:
     """
     if path is None:
         if force:
-            raise UsageError(f"--force is for a file that {named_by} names, so that it has no effect; leave it out")
+            raise UsageError(f"--force has no effect without {named_by}; leave it out")
         return
     if path.is_file() and not force:
         raise UsageError(f"{path} exists already; name another file, or write --force to replace it")

@@ -95,7 +95,7 @@ def _summarise(protocol: str, report: Report) -> None:
 
 
 @click.command(cls=CliCommand)
-@click.argument("files", type=FILE, metavar="[FILE...]", nargs=-1, help="Those of the installed protocols if absent.")
+@click.argument("files", type=FILE, metavar="[FILE...]", nargs=-1, help="Default: those of the installed protocols.")
 @options.json
 def check(*, files: tuple[Path, ...], json: bool) -> int:
     """Run every check of every vector. Exit code 1 when one fails."""
@@ -132,9 +132,9 @@ def check(*, files: tuple[Path, ...], json: bool) -> int:
     metavar="PROTOCOL",
     shell_complete=options.complete_protocol,
     required=True,
-    help="The protocol whose telegrams are wanted.",
+    help="The protocol of the telegrams.",
 )
-@click.option("--output", type=FILE, help="The vector file; printed if absent.")
+@click.option("--output", type=FILE, help="The vector file to write. Default: print it.")
 @force_option
 @options.protocol_option
 def from_capture(*, file: Path, protocol: str, output: Path | None, force: bool, option: tuple[str, ...]) -> int:

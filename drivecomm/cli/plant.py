@@ -86,7 +86,7 @@ def fault(*, file: Path, control: str, json: bool) -> int:
 
 
 @click.command(cls=CliCommand)
-@click.argument("drive", default="", help="What this drive holds; without, all drives.")
+@click.argument("drive", default="", help="Show the parameters of this drive. Default: the states of all drives.")
 @click.argument("parameter", nargs=-1, help="Parameters of the drive, by address.")
 @control_option
 @options.json

@@ -12,11 +12,11 @@ from drivecomm.cli.output import emit, note, print_columns, say
 from drivecomm.cli.plant import control_option, given_order
 from drivecomm.cli.values import WHOLE_NUMBER
 
-_line_option = click.option("--line", metavar="LINE", default="", help="The line, where the plant has several.")
+_line_option = click.option("--line", metavar="LINE", default="", help="The line, if the plant has several.")
 
 
 @click.command(cls=CliCommand)
-@click.option("--since", type=WHOLE_NUMBER, metavar="N", default=0, help="Those behind this number only.")
+@click.option("--since", type=WHOLE_NUMBER, metavar="N", default=0, help="Only those after this number.")
 @_line_option
 @control_option
 @options.json
@@ -28,7 +28,7 @@ def telegrams(*, since: int, line: str, control: str, json: bool) -> int:
         if json:
             emit(**answer)
         elif answer["missing"]:
-            note(f"{answer['missing']} transmissions before these are not kept any more")
+            note(f"{answer['missing']} earlier transmissions are no longer stored")
         for each in [] if json else answer["telegrams"]:
             remarks = "".join(f"  [{remark}]" for remark in each["remarks"])
             say(f"{each['number']:>6} {each['time_s']:11.4f}  {each['source']:<7}  {each['telegram']}{remarks}")

@@ -52,8 +52,8 @@ _NEXT_SETTING = re.compile(r",(?=[A-Za-z_-]+=)")
 @words_argument
 @plan_option
 @period_option
-@click.option("--for", "duration", type=NUMBER, metavar="SECONDS", help="End after this time.")
-@click.option("--cycles", type=WHOLE_NUMBER, help="End when each was asked this many times.")
+@click.option("--for", "duration", type=NUMBER, metavar="SECONDS", help="Stop after this time.")
+@click.option("--cycles", type=WHOLE_NUMBER, help="Stop when each was read this many times.")
 @log_option
 def poll(
     *,
@@ -93,7 +93,7 @@ def _opened(line: LineArguments, ports: Sequence[str]) -> Iterator[dict[str, Blo
     if "" in ports:
         raise UsageError("some drives have no port: give --port, or write port in the [[line]] of the plant")
     if line.record is not None and len(ports) > 1:
-        raise UsageError(f"--record is for one line, and this plan has several; poll {ports[0]} by itself")
+        raise UsageError(f"--record is for one line, and this plan has several; poll {ports[0]} separately")
     with ExitStack() as stack:
         try:
             yield {port: stack.enter_context(line.at(port).bus()) for port in ports}
@@ -210,7 +210,7 @@ def parse_plan(words: Sequence[str], *, period_s: float, known: Plant | None = N
             reads += [_read(word, drive, period_s) for drive in chosen]
     idle = [word for word, several in drives.items() if not any(read.drive in several for read in reads)]
     if idle:
-        raise UsageError(f"nothing is read of {idle[0]}; name its parameters after it")
+        raise UsageError(f"no parameters given for {idle[0]}; name them after it")
     if not reads:
         raise UsageError(
             "nothing to read; name drives and parameters, such as vabus:1 481 482@0.2, or give --plan FILE"

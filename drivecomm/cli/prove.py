@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 _CONTRADICTED = 1
 _MOST_SHOWN = 20
-_ONLY_ASKS = "a proof without --move only asks"
+_ONLY_ASKS = "a proof without --move only reads"
 
 
 @click.command(cls=LineCommand)
@@ -41,7 +41,7 @@ _ONLY_ASKS = "a proof without --move only asks"
 )
 @click.option("--with-names", is_flag=True, help="Leave serial numbers, names and addresses in the report.")
 @click.option("--move", is_flag=True, help="Also start the motor slowly, stop it, and let the link fail; asks first.")
-@click.option("--dry-run", is_flag=True, help="Only print what would be asked.")
+@click.option("--dry-run", is_flag=True, help="Only print the planned requests.")
 @force_option
 def prove(
     *,
@@ -106,7 +106,7 @@ def _always_whole(record: ProofRecord, path: Path, *, as_json: bool) -> Iterator
     except (LinkError, ReplyError, KeyboardInterrupt) as error:
         why = "it was interrupted" if isinstance(error, KeyboardInterrupt) else in_one_line(error)
         proof = record.write(why)
-        complain(f"{path} has what was found so far; it ends {proof.interrupted}", as_json=as_json)
+        complain(f"{path} has the findings so far; it ends {proof.interrupted}", as_json=as_json)
         raise
 
 
@@ -131,7 +131,7 @@ def _show_questions(name: DriveConfig, *, move: bool, as_json: bool) -> int:
     for each in asked:
         tell(each, as_json=as_json, question=each)
     if not as_json:
-        say(f"{counted(len(asked), 'question')}; nothing was sent")
+        say(f"{counted(len(asked), 'request')}; nothing was sent")
     return 0
 
 
@@ -139,13 +139,13 @@ def _must_agree(name: DriveConfig, title: str) -> None:
     """Ask the user to type the drive's name as a safeguard. Raises UsageError for any other reply."""
     note(
         f"--move starts the motor of {name.full_name} ({title}) slowly, twice, stops it, and lets its watchdog stop "
-        "it; it writes its reference and its watchdog, which is set back. Nobody and nothing may be near the shaft"
+        "it; it writes its reference and its watchdog, which is restored; keep people and objects away from the shaft"
     )
     if not sys.stdin.isatty():
         raise UsageError("--move asks for the drive's name, and there is no terminal to type it on")
     typed: str = click.prompt(f"Type {name.name} to start its motor", err=True, default="", show_default=False)
     if typed.strip() != name.name:
-        raise UsageError(f"{typed.strip()!r} is not {name.name}, so nothing was started and nothing was asked")
+        raise UsageError(f"{typed.strip()!r} is not {name.name}, so nothing was started and nothing was read")
 
 
 def _move(proving: Proving, drive: Any, *, as_json: bool) -> None:
@@ -177,7 +177,7 @@ def _show(proof: Proof, path: Path, name: DriveConfig, *, as_json: bool) -> None
             say(f"{name.name}  new: {each.about}: {each.why}")
     decisive = sum(each.is_decisive for each in proof.findings)
     say(
-        f"{name.name}  {counts['agrees']} agree, {decisive} of them so that a wrong fact would have shown; "
+        f"{name.name}  {counts['agrees']} agree, {decisive} of them conclusively; "
         f"{counts['contradicts']} contradict, {counts['new']} new, {counts['not asked']} not asked"
     )
     say(f"written to {path}")

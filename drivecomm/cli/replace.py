@@ -62,7 +62,7 @@ def replace(*, drive: str, file: Path | None, line: LineArguments, plate_compare
         except NoReplyError as error:
             show_sheet(filled_sheet(None if "model" in name.options else approved.model, name), as_json=line.json)
             scan = shlex.join(["drivecomm", "scan", str(reached.port), "--protocol", name.protocol, "--wide"])
-            how = "set the new drive up at its panel as listed, and run this again; to find one that is set otherwise"
+            how = "set the new drive up at its panel as listed, and run this again; to find one that has other settings"
             error.args = (f"{error}; {how}: {scan}", *error.args[1:])
             raise
         _must_be_replacement(found, name, path, line.plant, plate_compared=plate_compared)
@@ -76,7 +76,7 @@ def _baseline(drive: str, name: DriveConfig, line: LineArguments) -> Path:
     """Return the file of the drive's baseline. Raises UsageError if there is none."""
     place = line.in_plant(drive)
     if place is None:
-        raise UsageError(f"{drive} is in no plant, so it has no baseline; name a file that drivecomm backup wrote")
+        raise UsageError(f"{drive} is not in a plant, so it has no baseline; name a file that drivecomm backup wrote")
     path = baseline_path(Path(place[0]), name.name)
     if not path.exists():
         raise UsageError(f"{name.name} has no baseline; name a file that drivecomm backup wrote")
@@ -89,8 +89,8 @@ def _must_be_replacement(
     """Raise UsageError unless the drive is another one of the same type and size."""
     if found.differs:
         raise UsageError(
-            f"{name.name} is now a drive of another type or size: {'; '.join(found.differs)}; nothing was written. If "
-            f"it is meant to be, look at each value before you write it: {restore_command(name, path, plant)} --dry-run"
+            f"{name.name} is now a drive of another type or size: {'; '.join(found.differs)}; nothing was written; if "
+            f"that is intended, check each value before you write it: {restore_command(name, path, plant)} --dry-run"
         )
     if found.unchanged:
         raise UsageError(
@@ -100,8 +100,8 @@ def _must_be_replacement(
     if found.needs_name_plate and not plate_compared:
         what = f"its {', '.join(found.not_told)}" if found.not_told else "its type and size"
         raise UsageError(
-            f"{name.name} does not report {what}, so a wrong drive would not be noticed; nothing was written. Compare "
-            "its name plate with the old one, and say so with --plate-compared"
+            f"{name.name} does not report {what}, so a wrong drive would not be noticed; nothing was written; compare "
+            "its name plate with the old one, and confirm with --plate-compared"
         )
 
 

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 @click.option(
     "--listen", "-l", metavar="PLACE", help="Answer as recorded, at pty:PATH, tcp:HOST:PORT or rfc2217:HOST:PORT."
 )
-@click.option("--faster", type=NUMBER, default=1.0, help="How many times as fast as recorded.")
+@click.option("--faster", type=NUMBER, default=1.0, help="Speed as a multiple of the recorded speed.")
 @click.option("--commands", is_flag=True, help="Also send what can command or write. This may start a motor.")
 def replay(*, line: LineArguments, file: Path, listen: str | None, faster: float, commands: bool) -> int:
     """Replay a capture: with --listen as its drives, otherwise as its master.
@@ -114,7 +114,7 @@ def _ask(asking: ReplayMaster, line: LineArguments, plugins: Sequence[Protocol])
     else:
         if different:
             _show(different, plugins)
-        say(f"{asked} requests asked again, {len(different)} answered differently")
+        say(f"{asked} requests repeated, {len(different)} with a different reply")
         if left_out:
             say(f"{left_out} not sent, because they could command or write; --commands sends them, too")
     return 1 if different else 0

@@ -82,7 +82,9 @@ class SignedRecord:
 @click.command(cls=LineCommand)
 @options.drive
 @options.model
-@click.option("--by", metavar="WHO", help="Who puts the drive into service. Default: the user of this system.")
+@click.option(
+    "--by", metavar="WHO", help="Name of the person who commissions the drive. Default: the user of this system."
+)
 @click.option("--html", type=FILE, help="Write the record as a page to print.")
 @force_option
 def report(
@@ -93,7 +95,7 @@ def report(
     Nothing is written to the drive.
     """
     must_be_free(html, "--html", force=force)
-    signed_by = by or system_user("say who takes the record with --by")
+    signed_by = by or system_user("name the person who takes the record with --by")
     reached, name = line.reaching(drive)
     with (
         drive_of_set(reached, name, model) as one,

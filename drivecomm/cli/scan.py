@@ -44,7 +44,7 @@ _MOST_NAMED = 8
 @click.option("--parity", metavar="LETTER", cls=LineSetting, help="N, E, O, M or S; several to try: E,N.")
 @click.option("--stopbits", metavar="NUMBER", cls=LineSetting, help="1, 1.5 or 2; or 1,2.")
 @click.option("--write", type=FILE, help="Write the drives found to a plant file.")
-@click.option("--add", type=FILE, help="Add what FILE, a plant file, does not have yet.")
+@click.option("--add", type=FILE, help="Add the drives that FILE, a plant file, does not have yet.")
 @force_option
 def scan(
     *,
@@ -91,7 +91,7 @@ def scan(
     for each in lines:
         if several and scheme_of(each.named_port) in ("socket", *ONE_PROTOCOL):
             raise UsageError(
-                f"{each.port} carries no line settings, so that others cannot be tried; use rfc2217://, or leave "
+                f"{each.port} carries no line settings, so others cannot be tried; use rfc2217://, or leave "
                 "--wide and lists of settings out"
             )
     if several:
@@ -164,8 +164,8 @@ def _foretell(forecast: ScanForecast, *, as_json: bool) -> None:
         return
     settings = counted(forecast.settings, "line setting")
     note(
-        f"{forecast.questions} questions at {settings} take {_duration(forecast.seconds)} at most if "
-        "no drive answers, the likely ones first; Ctrl-C ends the scan and keeps the drives found"
+        f"{forecast.questions} requests at {settings} take at most {_duration(forecast.seconds)} if "
+        "no drive answers, the likely ones first; Ctrl-C stops the scan and keeps the drives found"
     )
 
 

@@ -27,9 +27,11 @@ if TYPE_CHECKING:
 @click.argument("plant", type=FILE, required=False, help="Plant file. Default: $DRIVECOMM_PLANT or plant.toml here.")
 @click.option("--log", type=FILE, help="Log to this file, which rotates.")
 @click.option("--level", metavar="LEVEL", default="info", help="What is logged: debug, info, warning or error.")
-@click.option("--registers", is_flag=True, help="Print the registers of the Modbus TCP door as Markdown, and end.")
+@click.option("--registers", is_flag=True, help="Print the registers of the Modbus TCP door as Markdown, and exit.")
 @click.option("--csv", type=FILE, help="With --registers: write them as CSV, a row each.")
-@click.option("--check", is_flag=True, help="Check the plant file and what its lines carry, open nothing, and end.")
+@click.option(
+    "--check", is_flag=True, help="Check the plant file and the load of its lines without opening a port, and exit."
+)
 @force_option
 @options.json
 def serve(
@@ -52,7 +54,7 @@ def serve(
     """
     path = plant or plant_file(None, port_given=False) or PLANT_FILE
     if csv is not None and not registers:
-        raise UsageError("--csv is for the registers; give --registers, too")
+        raise UsageError("--csv is a format of the registers; give --registers, too")
     must_be_free(csv, "--csv", force=force)
     if registers:
         _tell_registers(path, csv, as_json=json)

@@ -38,7 +38,7 @@ _ANY_PORT = "127.0.0.1:0"
     default="",
     help="pty:PATH, tcp:HOST:PORT or rfc2217:HOST:PORT.",
 )
-@click.option("--listeners", is_flag=True, help="At tcp, let clients beside the master hear the line.")
+@click.option("--listeners", is_flag=True, help="At tcp, let clients beside the master listen to the line.")
 @click.option(
     "--fault", "-f", multiple=True, metavar="FAULT", help="As [[fault]]: 'kind = \"drop\", every = 3'; repeatable."
 )

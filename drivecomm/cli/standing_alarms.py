@@ -28,7 +28,7 @@ _plant_option = click.option("--plant", type=FILE, help="Plant file. Default: $D
 @_plant_option
 @options.json
 def list_alarms(*, plant: Path | None, json: bool) -> int:
-    """List the alarms that stand in a running server.
+    """List the active alarms of a running server.
 
     They are current, or acknowledged, or over and not acknowledged yet.
     """
@@ -68,7 +68,7 @@ def _server(plant: Path | None) -> LocalServer:
     found = server_of_plant(path)
     if found is None:
         raise UsageError(
-            f"no server runs for {path}; alarms stand where one does, start it with: drivecomm serve {path}"
+            f"no server is running for {path}, and only a server raises alarms; start it with: drivecomm serve {path}"
         )
     return LocalServer(found)
 

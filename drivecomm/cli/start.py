@@ -146,7 +146,7 @@ def _chosen_policy(drive: bus.Drive, text: str | None, by: StartMethod) -> LinkL
     """Return the chosen policy. Raises UsageError with the possible options if the policy is missing or unknown."""
     if text is None:
         why = "this may start the motor; " if by.waits else ""
-        raise UsageError(f"{why}say what the motor does if this line goes dead: {_choice(drive)}")
+        raise UsageError(f"{why}choose what the motor does if this line goes dead: {_choice(drive)}")
     if text.lower() in get_args(LinkLoss):
         return cast("LinkLoss", text.lower())
     question = did_you_mean(text, get_args(LinkLoss))
@@ -182,7 +182,7 @@ def _stop_again(drive: bus.Drive, name: DriveConfig, *, as_json: bool) -> None:
     except DriveCommError as error:
         complain(f"{name.name} may be running, because its stop is not confirmed: {error}", as_json=as_json)
     else:
-        complain(f"{name.name} was told to stop, because its start was interrupted", as_json=as_json)
+        complain(f"{name.name} received a stop, because its start was interrupted", as_json=as_json)
 
 
 def _start_and_stay(

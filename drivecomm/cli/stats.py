@@ -41,7 +41,7 @@ _IDLE_S = 0.02
     nargs=-1,
     help="PROTOCOL:ADDRESS, a name or a group from the plant file. Default: all there, or those a scan finds.",
 )
-@click.option("--for", "seconds", type=NUMBER, metavar="SECONDS", default=5.0, help="How long to poll.")
+@click.option("--for", "seconds", type=NUMBER, metavar="SECONDS", default=5.0, help="Polling time.")
 def stats(*, line: LineArguments, drives: tuple[str, ...], seconds: float) -> int:
     """Poll drives for a while and count replies, errors and reply times.
 
@@ -49,7 +49,7 @@ def stats(*, line: LineArguments, drives: tuple[str, ...], seconds: float) -> in
     drive never answered, or none was found.
     """
     if not 0 < seconds < float("inf"):
-        raise UsageError(f"{seconds:g} s is not possible; give --for a number above 0")
+        raise UsageError(f"{seconds:g} s is not a valid time; give --for a number above 0")
     if not drives and (known := known_plant(line.plant, port_given="port" in line.given)):
         drives = tuple(drive.name for drive in known.drives)
     lines: dict[LineArguments, dict[str, DriveConfig]] = {}
@@ -141,7 +141,7 @@ def _show(
     _draw_times(rows)
     for name, each in counted.items():
         if 2 * each.counters["noise bytes"] >= each.counters["replies"] > 0:
-            say(f"{name}: noise bytes with most replies; drivecomm doctor says what they are and what to do")
+            say(f"{name}: noise bytes with most replies; drivecomm doctor finds the cause and a remedy")
     for name, each in rows:
         if each.reply_times.count:
             say()

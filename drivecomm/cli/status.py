@@ -90,7 +90,9 @@ def _whole_plant(line: LineArguments) -> Plant:
 
 def _of_the_plant(known: Plant, line: LineArguments, model: str | None) -> int:
     if model is not None:
-        raise UsageError("--model is for one drive; name it, or leave --model out: the plant says which each has")
+        raise UsageError(
+            "--model is for one drive; name it, or leave --model out: the plant file gives the model of each"
+        )
     lines = [each for each in known.lines if known.on_line(each.name)]
     if line.record is not None and len(lines) > 1:
         raise UsageError("--record is for one line, and this plant has several; name a drive, or leave it out")
@@ -196,7 +198,7 @@ def _draw(reports: Sequence[DriveReport], now: float) -> None:
     faults = sum(report.status is not None and report.status.fault for report in reports)
     unasked = sum(map(_cannot_be_asked, reports))
     silent = sum(report.status is None for report in reports) - unasked
-    counts = ((faults, "with a fault"), (silent, "not answering"), (unasked, "that cannot be asked"))
+    counts = ((faults, "with a fault"), (silent, "not answering"), (unasked, "that cannot be polled"))
     wrong = [f"{number} {what}" for number, what in counts if number]
     text = f"{counted(len(reports), 'drive')}: {', '.join(wrong) or 'no fault'}"
     console.print(text, soft_wrap=True)

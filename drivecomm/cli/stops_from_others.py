@@ -111,9 +111,9 @@ class StopsFromOthers:
 
         def leave(_: StopOrder) -> None:
             with suppress(Exception):
-                note(f"{self._program} ends, because its port is needed for a stop")
+                note(f"{self._program} exits, because its port is needed for a stop")
             signals.interrupt_main_thread()
-            raise ServerLostError(f"{self._program} ends, so that its port is free for this stop")
+            raise ServerLostError(f"{self._program} exits, so that its port is free for this stop")
 
         with stop_door(port, self._program, leave, _no_door):
             yield

@@ -79,10 +79,10 @@ def import_tags(*, file: Path, plant: Path, json: bool) -> None:
         note(f"{file}, {problem}")
     if found.problems:
         rows = counted(len(found.problems), "row")
-        raise FileFormatError(f"{file}: {rows} cannot be taken, so that nothing was changed in {plant}; see above")
+        raise FileFormatError(f"{file}: {rows} cannot be imported, so nothing was changed in {plant}; see above")
     kinds = {kind for kind, _ in read_settings(plant).doors}
     if others := [column for column in found.others if column.partition(" ")[0] not in kinds]:
-        note(f"{file}: columns that are not taken: {', '.join(others)}")
+        note(f"{file}: columns that are ignored: {', '.join(others)}")
     numbers = {drive.name: number for number, drive in enumerate(known.drives)}
     if found.tags:
         write_tags(plant, {numbers[drive]: tags for drive, tags in found.tags.items()})

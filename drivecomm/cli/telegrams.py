@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=CliCommand)
-@click.argument("protocol", shell_complete=options.complete_protocol, help="Which protocol.")
+@click.argument("protocol", shell_complete=options.complete_protocol, help="The protocol of the telegram.")
 @click.argument(
     "fields",
     metavar="NAME=VALUE...",

@@ -11,9 +11,9 @@ from drivecomm.durations import UNITS, seconds_in
 from drivecomm.errors import UsageError
 
 from_option = click.option(
-    "--from", "begin", metavar="TIME", help='From then on, such as "2026-11-22 10:00", or 10:00 today.'
+    "--from", "begin", metavar="TIME", help='Start time, such as "2026-11-22 10:00", or 10:00 today.'
 )
-to_option = click.option("--to", "end", metavar="TIME", help="Until then.")
+to_option = click.option("--to", "end", metavar="TIME", help="End time.")
 last_option = click.option("--last", metavar="DURATION", help="The last 30min, 2h or 7d.")
 
 
@@ -55,7 +55,7 @@ def time_range(
             return TimeRange(None, None)
     found = TimeRange(_clock(begin, from_flag), _clock(end, to_flag))
     if found.from_s is not None and found.to_s is not None and found.from_s > found.to_s:
-        raise UsageError(f"{from_flag} {begin} is after {to_flag} {end}; exchange them")
+        raise UsageError(f"{from_flag} {begin} is after {to_flag} {end}; swap them")
     return found
 
 

@@ -34,9 +34,9 @@ _PERCENTILES = (50, 99)
     type=WHOLE_NUMBER,
     metavar="NUMBER",
     default=EXCHANGES,
-    help="Exchanges without an error that the result needs.",
+    help="Number of exchanges without an error that a result requires.",
 )
-@click.option("--write", is_flag=True, help="Put the result into the plant file.")
+@click.option("--write", is_flag=True, help="Write the result into the plant file.")
 def tune(*, drive: str, line: LineArguments, model: str | None, exchanges: int, write: bool) -> int:
     """Find the shortest pause after a drive's replies, and its reply time-out, with requests that cannot move a motor.
 
@@ -46,7 +46,7 @@ def tune(*, drive: str, line: LineArguments, model: str | None, exchanges: int, 
     reached, name = line.reaching(drive)
     place = line.in_plant(drive)
     if write and place is None:
-        raise UsageError(f"{drive} is in no plant file that --write could change; name one: --plant plant.toml")
+        raise UsageError(f"{drive} is not in a plant file that --write could change; name one: --plant plant.toml")
     reached.must_be_free("tune")
     trials: list[TuningTrial] = []
     with (
@@ -74,7 +74,7 @@ def tune(*, drive: str, line: LineArguments, model: str | None, exchanges: int, 
         _write(*place, found.options)
         tell(f"written to {place[0]}: {options}", as_json=line.json, **labels(name), written=place[0])
     elif not line.json:
-        hint = "; --write puts them into the plant file" if place else ""
+        hint = "; --write adds them to the plant file" if place else ""
         say(f"options of the drive: {options}{hint}")
     return 0
 
@@ -98,7 +98,9 @@ def _tell_trials(trials: list[TuningTrial], name: DriveConfig, *, as_json: bool)
         for each in trials:
             emit(**labels(name), trial=plain(each))
     elif sound := [each.turnaround_s for each in trials if not each.error]:
-        say(f"{name.name}  not done; the shortest pause that held so far is {_ms(min(sound))}, nothing was changed")
+        say(
+            f"{name.name}  interrupted; the shortest pause that worked so far is {_ms(min(sound))}, nothing was changed"
+        )
 
 
 def _tell(found: TuningResult, name: DriveConfig, drive: bus.Drive, *, as_json: bool) -> None:
@@ -143,7 +145,7 @@ def _why(found: TuningResult, drive: bus.Drive) -> str:
     if found.least_s < found.before.turnaround_s:
         return f"{_ms(found.held_s)} was enough, which leaves no room for a margin"
     unless = "" if drive.model is not None else " of some models; name the drive's --model"
-    return f"the maker demands it{unless}"
+    return f"the maker requires it{unless}"
 
 
 def _ms(seconds: float) -> str:

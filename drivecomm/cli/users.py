@@ -14,7 +14,7 @@ from drivecomm.cli.values import FILE
 from drivecomm.errors import UsageError, suggestion
 from drivecomm.server import ROLES, User, add_user, new_token, password_hash, read_users, remove_user, token_hash
 
-_name_argument = click.argument("name", help="What the user is called.")
+_name_argument = click.argument("name", help="Name of the user.")
 _file_option = click.option(
     "--file", type=FILE, default=Path("users.toml"), help="The file that the plant file names as users."
 )
@@ -23,7 +23,7 @@ _file_option = click.option(
 @click.command(cls=CliCommand)
 @_name_argument
 @click.option("--role", metavar="ROLE", required=True, help="view, operate or commission.")
-@click.option("--password", is_flag=True, help="Ask for a password, too, or read it from a pipe.")
+@click.option("--password", is_flag=True, help="Also prompt for a password, or read it from a pipe.")
 @_file_option
 @options.json
 def add(*, name: str, role: str, password: bool, file: Path, json: bool) -> None:
@@ -36,7 +36,7 @@ def add(*, name: str, role: str, password: bool, file: Path, json: bool) -> None
     if json:
         emit(name=name, role=role, file=str(file), token=token)
         return
-    say(f"{name} may {role} now, says {file}. The token, which is shown this once:")
+    say(f"{name} has the role {role} in {file} now. The access token, which is shown only once:")
     say(token)
 
 

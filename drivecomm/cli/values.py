@@ -22,7 +22,7 @@ class InvalidValue(click.BadParameter):
 
 def _refuse(value: Any, expected: str, param: click.Parameter | None, ctx: click.Context | None) -> NoReturn:
     name = param.get_error_hint(ctx).replace("'", "") if param else "this"
-    raise InvalidValue(f"{name} cannot be {value!r}; write {expected}", ctx=ctx, param=param)
+    raise InvalidValue(f"invalid {name} {value!r}; write {expected}", ctx=ctx, param=param)
 
 
 class Number(click.ParamType[Any]):
@@ -32,7 +32,7 @@ class Number(click.ParamType[Any]):
 
     def __init__(self, kind: Callable[[Any], Any], expected: str, *, at_least: int | None = None) -> None:
         self._kind, self._least = kind, at_least
-        self._expected = expected if at_least is None else f"{expected} from {at_least} on"
+        self._expected = expected if at_least is None else f"{expected}, {at_least} or more"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Parse a number. Raises InvalidValue."""

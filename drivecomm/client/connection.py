@@ -171,19 +171,19 @@ class LocalServer:
     def _lost(self, error: Exception) -> ServerLostError:
         which = self.registration
         if isinstance(error, PermissionError):
-            return ServerLostError(f"{which} is not asked: {error}")
+            return ServerLostError(f"{which} is not contacted: {error}")
         if not which.plant:
             # A program with a port that only passes stops on has no plant.
             gone = isinstance(error, ConnectionError | FileNotFoundError)
-            return ServerLostError(f"{which} has ended" if gone else f"{which} does not answer ({error})")
+            return ServerLostError(f"{which} has stopped" if gone else f"{which} does not answer ({error})")
         if isinstance(error, TimeoutError | BlockingIOError):
             return ServerLostError(
-                f"the server of {which.plant} (pid {which.pid}) does not answer ({error}); end it and start it again, "
-                "and look at the motors: what was asked of it may have been done"
+                f"the server of {which.plant} (pid {which.pid}) does not answer ({error}); stop it and start it again, "
+                "and look at the motors: it may have carried out what was requested"
             )
         return ServerLostError(
-            f"the server of {which.plant} (pid {which.pid}) has ended; start it again with drivecomm serve "
-            f"{which.plant}, and look at the motors: what was asked of it may have been done"
+            f"the server of {which.plant} (pid {which.pid}) has gone; start it again with drivecomm serve "
+            f"{which.plant}, and look at the motors: it may have carried out what was requested"
         )
 
 

@@ -148,7 +148,7 @@ class _Door:
             else:
                 known = may_command(connected)
             if not known:
-                _answer(connected, 403, {"error": error_content(UsageError("this door is for its own user"))})
+                _answer(connected, 403, {"error": error_content(UsageError("this door serves only its own user"))})
                 return
             length = int(headers.get("content-length", "0"))
             if not 0 <= length <= _LONGEST_BODY:
@@ -165,7 +165,7 @@ class _Door:
         try:
             order = _order(method, path, body)
         except (KeyError, TypeError, ValueError, AttributeError) as error:
-            wrong = UsageError(f"only stops get through to the program that has this port ({error!r})")
+            wrong = UsageError(f"the program that has this port accepts only stops ({error!r})")
             return 404, {"error": error_content(wrong)}
         try:
             self._carry_out(order)

@@ -125,7 +125,7 @@ class LeaseFeeding:
         except LeaseError as error:
             self._has_ended = True
             raise LeaseError(
-                f"{drive.name} is not kept any more, because another program has stopped it, or its lease was not "
+                f"{drive.name} is no longer kept, because another program has stopped it, or its lease was not "
                 "renewed in time; start it again in a new block"
             ) from error
         state = yield _at_server(lambda: drive.server.ask(drive.place))
@@ -155,7 +155,7 @@ class LeaseFeeding:
                 if each is not None and each["done"] == "failed":
                     raise error_of(each["error"]) if "error" in each else StateError(str(each["text"]))
                 if time.monotonic() > until:
-                    raise StateError(f"{self._drive.name} is stopped, but its watchdog is not set as it was yet")
+                    raise StateError(f"{self._drive.name} is stopped, but its watchdog is not restored yet")
 
 
 def _at_server(do: Callable[[], Any]) -> Callable[[Any], Any]:

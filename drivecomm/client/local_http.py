@@ -39,14 +39,14 @@ class HttpStream:
             name, _, value = text.partition(":")
             headers[name.lower()] = value.strip().lower()
             if len(headers) > _MOST_HEADERS:
-                raise ValueError("headers that do not end")
+                raise ValueError("headers without an end")
         return first, headers
 
     def line(self) -> str:
         """Return the next line."""
         while b"\r\n" not in self._pending:
             if len(self._pending) > _LONGEST_LINE:
-                raise ValueError("a line that does not end")
+                raise ValueError("a line without an end")
             self._receive()
         line, _, self._pending = self._pending.partition(b"\r\n")
         return line.decode("latin-1")

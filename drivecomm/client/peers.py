@@ -48,4 +48,6 @@ def check_peer(connected: socket.socket, place: str) -> None:
     user = user_of_peer(connected)
     if user not in trusted_users():
         who = "is unknown" if user is None else f"is user {user}"
-        raise PermissionError(f"who listens at {place} {who}, neither this user nor root, and is not believed")
+        raise PermissionError(
+            f"the program that listens at {place} {who}, neither this user nor root, and is not trusted"
+        )

@@ -152,7 +152,7 @@ def register_holder(holder: Registration, socket: Path) -> Iterator[None]:
     """Publish a program that has a port during the block, so that stops find it. Raises OSError."""
     held = lock_record(users_folder() / f"{socket.stem}{_HOLDERS_RECORD}")
     if held is None:
-        raise FileExistsError(f"{socket} is another program's")
+        raise FileExistsError(f"{socket} belongs to another program")
     try:
         held.write(asdict(holder))
         yield

@@ -69,7 +69,7 @@ def unusable_reason() -> str:
 
 def privacy_error(folder: Path) -> str:
     """Return the error text for a folder that other users can access."""
-    return f"{folder} is not a folder of this user alone: another user could put something there"
+    return f"{folder} is not private to this user: another user could write to it"
 
 
 def make_private(folder: Path) -> None:

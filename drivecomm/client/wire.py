@@ -201,7 +201,7 @@ def error_content(error: DriveCommError) -> dict[str, Any]:
 def error_of(content: Mapping[str, Any]) -> DriveCommError:
     """Rebuild an error from its plain form; an unknown kind becomes an error of the same branch."""
     kind = _kinds().get(str(content.get("kind", "")))
-    text = str(content.get("text", "the server gave no reason"))
+    text = str(content.get("text", "the server gives no reason"))
     made: DriveCommError
     if kind is RefusedError:
         made = RefusedError(str(content.get("parameter", "")), content.get("code"), str(content.get("reason", "")))

@@ -231,7 +231,7 @@ def _described(drive: Drive, address: str, options: Mapping[str, Any]) -> Descri
         info: ParameterInfo = drive.call(DESCRIBE, parameter=address, **options)
     except NotSupported as error:
         raise NotSupported(
-            f"{drive.name} does not tell what its parameters are, so no model can be grown from it; write one by hand, "
+            f"{drive.name} does not describe its parameters, so no model can be grown from it; write one by hand, "
             "beginning with `extends`"
         ) from error
     except (RefusedError, UnexpectedReplyError, DamagedReplyError) as reason:

@@ -167,9 +167,9 @@ class _Tuning:
         progress: Callable[[str, int, int], None],
     ) -> None:
         if type(exchanges) is not int or exchanges < _FEWEST_EXCHANGES:
-            raise UsageError(f"{exchanges} exchanges tell too little; use {_FEWEST_EXCHANGES} or more")
+            raise UsageError(f"{exchanges} exchanges are too few; use {_FEWEST_EXCHANGES} or more")
         if drive.peer.probe is None:
-            raise NotSupported(f"{drive.peer.name} cannot be asked whether it is there; tune one drive")
+            raise NotSupported(f"{drive.peer.name} cannot be probed; tune one drive")
         self._probe = drive.peer.probe
         self._name = drive.name
         self._tuned_before_s = drive.facts.timing.tuned_turnaround_s

@@ -125,8 +125,8 @@ class Judge:
                 return played
             if attempt == _ATTEMPTS:
                 reason = (
-                    f"{played.verdict.reason}; this machine stood still for {stood_still_s:.1f} s meanwhile, so play "
-                    "it again alone before you believe it"
+                    f"{played.verdict.reason}; this machine stalled for {stood_still_s:.1f} s meanwhile, so "
+                    "repeat this case alone before you trust it"
                 )
                 played = replace(played, verdict=replace(played.verdict, reason=reason))
         return played
@@ -134,7 +134,7 @@ class Judge:
     def _played_once(self, case: JudgeCase, learned: LearnedBehaviour | None, *, learns: bool) -> _Played:
         task = self.order.task(case.task)
         if task is None:
-            raise RuntimeError(f"{case.name} is for a task that there is not")
+            raise RuntimeError(f"{case.name} needs a task that the order does not have")
         seed = seed_of(self.order.seed, case.name)
         trial = CaseContext(self.order, self.known, self._master, task, learned=learned, seed=seed)
         began = time.monotonic()

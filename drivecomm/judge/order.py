@@ -83,9 +83,9 @@ class JudgeOrder:
         if not self.tasks:
             object.__setattr__(self, "tasks", (JudgeTask(name="run"),))
         if not 0 < self.limit_s <= LONGEST_LIMIT_S:
-            raise UsageError(f"a limit of {self.limit_s:g} s cannot be; write up to {LONGEST_LIMIT_S:g} seconds")
+            raise UsageError(f"invalid limit of {self.limit_s:g} s; write up to {LONGEST_LIMIT_S:g} seconds")
         if self.stored_writes < 0:
-            raise UsageError(f"stored_writes = {self.stored_writes} cannot be; write 0 or more")
+            raise UsageError(f"invalid stored_writes = {self.stored_writes}; write 0 or more")
         for task in self.tasks:
             for word in (*self.command, *task.arguments):
                 for name in _PLACEHOLDER.findall(word):
@@ -93,7 +93,7 @@ class JudgeOrder:
                         raise UsageError(f"unknown placeholder {{{name}}}; {suggestion(name, PLACEHOLDERS, 'use')}")
             words = " ".join((*self.command, *task.arguments))
             if self.command and not any(f"{{{name}}}" in words for name in ("port", "tcp_port")):
-                raise UsageError("the master is not told its port; write {port} in its command where the port belongs")
+                raise UsageError("the command of the master has no port; write {port} where the port belongs")
 
     def task(self, name: str) -> JudgeTask | None:
         """Return the task with this name, or None."""
@@ -125,5 +125,5 @@ def parse_task(text: str, shows: str = "") -> JudgeTask:
     try:
         words = shlex.split(arguments)
     except ValueError as error:
-        raise UsageError(f"the arguments of {text!r} cannot be taken apart: {error}") from None
+        raise UsageError(f"the arguments of {text!r} cannot be parsed: {error}") from None
     return JudgeTask(name=name.strip(), arguments=tuple(words), shows=shows)

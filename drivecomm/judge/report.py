@@ -92,7 +92,7 @@ def page(report: JudgeReport) -> str:
 
 
 def _missing(covered: Covered) -> str:
-    return "" if not covered.missing or covered.of > 60 else f"not touched: {', '.join(covered.missing)}"
+    return "" if not covered.missing or covered.of > 60 else f"not covered: {', '.join(covered.missing)}"
 
 
 def _section(theme: str, verdicts: Sequence[Verdict]) -> str:

@@ -217,7 +217,7 @@ def _drive(table: TomlTable, only_line: str) -> DriveConfig:
     with errors_in(table):
         drive = parse_drive(given.pop("drive"))
         if drive.options:
-            raise UsageError(f"options do not belong behind {drive}; write options = {{ key = value }}")
+            raise UsageError(f"options cannot stand after {drive}; write options = {{ key = value }}")
         if "groups" in given:
             given["groups"] = checked_groups(_texts(table, "groups", given["groups"], '["pumps", "hall 2"]'), table)
         if "confirmed" in given:
@@ -279,7 +279,7 @@ def _machine(table: TomlTable) -> MachineUnit:
 def _poll(table: TomlTable) -> tuple[PollGroup, ...]:
     for each in table.content["poll"]:
         if not isinstance(each, dict):
-            raise table.error(f'poll cannot hold {each!r}; write {{ parameters = ["output_frequency"] }}', "poll")
+            raise table.error(f'invalid poll entry {each!r}; write {{ parameters = ["output_frequency"] }}', "poll")
     return tuple(_poll_group(each) for each in table.tables("poll"))
 
 

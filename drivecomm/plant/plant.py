@@ -94,7 +94,7 @@ class Plant:
                 raise UsageError(f"two {what} are named {twice!r}; give each a name of its own")
             for name in names:
                 if not name.isprintable():
-                    raise UsageError(f"{name!r} has characters that no screen shows; name the {what[:-1]} without them")
+                    raise UsageError(f"{name!r} has unprintable characters; name the {what[:-1]} without them")
         tags = Counter(tag.name for drive in self.drives for tag in drive.tags.values() if tag.name)
         for tag, number in tags.items():
             if number > 1:

@@ -48,7 +48,7 @@ def salvaged(path: Path) -> tuple[Plant, list[str]]:
             drive = replace(drive, name=f"{drive} on {drive.line}")
         drives[drive.name] = drive
     if not drives:
-        raise FileFormatError(f"{path}: no drive of it can be read")
+        raise FileFormatError(f"{path}: none of its drives can be read")
     return Plant(lines=tuple(lines.values()), drives=tuple(drives.values())), lost
 
 

@@ -93,7 +93,7 @@ class TelegramFault:
         if self.of is not None and self.of not in get_args(Of):
             raise UsageError(f"invalid of = {self.of!r}; write one of {', '.join(get_args(Of))}")
         if self.drive and self.of == "request":
-            raise UsageError("requests are disturbed for everybody on a line; name the line in place of the drive")
+            raise UsageError("requests are disturbed for all drives of a line; name the line in place of the drive")
         if self.to and (self.of is None or not self.of.startswith("reply")):
             raise UsageError('to says which requests are answered; write of = "reply" with it')
         if self.every is not None and self.rate is not None:

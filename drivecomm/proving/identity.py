@@ -37,11 +37,11 @@ def identity_findings(
     about = "which series it is, by its own word"
     if not rule:
         yield ProofFinding(
-            kind="identity", verdict="not asked", about=about, why="the model has no rule that a drive's word must meet"
+            kind="identity", verdict="not asked", about=about, why="the model has no rule for what a drive reports"
         )
         return
     if isinstance(told, DriveCommError):
-        why = f"the drive does not tell it: {in_one_line(told)}"
+        why = f"the drive does not report it: {in_one_line(told)}"
         yield ProofFinding(kind="identity", verdict="contradicts", about=about, model=rule, why=why)
         return
     said = {key: told[key] for key in rule if key in told}
@@ -50,7 +50,7 @@ def identity_findings(
         return
     fitting = [each.name for each in _packaged(plugin) if each.matches(told)]
     could = f"; it is of model {' or '.join(fitting)} by that" if fitting else ""
-    why = f"what it tells does not meet the rule{could}" if said else "it tells nothing that the rule is about"
+    why = f"what it reports does not match the rule{could}" if said else "it reports nothing that the rule covers"
     yield ProofFinding(kind="identity", verdict="contradicts", about=about, model=rule, drive=said, why=why)
 
 
@@ -103,7 +103,7 @@ def read_only_exchange(exchange: Exchange[T], plugin: Protocol) -> Exchange[T]:
 
     def checked(command: Ask | Tell | Pause) -> Ask | Tell | Pause:
         if not isinstance(command, Pause) and not (plugin.intent and plugin.intent(command.message).moves_nothing):
-            raise ReadOnlyError("a proof without --move only asks, and this telegram would do more")
+            raise ReadOnlyError("a proof without --move only reads, and this telegram would do more")
         return command
 
     return with_each_command(exchange, checked)

@@ -75,7 +75,7 @@ def _against(
     unknown: bool, time_s: Any, action: Any, places: tuple[str, ...], told: Mapping[str, ParameterAnswers]
 ) -> Iterator[str]:
     if unknown:
-        yield f"the drive's action is set to {action}, which is none of the model's actions"
+        yield f"the drive's action is set to {action}, which is not one of the model's actions"
     if time_s is not None and not 0 <= time_s <= _LONGEST_S:
         yield f"a time of {time_s} s is longer than any drive waits"
     for place in places:

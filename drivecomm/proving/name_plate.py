@@ -99,7 +99,7 @@ _RELATIONS: tuple[tuple[tuple[str, ...], Callable[..., bool], str], ...] = (
     (
         ("maximum_frequency", "motor_rated_frequency"),
         lambda most, rated: 0.2 < most / rated <= 8,
-        "a maximum so far from the rated frequency is hardly meant",
+        "a maximum so far from the rated frequency is hardly intended",
     ),
     (
         ("minimum_frequency", "maximum_frequency"),

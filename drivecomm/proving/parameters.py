@@ -90,7 +90,7 @@ def _refusal(error: DriveCommError) -> str:
         number = "without a code" if error.code is None else f"with code {error.code}"
         return f"the drive refused it {number}: {error.reason}"
     if isinstance(error, ReplyError) and not isinstance(error, UnexpectedReplyError):
-        return "the drive answers everything else, and is silent to this"
+        return "the drive answers everything else, but not this"
     return in_one_line(error)
 
 
@@ -100,7 +100,7 @@ def _against_reading(info: ParameterInfo, reading: Reading) -> Iterator[str]:
         return
     if isinstance(reading.value, str):
         if info.type and info.values:
-            yield "the drive told characters, and the model has a number"
+            yield "the drive returned characters, and the model has a number"
         return
     value = Decimal(reading.value)
     if not info.allows(value):
@@ -109,7 +109,7 @@ def _against_reading(info: ParameterInfo, reading: Reading) -> Iterator[str]:
         yield f"the drive holds a value outside {low or 'no minimum'} to {high or 'no maximum'} {info.unit}".rstrip()
     # Many drives show 0 for a parameter that was never set, or does not apply at present.
     if value and is_option(info) and int(value / info.factor) not in info.values:
-        yield f"the drive holds {int(value / info.factor)}, which is none of the options"
+        yield f"the drive holds {int(value / info.factor)}, which is not one of the options"
 
 
 def is_option(info: ParameterInfo) -> bool:

@@ -51,7 +51,7 @@ class ProofSubject:
     def of(cls, protocol: str, model: Model | None, given: Mapping[str, Any]) -> ProofSubject:
         """Return the subject of a drive with these options. Raises UsageError if it has no model."""
         if model is None:
-            raise UsageError("a proof holds a drive against its model; name one, such as with --model")
+            raise UsageError("a proof compares a drive with its model; name one, such as with --model")
         plugin = installed[protocol]
         return cls(plugin=plugin, model=model, options=resolve_options(plugin, model, given)[1])
 
@@ -98,7 +98,9 @@ class Proving:
         The findings so far are in `findings` then, and `at` names the request that failed.
         """
         if not self.drive.read_only_reason:
-            raise UsageError("only a read-only drive is proved, so that nothing can be written; make it so")
+            raise UsageError(
+                "a proof needs a read-only drive, so that nothing can be written; open it with read_only=True"
+            )
         asker = PatientReader(self.drive)
         self._identity(asker)
         self._refusals(asker)
@@ -138,7 +140,7 @@ class Proving:
             told += not each.of and not isinstance(answer, DriveCommError)
         self._answers_all = told > 0 and told == sum(not each.of for each in asked)
         if not asked:
-            why = f"the package {subject.plugin.package} does not tell which addresses drives refuse, and how"
+            why = f"the package {subject.plugin.package} does not list the addresses that drives refuse, and how"
             found.append(ProofFinding(kind="refusal", verdict="not asked", about="codes of refusals", why=why))
         self._add(found)
 
@@ -213,7 +215,7 @@ def _not_asked(info: ParameterInfo, why: str) -> ProofFinding:
 
 def questions(subject: ProofSubject) -> list[str]:
     """Return the requests of a proof without --move, in words; nothing is sent."""
-    asked = ["status", "identity: what the drive tells of itself"]
+    asked = ["status", "identity: what the drive reports of itself"]
     asked += [
         f"read {each.address}, to be refused" for each in provocations(subject.plugin, subject.model, subject.options)
     ]
@@ -222,7 +224,7 @@ def questions(subject: ProofSubject) -> list[str]:
         if not why_not_asked(info):
             addresses = " and ".join(subject.addresses(info))
             asked.append(
-                f"read {addresses} {info.title}" + (", and what the drive says that it is" if describes else "")
+                f"read {addresses} {info.title}" + (", and how the drive identifies itself" if describes else "")
             )
     if subject.model.watchdog is not None:
         asked.append("read the link-loss settings")

@@ -79,7 +79,7 @@ def refusal_finding(
         )
         return ProofFinding(kind="refusal", verdict="contradicts", about=about, model=model, drive=said, why=why)
     if isinstance(answer, ReplyError):
-        why = "the drive is silent to it, and the protocol has a code for that"
+        why = "the drive does not answer it, and the protocol has a code for that"
         return ProofFinding(kind="refusal", verdict="contradicts", about=about, model=model, why=why)
     if isinstance(answer, DriveCommError):
         return ProofFinding(kind="refusal", verdict="contradicts", about=about, model=model, why=in_one_line(answer))
@@ -87,7 +87,11 @@ def refusal_finding(
     same = first is not None and any(
         not isinstance(each, DriveCommError) and each.raw == answer.raw for each in first.readings.values()
     )
-    why = "the drive does not look at the element" if same else "the drive told a value, which the model does not know"
+    why = (
+        "the drive does not look at the element"
+        if same
+        else "the drive returned a value, which the model does not know"
+    )
     return ProofFinding(kind="refusal", verdict="new", about=about, model=model, why=why)
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 FORMAT = 1
 
 _HEAD = """\
-# What a drive said, held against its drivecomm model: docs/how-to/contribute-a-proof.md explains each key.
+# Values of a drive, compared with its drivecomm model: docs/how-to/contribute-a-proof.md explains each key.
 """
 _TOP: Mapping[str, KeyKind] = {
     "format": WHOLE,
@@ -113,7 +113,7 @@ def _findings(top: TomlTable) -> Iterator[ProofFinding]:
         given = table.take(_FACT, "about", "kind", "verdict")
         for key, words in _WORDS.items():
             if given[key] not in words:
-                raise table.error(f"{key} cannot be {given[key]!r}; it is one of {', '.join(words)}", key)
+                raise table.error(f"{key} is {given[key]!r}, and must be one of {', '.join(words)}", key)
         shown = given.get("shows", [])
         if not set(shown) <= set(get_args(Shown)):
             raise table.error(f"shows has one or more of {', '.join(get_args(Shown))}", "shows")

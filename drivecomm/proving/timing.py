@@ -40,7 +40,7 @@ def timing_findings(drive: Drive, progress: Callable[[str, int, int], None]) -> 
         return
     if found.before.error:
         needs = {"turnaround_ms": _ms(found.turnaround_s), "reply_timeout_ms": _ms(found.reply_timeout_s)}
-        why = f"it fails with its usual times ({found.before.error}), and does with longer ones"
+        why = f"it fails with its usual times ({found.before.error}), and works with longer ones"
         yield ProofFinding(kind="timing", verdict="contradicts", about=_ABOUT, model=model, drive=said | needs, why=why)
         return
     yield ProofFinding(kind="timing", verdict="agrees", about=_ABOUT, model=model, drive=said)

@@ -114,7 +114,7 @@ def _verb(partner: Any, call: VectorCall) -> Callable[..., Any]:
     known = call.call in VERBS
     verb: Callable[..., Any] | None = getattr(partner, call.call if known else "call", None)
     if verb is None:
-        raise NotSupported(f"all drives at once have no verb {call.call!r}")
+        raise NotSupported(f"a broadcast has no verb {call.call!r}")
     return verb if known else partial(verb, call.call)
 
 
@@ -126,7 +126,7 @@ def _arguments(call: VectorCall) -> dict[str, Any]:
             given["how"] = Stop(given["how"])
         except ValueError as error:
             ways = ", ".join(way.value for way in Stop)
-            raise CheckFailure(f"there is no way of stopping named {given['how']!r}; there are {ways}") from error
+            raise CheckFailure(f"unknown way of stopping {given['how']!r}; known are {ways}") from error
     return given
 
 
@@ -137,7 +137,7 @@ def check_call_error(call: VectorCall, error: DriveCommError) -> None:
         raise CheckFailure(f"{call.call} raises {type(error).__name__}: {error}") from error
     expect(
         isinstance(error, getattr(errors, expected.error)) and expected.error_text in str(error),
-        f"{call.call} raises {type(error).__name__} ({error}), expected is {expected.error}"
+        f"{call.call} raises {type(error).__name__} ({error}), expected {expected.error}"
         + (f" with {expected.error_text!r}" if expected.error_text else ""),
     )
 
@@ -146,17 +146,17 @@ def check_call_result(call: VectorCall, result: object) -> None:
     """Raise CheckFailure unless the call was expected to return this result."""
     found, wanted = as_data(result), call.expected.result
     if call.expected.error:
-        raise CheckFailure(f"{call.call} gives {found!r}, expected is {call.expected.error}")
+        raise CheckFailure(f"{call.call} gives {found!r}, expected {call.expected.error}")
     if wanted is None:
         return
     if not wanted:
-        expect(found is None or found == {}, f"{call.call} gives {found!r}, expected is nothing")
+        expect(found is None or found == {}, f"{call.call} gives {found!r}, expected nothing")
         return
     if not isinstance(found, dict):
         found = {"value": found}
     for key, value in wanted.items():
-        expect(key in found, f"{call.call} gives nothing named {key}; it gives {found}")
-        expect(is_same_data(found[key], value), f"{call.call} gives {key} = {found[key]!r}, expected is {value!r}")
+        expect(key in found, f"{call.call} does not give {key}; it gives {found}")
+        expect(is_same_data(found[key], value), f"{call.call} gives {key} = {found[key]!r}, expected {value!r}")
 
 
 def as_data(value: object) -> Any:

@@ -132,7 +132,7 @@ def _call(table: TomlTable) -> VectorCall:
 
 def _expected(entry: VectorEntry) -> Expected:
     given = entry.given
-    entry.only("an exchange that ends in an error", "result", allowed="error" not in given)
+    entry.only("an exchange that ends with an error", "result", allowed="error" not in given)
     entry.only("an exchange without error", "error_text", allowed="error" in given)
     if "error" in given:
         entry.choice("error", ERROR_NAMES)

@@ -117,7 +117,7 @@ class LineMaker:
         known = plant if isinstance(plant, Plant) else read_plant(Path(plant))
         if listen is not None:
             if listen not in ("pty", "tcp", "rfc2217"):
-                raise UsageError(f"a plant is served at pty, tcp or rfc2217, and not at {listen!r}")
+                raise UsageError(f"a plant is served at pty, tcp or rfc2217, not at {listen!r}")
             known = replace(known, lines=tuple(replace(line, listen=self._place(listen)) for line in known.lines))
         made = watched_plant(known, in_real_time=listen is not None)
         self._open.enter_context(closing(made))

@@ -74,7 +74,7 @@ class Script:
         """Check what the master sends and when; return the bytes that arrive next. Raises CheckFailure."""
         expected = self.expected()
         if not expected:
-            raise self._deviates(f"the steps are over, and the master sends {message_hex(data)}")
+            raise self._deviates(f"the steps have ended, and the master sends {message_hex(data)}")
         if data != expected:
             raise self._deviates(
                 f"step {self._place + 1}: the master sends {message_hex(data)}, not {message_hex(expected)}"
@@ -100,7 +100,7 @@ class Script:
             raise CheckFailure(f"step {self._place + 1}: the master never sends {message_hex(expected)}")
         if self._patient_until and now < self._patient_until - self._slack_s:
             early = (self._patient_until - now) * 1000
-            raise CheckFailure(f"the master gives up {early:.3f} ms too early{self._why_not_before}")
+            raise CheckFailure(f"the master times out {early:.3f} ms too early{self._why_not_before}")
         if unread:
             raise CheckFailure(f"{message_hex(unread)} was left on the line")
 
@@ -129,7 +129,7 @@ class Script:
                 time = begins + self._wire_s(len(step.data))
                 arriving.append(Arriving(begins, time, step.data))
                 not_before = time
-                self._why_not_before = f": step {self._place} ({step.action}) is not over"
+                self._why_not_before = f": step {self._place} ({step.action}) has not ended"
             just_sent = False
         self._over_at = not_before
         return arriving
@@ -154,7 +154,7 @@ def play(exchange: Exchange[T], script: Iterable[Expectation]) -> T:
     def answer(command: Ask | Tell) -> Message | None:
         request, reply = next(steps, (None, None))
         if request is None:
-            raise ScriptError(f"the script is over, and the exchange sends {command.message}")
+            raise ScriptError(f"the script has ended, and the exchange sends {command.message}")
         if command.message != request:
             raise ScriptError(f"the exchange sends {command.message}, the script says {request}")
         if isinstance(command, Ask) and reply is None:
@@ -165,7 +165,7 @@ def play(exchange: Exchange[T], script: Iterable[Expectation]) -> T:
 
     result = run_with_answers(exchange, answer)
     if (left := next(steps, None)) is not None:
-        raise ScriptError(f"the exchange is over, and the script goes on with {left[0]}")
+        raise ScriptError(f"the exchange has ended, and the script continues with {left[0]}")
     return result
 
 

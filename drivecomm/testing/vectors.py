@@ -149,7 +149,7 @@ def _with_id(table: TomlTable, kind: str, seen: set[str]) -> TomlTable:
     found = table.content.get("id")
     if isinstance(found, str) and found.strip():
         if found in seen:
-            raise table.error(f"the id {found!r} is there twice", "id")
+            raise table.error(f"the id {found!r} is used twice", "id")
         seen.add(found)
         table.name = f"{kind} {found}"
     return table

@@ -345,7 +345,7 @@ class ServingThread:
     def check(self) -> None:
         """Raise RuntimeError if serving has ended with an error."""
         if self._error is not None:
-            raise RuntimeError(f"the virtual line is not served any more: {self._error!r}") from self._error
+            raise RuntimeError(f"the virtual line is no longer served: {self._error!r}") from self._error
 
     def close(self) -> None:
         """Stop the thread and close the ports; raise the error that ended serving, if any. May be called again."""

@@ -18,7 +18,7 @@ NOT_READ = 141
 # Time for loading on a busy machine.
 _LOADS_S = 10.0
 _FORKS_S = 1.0
-REFUSED = ("was told to stop, because its start was interrupted",)
+REFUSED = ("received a stop, because its start was interrupted",)
 HZ_FOR_PERCENT = 0.5
 
 

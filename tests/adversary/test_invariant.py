@@ -49,7 +49,7 @@ KEPT = command("keep", 1, None, None, said_at=2)
         ((command("keep", 1, 4, 0, said_at=2),), ()),
         ((command("keep", 1, 4, -9, said_at=2),), ()),
         ((KEPT, STOP), ()),
-        ((command("start", 1, 2, 130, complaint="was told to stop, because its start was interrupted"),), ()),
+        ((command("start", 1, 2, 130, complaint="received a stop, because its start was interrupted"),), ()),
     ],
 )
 def test_motor_running_without_permission_is_found(commands, happened):

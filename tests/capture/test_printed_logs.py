@@ -25,7 +25,7 @@ PROGRAMS = {
     ),
     "pymodbus.log": (
         [("m", SHORT_REQUEST), ("d", SHORT_REPLY[:5]), ("d", SHORT_REPLY[5:]), ("m", WRITTEN), ("d", WRITTEN)],
-        ["line 3 is not read: the same line once more", "line 6 is not read: nothing says who sent"],
+        ["line 3 is not read: the same line again", "line 6 is not read: the line does not say who sent"],
     ),
     "minimalmodbus.log": ([("m", SHORT_REQUEST), ("d", b"\0" + SHORT_REPLY)], []),
     "qmodmaster.log": ([("m", SHORT_REQUEST), ("d", SHORT_REPLY)], []),

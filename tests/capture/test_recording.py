@@ -240,7 +240,7 @@ def test_failed_recorder_does_not_disturb_the_bus(caplog):
         bus.drive("danfoss-fc", 2).stop()
     assert len(pieces) == 2
     assert [record.getMessage() for record in caplog.records] == [
-        "the recording has ended, the line goes on: no space left"
+        "the recording has stopped, the line continues: no space left"
     ]
 
 

@@ -283,10 +283,10 @@ class TestCommandLine:
         [
             (
                 ["plant", "trip", "exhaust", "OC1"],
-                "CODE cannot be 'OC1'; write a whole number (see drivecomm plant trip",
+                "invalid CODE 'OC1'; write a whole number (see drivecomm plant trip",
             ),
-            (["read", "vabus:1", "481", "--baudrate", "fast"], "--baudrate cannot be 'fast'; write a whole number"),
-            (["poll", "vabus:1", "481", "--for", "ever"], "--for cannot be 'ever'; write a number"),
+            (["read", "vabus:1", "481", "--baudrate", "fast"], "invalid --baudrate 'fast'; write a whole number"),
+            (["poll", "vabus:1", "481", "--for", "ever"], "invalid --for 'ever'; write a number"),
         ],
     )
     def test_argument_that_is_not_a_number_is_refused_in_words(self, shell, arguments, sentence):

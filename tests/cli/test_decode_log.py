@@ -111,5 +111,5 @@ def test_log_of_a_slave_program_is_replayed_from_the_masters_side(shell, fan, tm
     path = tmp_path / "slave.log"
     path.write_text("RX: 05 03 21 03 00 02 3F B3\nTX: 05 03 04 13 88 00 7C 3A BC\n", encoding="utf-8")
     shell("replay", str(path))
-    assert "1 requests asked again" in shell.out
+    assert "1 requests repeated" in shell.out
     assert fan.peek("8193", 0.0) == 7

@@ -175,7 +175,7 @@ def test_noise_on_a_pseudo_terminal_is_found(capsys):
         os.close(ours)
         os.close(theirs)
     assert code == 1
-    assert "came unasked" in problems["noise"]["text"]
+    assert "came unrequested" in problems["noise"]["text"]
     assert measured["unclear_bytes"] > 0
 
 
@@ -196,5 +196,5 @@ def test_doctor_reports_the_facts_that_a_tcp_port_hides(capsys):
         port = f"socket://{address.rpartition('//')[2].removeprefix('tcp:')}"
         assert main(["doctor", port, *FEW]) == 0
     text = capsys.readouterr().out
-    assert "settings are those of the server" in text
+    assert "the server sets the line settings" in text
     assert "cannot be known from here" in text

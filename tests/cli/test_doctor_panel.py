@@ -68,8 +68,8 @@ def test_panels_that_match_the_plant_file_are_fine(hall):
     code, found = hall.examined(pump={"2014": 2000})
     assert code == 0
     assert [each.partition("\n")[0] for each in found] == [
-        "ok       panel   pump (uss:3): 6 of 6 panel settings that it tells are as the plant file says",
-        "ok       panel   fan (modbus:5): 2 of 2 panel settings that it tells are as the plant file says",
+        "ok       panel   pump (uss:3): 6 of 6 panel settings that it reports match the plant file",
+        "ok       panel   fan (modbus:5): 2 of 2 panel settings that it reports match the plant file",
     ]
 
 

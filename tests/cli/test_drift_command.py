@@ -142,7 +142,7 @@ def test_replaced_drive_is_reported_with_the_command_that_restores_it(shell, lin
     assert run(shell, "drift", "Fan 2", "--json") == 1
     assert (shell.objects[-1]["changed"], bool(shell.objects[-1]["replaced"])) == (0, True)
     assert run(shell, "baseline", "accept", "Fan 2") == 0
-    assert "the set before was of another drive" in shell.out
+    assert "the previous set was of another drive" in shell.out
     assert run(shell, "drift", "Fan 2") == 0
 
 
@@ -163,7 +163,7 @@ def test_accept_from_a_file_sends_nothing(shell, line):
     assert run(shell, "baseline", "accept", "Fan 2", "--from", "pump.toml") == 2
     assert "this is the parameter set of vabus:1, and Fan 2 is danfoss-fc:3" in shell.err
     assert shell("baseline", "accept", "pump", "--from", "pump.toml", port="line") == 2
-    assert "no drive is asked, so --port has no effect" in shell.err
+    assert "not from a drive, so --port has no effect" in shell.err
 
 
 def test_accept_keeps_the_earlier_baseline_if_the_drive_falls_silent(shell, line):
@@ -187,4 +187,4 @@ def test_drift_that_leaves_a_drive_unchecked_is_not_a_success(shell):
     assert run(shell, "drift") == 2
     assert "name one with --plant" in shell.err
     assert shell("baseline", "accept", "vabus:1") == 2
-    assert "is in no plant" in shell.err
+    assert "is not in a plant" in shell.err

@@ -136,7 +136,7 @@ def test_stop_broadcast_stops_all_drives_of_the_protocol(shell):
     shell("start", "vabus:1", "--link-loss", "hold")
     shell("start", "vabus:2", "--link-loss", "hold")
     assert shell("stop", "vabus:*", "--how", "quick") == 0
-    assert "nobody confirms" in shell.out
+    assert "no drive confirms" in shell.out
     assert shell("stop", "vabus:*", "--how", "quick", "--json") == 0
     assert shell.objects[0]["drive"] == "vabus:*"
     line.advance(5)

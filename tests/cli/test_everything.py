@@ -58,8 +58,8 @@ class TestBackup:
             "vabus:1  the drive answers 107 of 109 addresses; model agile knows 105 of them (98 %), 2 are raw values "
             "that are never restored\n"
         )
-        assert shell.err.startswith("drivecomm: 109 questions to the drive, about ")
-        assert shell.err.endswith(" s; Ctrl-C ends it, and the same command goes on\n")
+        assert shell.err.startswith("drivecomm: 109 requests to the drive, about ")
+        assert shell.err.endswith(" s; Ctrl-C stops it, and the same command resumes it\n")
         assert sorted(entry.address for entry in read_set(Path("pump.toml")).of(["unknown"])) == ["29", "524"]
         assert files_here() == ["pump.toml"]
 
@@ -101,12 +101,12 @@ class TestResumption:
     def test_backup_resumes_after_ctrl_c(self, shell, line):
         at_telegram(line, 130, interrupt)
         assert shell("backup", *PUMP, "pump.toml", *NARROW) == 130
-        assert "answers kept in pump.toml.answers, and the same command goes on from there" in shell.err
+        assert "answers stored in pump.toml.answers; run the same command again to continue" in shell.err
         assert files_here() == [str(ANSWERS)]
         kept = ANSWERS.read_text(encoding="utf-8").count("\n") - 1
         assert kept > 50
         assert shell("backup", *PUMP, "pump.toml", *NARROW) == 0
-        assert f"{109 - kept} questions to the drive" in shell.err
+        assert f"{109 - kept} requests to the drive" in shell.err
         assert f"{kept} were answered before" in shell.err
         assert "the drive answers 107 of 109 addresses" in shell.out
         assert files_here() == ["pump.toml"]
@@ -120,7 +120,7 @@ class TestResumption:
         at_telegram(line, 130, be_gone)
         assert shell("backup", *PUMP, "pump.toml", *NARROW) == 4
         assert "fell silent" in shell.err
-        assert "the same command goes on from there" in shell.err
+        assert "run the same command again to continue" in shell.err
         line.drives[0].hear = hear
         assert shell("backup", *PUMP, "pump.toml", *NARROW) == 0
 
@@ -128,10 +128,10 @@ class TestResumption:
         at_telegram(line, 130, interrupt)
         shell("backup", *PUMP, "pump.toml", *NARROW)
         assert shell("backup", "vabus:1", "--model", "act", "pump.toml", *NARROW) == 2
-        assert "these are the answers of model agile, not of act; remove the file to begin anew" in shell.err
+        assert "these are replies of model agile, not of act; remove the file to start again" in shell.err
         shell.line(virtual_drive("vabus", 2))
         assert shell("backup", "vabus:2", "--model", "agile", "pump.toml", *NARROW) == 2
-        assert "these are the answers of drive vabus:1, not of vabus:2" in shell.err
+        assert "these are replies of drive vabus:1, not of vabus:2" in shell.err
         assert ANSWERS.exists()
 
 
@@ -152,7 +152,7 @@ class TestGrow:
     @pytest.mark.usefixtures("line")
     def test_grow_covers_every_answered_address(self, shell):
         assert shell("models", "grow", "vabus:1", "--everything", "--model", "agile", "--write", "own.toml") == 0
-        assert "questions to the drive" in shell.err
+        assert "requests to the drive" in shell.err
         assert files_here() == ["own.toml"]
         assert check_model(Path("own.toml")) == []
         text = Path("own.toml").read_text(encoding="utf-8")

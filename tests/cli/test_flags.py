@@ -229,9 +229,9 @@ def test_setting_given_twice_is_refused(heard, shell):
         (("demo", "--allow-motion"), "--allow-motion has no effect"),
         (("replay", "capture.jsonl", "--arm"), "without --commands nothing is commanded, so --arm has no effect"),
         (("forecast", "--trace"), "forecast opens no port, so --trace has no effect"),
-        (("read", "fan", "3-41", "--arm"), "read commands nothing, so --arm has no effect"),
+        (("read", "fan", "3-41", "--arm"), "read does not command a drive, so --arm has no effect"),
         (("write", "danfoss-fc:9", "3-41", "5", "--port", "OTHER", "--arm"), "--arm has no effect"),
-        (("compare", "plant.toml", "other.toml", "--port", "OTHER"), "no drive is asked, so --port has no effect"),
+        (("compare", "plant.toml", "other.toml", "--port", "OTHER"), "no drive is read, so --port has no effect"),
         (("demo", "--port", "HALL", "--allow-motion"), "fan is read-only in plant.toml"),
     ],
 )

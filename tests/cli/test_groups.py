@@ -151,7 +151,7 @@ def test_poll_reads_the_parameters_after_a_group_from_each_of_its_drives(shell, 
     assert run(shell, "forecast", "hall 2", OUTPUT, "--json") == 0
     assert [each["drive"] for each in shell.objects[0]["items"]] == ["pump", "fan"]
     assert run(shell, "poll", "hall 2") == 2
-    assert "nothing is read of hall 2; name its parameters after it" in shell.err
+    assert "no parameters given for hall 2; name them after it" in shell.err
     assert plant.sent
 
 

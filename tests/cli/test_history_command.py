@@ -197,9 +197,9 @@ def test_times_of_a_plot_are_local(tmp_path):
         (("--last", "2 weeks"), "invalid --last '2 weeks'; write a number and s, min, h, d or w, such as 2h"),
         (("--from", "noon"), "invalid --from 'noon'; write a local time such as \"2026-11-22 10:00\", or 10:00"),
         (("--last", "2h", "--to", "10:00"), "--last reaches to the present; give it alone, or --from and --to"),
-        (("--from", "2026-02-02", "--to", "2026-01-01"), "--from 2026-02-02 is after --to 2026-01-01; exchange them"),
+        (("--from", "2026-02-02", "--to", "2026-01-01"), "--from 2026-02-02 is after --to 2026-01-01; swap them"),
         (("--events", "--commands"), "--events and --commands exclude each other; give one of them"),
-        (("pump", "status", "--events"), "--events is of drives, not of quantities; leave status out"),
+        (("pump", "status", "--events"), "--events lists drives, not quantities; leave status out"),
         (("--plant", "x.toml"), "--file names the history itself, so --plant has no effect; leave it out"),
     ],
 )
@@ -229,4 +229,4 @@ def test_history_is_found_by_the_plant_file(run, file, tmp_path, monkeypatch):
     (tmp_path / "plant.toml").write_text(plant)
     assert history_file(None).is_relative_to(tmp_path / "state")
     (tmp_path / "plant.toml").write_text(plant.replace("{}", "false"))
-    assert "its server keeps no history" in run(file=None)[2]
+    assert "history = false switches the history off" in run(file=None)[2]

@@ -25,7 +25,7 @@ posix = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals and sign
         ),
         (
             ["vabus:1", "-m", "agile"],
-            "vabus:1: say what the motor does if this line goes dead: --link-loss trip (the",
+            "vabus:1: choose what the motor does if this line goes dead: --link-loss trip (the",
         ),
         (["danfoss-fc:3", "-m", "fc300"], "goes dead: --link-loss ramp or --link-loss trip"),
         (
@@ -95,7 +95,7 @@ def test_interrupted_hold_stops_the_motor_and_reports_it(shell, monkeypatch, num
     assert shell("start", "vabus:1", "--link-loss", "hold") == code
     assert shell.out == ""
     assert shell.err.splitlines() == [
-        "drivecomm: vabus:1 was told to stop, because its start was interrupted",
+        "drivecomm: vabus:1 received a stop, because its start was interrupted",
         "drivecomm: interrupted",
     ]
     line.advance(60)
@@ -293,7 +293,7 @@ def every_drive(shell):
 def test_command_that_may_start_a_motor_is_refused_without_a_policy(shell, command):
     line = every_drive(shell)
     assert shell(*command) == 2
-    assert "this may start the motor; say what the motor does if this line goes dead: --link-loss" in shell.err
+    assert "this may start the motor; choose what the motor does if this line goes dead: --link-loss" in shell.err
     assert line.time == 0
     assert shell(*command, "--link-loss", "jump") == 2
     assert line.time == 0
@@ -318,7 +318,7 @@ def test_command_that_starts_no_motor_needs_no_policy(shell, command):
     assert not any(drive.motor.running for drive in line.drives)
     if command[0] != "reference":
         assert shell(*command, "--link-loss", "hold") == 2
-        assert "--link-loss is for what starts the motor, which this does not; leave it out" in shell.err
+        assert "--link-loss only applies to a start of the motor, which this is not; leave it out" in shell.err
 
 
 def test_jog_with_hold_prints_the_speed_and_the_stop_command(shell):

@@ -99,7 +99,7 @@ def test_models_show_finds_a_model_by_each_of_its_names(models):
     ("arguments", "what"),
     [
         (["nothing"], "no protocol has a model 'nothing'; drivecomm models list shows them, or name a .toml file"),
-        (["family"], "'family' is the name of several models: say fuji/family and vabus/family"),
+        (["family"], "'family' is the name of several models: write fuji/family and vabus/family"),
         (["vabus/nothing"], "vabus has no model 'nothing'; it has "),
         (["vabus/act", "--protocol", "fuji"], "vabus/act is a model of vabus, and --protocol says fuji"),
         (["profibus/x"], "no installed protocol is named 'profibus'"),

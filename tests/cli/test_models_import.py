@@ -71,9 +71,9 @@ def test_existing_model_is_replaced_only_with_force(imported, shell, tmp_path):
 
 def test_file_of_several_drives_needs_one_of_their_addresses(imported, shell):
     assert imported(FILES / "home-assistant.yaml", "--yes") == 2
-    assert "the file reads drives 5, 6; say with --address" in shell.err
+    assert "the file reads drives 5, 6; choose one with --address" in shell.err
     assert imported(FILES / "home-assistant.yaml", "--address", "9", "--yes") == 2
-    assert "reads no drive 9, only 5, 6" in shell.err
+    assert "does not read drive 9, only 5, 6" in shell.err
 
 
 def test_register_base_flag_overrides_the_guess_from_the_addresses(imported, shell, tmp_path):
@@ -99,12 +99,12 @@ def test_import_emits_json_and_writes_nothing_without_yes(imported, shell, tmp_p
 @pytest.mark.parametrize(
     ("name", "text", "says"),
     [
-        ("a.csv", "1,2\n3,4\n", "not a file that can be imported; known are register lists"),
+        ("a.csv", "1,2\n3,4\n", "not a file that can be imported; supported are register lists"),
         ("b.json", "{", "cannot be read as JSON"),
         ("c.json", '{"a": 1}', "not a file that can be imported"),
         ("d.yaml", "modbus: [", "cannot be read as YAML"),
         ("e.conf", "[[inputs.modbus]]\n=", "cannot be read as TOML"),
-        ("f.yaml", "Huanyang:\n  modbus_id: 1\n", "FluidNC knows the registers of this spindle itself"),
+        ("f.yaml", "Huanyang:\n  modbus_id: 1\n", "FluidNC has the registers of this spindle built in"),
         ("h.xlsx", "PK\x03\x04", "save the sheet with the registers as CSV"),
         ("g.csv", "Address,Name,Offset\n1,Temperature,5\n", "names no register that can be read (line 2: offset 5"),
     ],

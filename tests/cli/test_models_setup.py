@@ -123,8 +123,8 @@ def test_html_page_is_one_printable_file(plant, capsys, tmp_path):
             "is a series of modbus, and pump (uss:3) speaks uss",
         ),
         (["--for", "pumb", "--plant", "hall.toml"], "did you mean 'pump'?"),
-        (["uss/v20", "--plant", "hall.toml"], "--plant is for the drive that --for names"),
-        (["uss/v20", "--force"], "--force is for a file that --html names"),
+        (["uss/v20", "--plant", "hall.toml"], "--plant has no effect without --for"),
+        (["uss/v20", "--force"], "--force has no effect without --html"),
     ],
 )
 def test_setup_refuses_wrong_arguments(capsys, words, sentence):

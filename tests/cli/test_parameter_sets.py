@@ -62,7 +62,7 @@ class TestBackup:
     def test_backup_without_a_model_is_refused(self, shell):
         shell.line()
         assert shell("backup", "vabus:1", "pump.toml") == 2
-        assert "which parameters it has is said by its model" in shell.err
+        assert "its parameters are not known without a model" in shell.err
         assert not list(Path().iterdir())
 
     def test_backup_writes_no_file_if_the_drive_falls_silent(self, shell):
@@ -128,7 +128,7 @@ class TestCompare:
         assert "maximum_frequency" not in [one.get("parameter") for one in shell.objects]
         assert shell.objects[-1]["equal"] >= 1
         assert shell.objects[-1]["by"] == "common name"
-        assert "not compared, for want of a common name" in shell.objects[-1]["remarks"][-1]
+        assert "not compared, because there is no common name" in shell.objects[-1]["remarks"][-1]
         line = shell.line(virtual_drive("vabus", 1), virtual_drive("fuji", 3))
         line.drives[1].poke("F03", 600)
         assert shell("compare", "vabus:1,model=vabus.toml", "fuji:3,model=fuji.toml") == 1
@@ -186,7 +186,7 @@ class TestRestore:
         assert "482[1] fixed_frequency_3" in shell.out
         assert "15.00 -> 25.00 Hz" in shell.out
         assert re.search(r"1 to write, \d+ equal, \d+ left alone; nothing was written", shell.out)
-        assert "communication settings are only written when that is said" in shell.out
+        assert "communication settings are only written with --communication" in shell.out
         assert saved.drives[0].peek("482[1]", 0.0) == "000005DC"
         assert shell("restore", "vabus:1", "pump.toml", "--dry-run", "--json") == 0
         assert shell.objects[-1]["write"] == 1
@@ -204,7 +204,7 @@ class TestRestore:
     def test_volatile_restore_is_lost_at_power_off(self, shell, saved):
         saved.drives[0].poke("482", 1500)
         assert shell("restore", "vabus:1", "pump.toml", "--volatile") == 0
-        assert "without asking for storage" in shell.out
+        assert "without a storage request" in shell.out
         saved.drives[0].power_cycle(saved.time)
         assert saved.drives[0].peek("482", 0.0) == "000005DC"
 
@@ -220,7 +220,7 @@ class TestRestore:
         assert shell("backup", "vlt3500:5", "fan.toml", "-m", "vlt3500") == 0
         line.drives[0].poke("500", 9)
         assert shell("restore", "vlt3500:9", "fan.toml", "--another-drive", "--communication") == 4
-        assert "500 written: it does not answer as before" in shell.out
+        assert "500 written: it no longer answers at its old settings" in shell.out
         assert shell("compare", "vlt3500:5", "fan.toml", "--communication") == 0
 
     def test_restore_is_refused_while_the_motor_runs(self, shell, saved):
@@ -270,7 +270,7 @@ class TestRestore:
         saved.drives[0].poke("482[1]", 1500)
         saved.drives[0].store._infos.pop(482)
         assert shell("restore", "vabus:1", "pump.toml") == 5
-        assert "482[1] does not hold what it should: the drive refused parameter 482" in shell.out
+        assert "482[1] does not hold the restored value: the drive refused parameter 482" in shell.out
 
     @pytest.mark.usefixtures("saved")
     def test_restore_lists_written_values_with_their_old_values(self, shell, saved):
@@ -341,13 +341,13 @@ class TestCutOff:
     def test_restore_resumes_after_a_lost_line(self, shell, cut):
         cut.call_at(cut.time + 2.6, lambda: setattr(cut, "faults", FaultPlan(rate=1.0, kinds=[LineFault.DROP])))
         assert shell("restore", "vabus:1", "pump.toml") == 4
-        assert "parameters were written, the same command with --resume goes on" in shell.err
+        assert "parameters were written; repeat the command with --resume to continue" in shell.err
         journal = Path("pump.toml.vabus-1.journal")
         before = [json.loads(line) for line in journal.read_text().splitlines()][1:]
         cut.faults = FaultPlan(rate=0.0)
         cut.advance(10)
         assert shell("restore", "vabus:1", "pump.toml") == 2
-        assert "go on with it (--resume)" in shell.err
+        assert "continue it (--resume)" in shell.err
         assert shell("restore", "vabus:1", "pump.toml", "--resume", "--json") == 0
         assert not journal.exists()
         assert not {line["wrote"] for line in before} & set(shell.objects[0]["written"])
@@ -359,7 +359,7 @@ class TestCutOff:
 
         cut.call_at(cut.time + 2.6, interrupt)
         assert shell("restore", "vabus:1", "pump.toml") == 130
-        assert "the same command with --resume goes on" in shell.err
+        assert "repeat the command with --resume to continue" in shell.err
         assert shell.err.endswith("drivecomm: interrupted\n")
         assert shell("restore", "vabus:1", "pump.toml", "--resume") == 0
 

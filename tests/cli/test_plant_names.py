@@ -251,7 +251,7 @@ def test_read_only_drive_is_commanded_only_with_arm(shell, plant, command):
     transmit = line.transmit
     line.transmit = lambda data: (sent.append(data), transmit(data))
     assert shell(*command, "--plant", plant.path, port=None) == 2
-    assert f"fan is read-only in {plant.path}; write armed = true there, or give --arm for this once" in shell.err
+    assert f"fan is read-only in {plant.path}; write armed = true there, or give --arm for this command" in shell.err
     assert sent == []
     policy = ("--link-loss", "hold") if command[0] == "call" else ()
     assert shell(*command, *policy, "--plant", plant.path, "--arm", port=None) == 0
@@ -435,7 +435,7 @@ class TestOtherCommands:
         with Path(plant.path).open("a") as file:
             file.write("[server]\nstatus_period_s = 0.5\n")
         assert shell("forecast", "--plant", plant.path, port=None) == 0
-        assert "as a server asks it: its polls, and the status of each drive every 0.5 s" in shell.out
+        assert "as a server polls it: its polls, and the status of each drive every 0.5 s" in shell.out
         assert shell("forecast", "--plan", plant.path, "--json", port=None) == 0
         assert {item["parameter"] for line in shell.objects for item in line["items"]} == {
             "480", "status", "output_frequency", "output_current",
@@ -632,7 +632,7 @@ class TestScan:
 
     def test_scan_refuses_flags_without_effect(self, shell, plant):
         assert shell("scan", "--force") == 2
-        assert "--force is for a file that --write names" in shell.err
+        assert "--force has no effect without --write" in shell.err
         assert shell("scan", "--plant", plant.path) == 2
         assert "--plant has no effect" in shell.err
         assert shell("scan", "--protocol", "vabus", "-a", "99") == 2
@@ -689,4 +689,4 @@ def test_drive_that_cannot_be_read_is_not_reported_as_silent(shell, tmp_path):
     (row,) = (line for line in shell.out.splitlines() if line.startswith("blower"))
     assert "not asked" in row
     assert "no answer" not in shell.out
-    assert shell.out.splitlines()[-1] == "2 drives: 1 that cannot be asked"
+    assert shell.out.splitlines()[-1] == "2 drives: 1 that cannot be polled"

@@ -52,8 +52,8 @@ def test_drive_named_twice_is_one_drive_of_the_plan():
         ("", "nothing to read; name drives and parameters"),
         ("481", "'481' is not a drive; a plan begins with one"),
         ("plant.toml", "such as vabus:1; a file is given by --plan plant.toml"),
-        ("vabus:1", "nothing is read of vabus:1"),
-        ("vabus:1 481 vabus:2", "nothing is read of vabus:2"),
+        ("vabus:1", "no parameters given for vabus:1"),
+        ("vabus:1 481 vabus:2", "no parameters given for vabus:2"),
         ("vabus:1 481@fast", "invalid period or priority in '481@fast'"),
         ("vabus:1 481@", "invalid period or priority in '481@'"),
         ("vabus:1 481!1.5", "invalid period or priority in '481!1.5'"),
@@ -280,9 +280,9 @@ def test_forecast_exits_with_1_without_room_to_spare(shell):
         verdicts.append((code, need, round_line.split("; ")[2], "would fit" in shell.out))
     assert verdicts == [
         (0, verdicts[0][1], "it fits", False),
-        (1, verdicts[1][1], "it fits without room to spare, which is 5% for commands and repetitions", True),
+        (1, verdicts[1][1], "it fits without the spare 5% for commands and repetitions", True),
         (0, verdicts[1][1], "it fits", False),
-        (1, verdicts[0][1], "it fits without room to spare, which is 30% for commands and repetitions", True),
+        (1, verdicts[0][1], "it fits without the spare 30% for commands and repetitions", True),
         (1, verdicts[4][1], "it does not fit", True),
     ]
     assert verdicts[0][1] < 95 < verdicts[1][1] < 99 < verdicts[4][1]

@@ -87,7 +87,7 @@ def test_interrupted_proof_is_whole_and_names_where_it_ended(shell, folder, at_s
     line = shell.line(virtual_drive("vabus", 3, model="agile"))
     line.call_at(at_s, lambda: signal.raise_signal(signal.SIGINT))
     assert shell("prove", "vabus:3", "--model", "agile") == 130
-    assert "has what was found so far; it ends at " in shell.err
+    assert "has the findings so far; it ends at " in shell.err
     proof = read_proof(folder / "proof-vabus-agile.toml")
     assert proof.interrupted.startswith("at ")
     assert proof.interrupted.endswith(": it was interrupted")

@@ -40,7 +40,7 @@ def session(shell, tmp_path):
 def test_replay_to_the_same_line_finds_no_difference_and_starts_nothing(shell, session):
     line = shell.line(virtual_drive("danfoss-fc", 3))
     assert shell("replay", str(session)) == 0
-    assert "0 answered differently" in shell.out
+    assert "0 with a different reply" in shell.out
     assert "--commands sends them, too" in shell.out
     assert line.drives[0].motor.command is MotorCommand.OFF
 
@@ -56,7 +56,7 @@ def test_differences_are_printed_as_a_table(shell, session):
     line = shell.line(virtual_drive("danfoss-fc", 3))
     line.drives[0].poke("16-30", 321)
     assert shell("replay", str(session)) == 1
-    assert "1 answered differently" in shell.out
+    assert "1 with a different reply" in shell.out
     assert "danfoss-fc:3 parameter" in shell.out
     assert "is 321" in shell.out
 
@@ -93,7 +93,7 @@ def test_replay_refuses_wrong_arguments(shell, session, tmp_path):
         (["replay", str(session), "--faster", "0"], "is not a valid speed factor"),
         (["replay", str(session), "--listen", "pty:x", "--commands"], "without --listen"),
         (["replay", str(session), "--listen", "pty:x"], "--port has no effect"),
-        (["replay", str(session), "--record", str(tmp_path / "b.jsonl")], "records nothing"),
+        (["replay", str(session), "--record", str(tmp_path / "b.jsonl")], "does not record"),
     ]:
         assert shell(*words) == 2, words
         assert what in shell.err
@@ -150,7 +150,7 @@ def test_replay_at_a_listening_port_answers_other_programs(session, tmp_path):
             check=False,
         )
         assert done.returncode == 0, done.stdout + done.stderr
-        assert "0 answered differently" in done.stdout
+        assert "0 with a different reply" in done.stdout
         read = subprocess.run(
             [sys.executable, "-m", "drivecomm", "read", "danfoss-fc:3", "16-30", "--port", str(place)],
             capture_output=True,

@@ -53,7 +53,7 @@ def test_stop_all_prints_json(shell, plant):
 def test_drive_that_lacks_the_kind_of_stop_is_stopped_another_way(shell, plant):
     path, lines, _ = plant
     assert shell("stop", "--all", "--how", "coast", "--plant", str(path), port=None) == 0
-    assert "yard: mill  stop (ramp, because it cannot by coast) confirmed" in shell.out
+    assert "yard: mill  stop (ramp, because coast is not supported) confirmed" in shell.out
     assert "hall: pump  stop (coast) confirmed" in shell.out
     assert "hall: vabus:*  stop (coast) sent to all" in shell.out
     assert motors(lines) == [False] * 4
@@ -162,8 +162,8 @@ def test_stop_all_without_a_plant_broadcasts_without_confirmation(shell):
     for name in ("vabus:1", "danfoss-fc:3", "fuji:7"):
         shell("start", name, "--link-loss", "hold")
     assert shell("stop", "--all") == 5
-    assert "vabus:*  stop (coast, because it cannot by ramp) sent to all" in shell.out
-    assert "nobody confirms a broadcast, so look at the motors" in " ".join(shell.out.split())
+    assert "vabus:*  stop (coast, because ramp is not supported) sent to all" in shell.out
+    assert "no drive confirms a broadcast, so look at the motors" in " ".join(shell.out.split())
     assert motors({"line": line}) == [False] * 3
     assert shell("stop", "--all", "--json") == 5
     assert not any(each["confirmed"] for each in shell.objects)

@@ -64,9 +64,9 @@ def test_stop_all_by_a_damaged_plant_file_stops_all_readable_drives(shell, plant
     assert shell("stop", "--all", "--plant", str(path), port=None) == 5
     assert motors(lines) == [False] * 4
     assert re.match(rf"drivecomm: {re.escape(str(path))}(, line \d+)?: ", shell.err)
-    assert "what else can be read of it is stopped" in shell.err
+    assert "stopping the drives that can still be read" in shell.err
     assert "hall: vlt3500:*  stop (ramp) sent to all" in shell.out
-    assert "hall: vabus:*  stop (coast, because it cannot by ramp) sent to all" in shell.out
+    assert "hall: vabus:*  stop (coast, because ramp is not supported) sent to all" in shell.out
 
 
 @pytest.mark.parametrize("wrong", ['drive = "vabus:', 'drive = "vabus 2"', ""])
@@ -102,5 +102,5 @@ def test_given_port_is_stopped_if_the_plant_file_is_unreadable(shell, tmp_path, 
     assert shell("stop", "--all", "--plant", str(path), port=None) == 2
     assert shell.err.count("\n") == 1
     assert shell("stop", "--all", "--plant", str(path)) == 2
-    assert "vabus:*  stop (coast, because it cannot by ramp) sent to all" in shell.out
+    assert "vabus:*  stop (coast, because ramp is not supported) sent to all" in shell.out
     assert motors({"line": line}) == [False]

@@ -121,7 +121,7 @@ def test_stop_of_a_group_by_a_damaged_file_stops_readable_drives_and_exits_with_
     members = {"wet": ("pump", "mill"), "hall 2": ("pump", "lift")}[words[0]]
     assert running(lines) == {name: name not in members for name in ("pump", "lift", "fan", "mill")}
     assert re.match(rf"drivecomm: {re.escape(str(path))}(, line \d+)?: ", shell.err)
-    assert "what else can be read of it is stopped" in shell.err
+    assert "stopping the drives that can still be read" in shell.err
     assert f"the group {words[0]!r} may have more drives than can be read there; look at the motors" in shell.err
 
 

@@ -69,7 +69,7 @@ def test_plant_of_the_current_folder_outranks_a_port_of_the_environment(shell, t
 def test_given_port_limits_the_stop_to_its_line(shell, two_lines):
     path, lines = two_lines
     assert shell("stop", "danfoss-fc:*", "--plant", str(path), port="yard") == 0
-    assert shell.out == "danfoss-fc:*  stop (ramp) sent to all; nobody confirms a broadcast\n"
+    assert shell.out == "danfoss-fc:*  stop (ramp) sent to all; no drive confirms a broadcast\n"
     assert motors(lines) == [True, True, False]
 
 

@@ -281,7 +281,7 @@ def test_command_continues_with_a_note_if_its_door_cannot_be_opened(line, folder
     with held(line):
         said = capsys.readouterr().err
         assert "a stop from another program will not get through to this one" in said
-        assert "not a folder of this user alone" in said
+        assert "not private to this user" in said
 
 
 def test_programming_error_in_a_stop_is_reported_and_confirms_nothing():
@@ -310,7 +310,7 @@ def test_command_that_needs_the_port_itself_ends_for_a_stop(monkeypatch, capsys)
     with StopsFromOthers("drivecomm doctor").make_way("/dev/ttyUSB9"):
         assert stopping_program("/dev/ttyUSB9", FAN) is None
     assert interrupted.is_set()
-    assert "drivecomm doctor ends, because its port is needed for a stop" in capsys.readouterr().err
+    assert "drivecomm doctor exits, because its port is needed for a stop" in capsys.readouterr().err
 
 
 # Stops between command processes
@@ -451,7 +451,7 @@ def test_command_with_the_bare_port_ends_for_a_stop(plant, capsys, words):
         assert main(["stop", "fan", *where]) == 0
         said = capsys.readouterr()
         assert said.out == "fan  stop (ramp) commanded\n"
-        assert f"drivecomm {words[0]} ends, so that its port is free for this stop" in said.err
+        assert f"drivecomm {words[0]} exits, so that its port is free for this stop" in said.err
         assert holder.wait(10) in (0, 1, 130)
     assert main(["status", "fan", *where]) == 0
     assert "ready" in capsys.readouterr().out

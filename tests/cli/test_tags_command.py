@@ -116,7 +116,7 @@ def test_imported_tags_are_exported(run, tmp_path):
     (tmp_path / "new.csv").write_text("tag;drive;parameter;deadband;remark\nF1.A;fan;output_current;0,5;ours\n")
     code, out, err = run("import", "new.csv", "plant.toml")
     assert (code, out) == (0, "plant.toml: 1 tag changed\n")
-    assert err == "drivecomm: new.csv: columns that are not taken: remark\n"
+    assert err == "drivecomm: new.csv: columns that are ignored: remark\n"
     # The fan is still polled for the usual values.
     row = rows_of(run("export", "plant.toml")[1])["fan", "output_current"]
     assert (row["tag"], row["deadband"]) == ("F1.A", "0.5")
@@ -131,7 +131,7 @@ def test_import_changes_nothing_unless_every_row_is_valid(run, tmp_path):
     first, second, last = err.splitlines()
     assert first.startswith("drivecomm: new.csv, line 3: there is no drive 'fna'; did you mean 'fan'?")
     assert second.startswith("drivecomm: new.csv, line 4: fan has no value '481'")
-    assert last == "drivecomm: new.csv: 2 rows cannot be taken, so that nothing was changed in plant.toml; see above"
+    assert last == "drivecomm: new.csv: 2 rows cannot be imported, so nothing was changed in plant.toml; see above"
     assert (tmp_path / "plant.toml").read_text() == PLANT
 
 

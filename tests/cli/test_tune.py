@@ -53,10 +53,10 @@ def test_tune_prints_the_pause_and_the_gain(shell):
 
 def test_pause_that_the_maker_demands_stays(shell):
     assert shell("tune", "fuji:6", "--exchanges", "20") == 0
-    assert "fuji:6  pause 10 ms stays: the maker demands it of some models; name the drive's --model\n" in shell.out
+    assert "fuji:6  pause 10 ms stays: the maker requires it of some models; name the drive's --model\n" in shell.out
     assert "options of the drive" not in shell.out
     assert shell("tune", "fuji:6", "--model", "e11s", "--exchanges", "20") == 0
-    assert "fuji:6  pause 10 ms stays: the maker demands it\n" in shell.out
+    assert "fuji:6  pause 10 ms stays: the maker requires it\n" in shell.out
 
 
 def test_usual_pause_stays_if_the_drive_needs_nearly_all_of_it(shell):
@@ -85,7 +85,7 @@ def test_tune_prints_json(shell):
 @pytest.mark.soak
 def test_write_puts_the_pause_into_the_plant_file(shell, plant):
     assert shell("tune", "pump", "--plant", str(plant), port=None) == 0
-    assert "; --write puts them into the plant file\n" in shell.out
+    assert "; --write adds them to the plant file\n" in shell.out
     assert plant.read_text() == PLANT
     assert shell("tune", "pump", "--plant", str(plant), "--write", port=None) == 0
     assert f"written to {plant}: tuned_turnaround_s = 0.00142, reply_timeout_s = 0.1\n" in shell.out
@@ -114,7 +114,7 @@ def test_write_finds_the_drive_by_its_address(shell, plant):
 
 def test_write_needs_a_plant(shell, line):
     assert shell("tune", "vlt3500:5", "--write") == 2
-    assert "vlt3500:5 is in no plant file that --write could change; name one: --plant plant.toml" in shell.err
+    assert "vlt3500:5 is not in a plant file that --write could change; name one: --plant plant.toml" in shell.err
     assert line.time == 0, "said before anything is sent"
 
 
@@ -129,7 +129,7 @@ def test_line_with_errors_at_any_pause_changes_nothing(shell, plant, line):
 def test_drive_that_falls_silent_changes_nothing(shell, plant, line):
     line.call_at(3.5, lambda: line.power_off(line.drives[0]))
     assert shell("tune", "pump", "--plant", str(plant), "--write", port=None) == 4
-    assert "pump  not done; the shortest pause that held so far is " in shell.out
+    assert "pump  interrupted; the shortest pause that worked so far is " in shell.out
     assert "did not answer" in shell.err
     assert plant.read_text() == PLANT
 
@@ -150,7 +150,7 @@ def test_ctrl_c_prints_the_pause_found_so_far_and_changes_nothing(shell, plant, 
         found = [each["trial"]["turnaround_s"] for each in shell.objects if "trial" in each]
         assert found == [0.01, 0.005]
     else:
-        assert shell.out == "pump  not done; the shortest pause that held so far is 5 ms, nothing was changed\n"
+        assert shell.out == "pump  interrupted; the shortest pause that worked so far is 5 ms, nothing was changed\n"
     line.advance(1)
     assert shell("status", "pump", "--plant", str(plant), port=None) == 0
 
@@ -158,9 +158,9 @@ def test_ctrl_c_prints_the_pause_found_so_far_and_changes_nothing(shell, plant, 
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["--exchanges", "5"], "5 exchanges tell too little; use 20 or more"),
+        (["--exchanges", "5"], "5 exchanges are too few; use 20 or more"),
         (["--attempts", "2"], "tune counts each request that fails, so --attempts has no effect; leave it out"),
-        (["--arm"], "tune commands nothing, so --arm has no effect; leave it out"),
+        (["--arm"], "tune does not command a drive, so --arm has no effect; leave it out"),
     ],
 )
 def test_tune_refuses_useless_arguments(shell, arguments, sentence):

@@ -27,7 +27,7 @@ def test_user_is_added_listed_and_removed(run, tmp_path):
     code, out, _ = run("add", "anna", "--role", "operate")
     assert code == 0
     said, token = out.splitlines()
-    assert said == "anna may operate now, says users.toml. The token, which is shown this once:"
+    assert said == "anna has the role operate in users.toml now. The access token, which is shown only once:"
     file = tmp_path / "users.toml"
     assert token not in file.read_text()
     assert Users(file).caller(token, "http").role is Role.OPERATE

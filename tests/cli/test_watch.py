@@ -84,8 +84,8 @@ def test_watch_refuses_wrong_arguments(shell, plant_file, tmp_path, monkeypatch)
         ([plant_file], "line", 2, "so --port has no effect; leave it out"),
         ([str(tmp_path / "none.toml")], None, 2, "there is no such file"),
         ([plant_file, "--json"], None, 2, "use drivecomm poll for --json"),
-        ([plant_file, "--for", "0"], None, 2, "--for 0 s is not possible"),
-        ([plant_file], None, 2, "watch needs a terminal; use drivecomm poll where there is none"),
+        ([plant_file, "--for", "0"], None, 2, "--for 0 s is not a valid time"),
+        ([plant_file], None, 2, "watch needs a terminal; without one, use drivecomm poll"),
     ):
         assert shell("watch", *arguments, port=port) == code
         assert message in shell.err, arguments
@@ -101,7 +101,7 @@ def test_watch_names_the_stream_that_is_not_a_terminal(shell, plant_file, monkey
     in_a_terminal(monkeypatch, "stderr")
     assert shell("watch", plant_file, port=None) == 2
     assert shell.err == (
-        "drivecomm: watch needs the terminal for standard error, too; do not send it elsewhere, or use drivecomm poll\n"
+        "drivecomm: watch needs the terminal for standard error, too; do not redirect it, or use drivecomm poll\n"
     )
 
 

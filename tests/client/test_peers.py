@@ -106,7 +106,7 @@ def test_stop_is_not_confirmed_by_another_users_program(plant, shared, capsys, m
             assert main(["stop", "pump", "--plant", str(plant)]) == 0
             said = capsys.readouterr()
             assert f"user {NOBODY}, neither this user nor root" in said.err
-            assert "another way is tried now" in said.err
+            assert "trying another way" in said.err
             assert main(["stop", "--all", "--plant", str(plant)]) == 0
             assert f"user {NOBODY}" in capsys.readouterr().err
             assert main(["read", "pump", "480", "--plant", str(plant)]) == 3

@@ -139,7 +139,7 @@ def test_folder_in_which_others_can_write_is_not_trusted(file, runtime_folder):
         runtime_folder.chmod(0o777)
         assert server_of_plant(file) is None
         with (
-            pytest.raises(PermissionError, match="not a folder of this user alone"),
+            pytest.raises(PermissionError, match="not private to this user"),
             register(Registration(plant=str(file))),
         ):
             pass

@@ -68,7 +68,7 @@ def test_users_folder_is_given_by_its_real_path(folder, monkeypatch, tmp_path):
 
 def test_folder_that_cannot_be_made_private_is_refused(folder):
     folder.chmod(0o777)
-    with pytest.raises(PermissionError, match="not a folder of this user alone"):
+    with pytest.raises(PermissionError, match="not private to this user"):
         make_private(folder)
 
 
@@ -83,7 +83,7 @@ def test_unusable_folder_is_left_out_and_named(monkeypatch, folder):
     monkeypatch.setattr(runtime_folders, "users_folder", lambda: folder)
     assert unusable_reason() == ""
     folder.chmod(0o777)
-    assert "not a folder of this user alone" in unusable_reason()
+    assert "not private to this user" in unusable_reason()
 
 
 @as_root

@@ -120,7 +120,7 @@ def test_set_of_a_model_without_a_watchdog_switches_no_watchdog_on():
 def test_set_of_an_unknown_model_is_refused_and_compared_with_a_remark():
     saved = replace(back_up(Site(FAN).drive), model="dryer")
     saw = Site(SAW)
-    with pytest.raises(UsageError, match="said by its model dryer, and none is found by that name for danfoss-fc"):
+    with pytest.raises(UsageError, match="need its model dryer, and danfoss-fc has no model of that name"):
         plan_restore(saw.drive, saved, ANOTHER)
     found = compare(saved, back_up(saw.drive))
     assert any("whether every value of danfoss-fc:1 counts is not known" in remark for remark in found.remarks)

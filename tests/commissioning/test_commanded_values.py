@@ -65,7 +65,7 @@ def test_restore_does_not_store_a_reference_from_an_older_backup():
         for options in (RestoreOptions(), RestoreOptions(only=frozenset({"480[1]"}))):
             plan = plan_restore(drive, replace(saved, entries=entries), options)
             assert [(each.address, each.reason) for each in plan.to("skip") if each.address == "480[1]"] == [
-                ("480[1]", "it is what a bus commands the motor's speed by")
+                ("480[1]", "a bus commands the motor's speed with it")
             ]
             carry_out_plan(drive, plan)
     assert line.drives[0].peek("480[1]", 0.0) == "00000BB8"
@@ -79,7 +79,7 @@ def test_value_written_to_ram_is_left_out_with_the_reason_until_it_is_stored():
         assert drive.in_ram_only == {"481"}
         saved = back_up(pump(bus))
         assert not [each for each in saved.entries if each.startswith("481")]
-        assert saved.not_read["481[1]"] == "it was written to RAM, so that what the drive stores is not known"
+        assert saved.not_read["481[1]"] == "it was written to RAM, so what the drive stores is not known"
         drive.write("481", 7, store=True)
         assert str(back_up(drive).entries["481[1]"]) == "7.00 Hz"
 

@@ -230,10 +230,10 @@ class TestLogbook:
     @pytest.mark.parametrize(
         ("other", "said"),
         [
-            ({"drive": "vabus:2"}, "answers of drive vabus:1, not of vabus:2"),
-            ({"model": None}, "answers of model agile, not of"),
+            ({"drive": "vabus:2"}, "replies of drive vabus:1, not of vabus:2"),
+            ({"model": None}, "replies of model agile, not of"),
             ({"model": load_model(installed["vabus"].package, "vabus", "act")}, "of model agile, not of act"),
-            ({"asked": "descriptions"}, "answers to another command"),
+            ({"asked": "descriptions"}, "replies to another command"),
             ({"model": load("vabus", "agile", without="481")}, "model agile was changed since"),
         ],
     )

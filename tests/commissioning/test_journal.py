@@ -33,7 +33,7 @@ def test_journal_exists_from_the_first_write_to_the_end(path):
     assert not path.exists()
     journal.wrote("481")
     assert journal.written == {"481"}
-    with pytest.raises(UsageError, match="was cut off; go on with it"):
+    with pytest.raises(UsageError, match="was interrupted; continue it"):
         new_journal(path, a_set(), "vabus:1")
     journal.over()
     assert not path.exists()

@@ -200,7 +200,7 @@ def test_slow_drive_is_not_taken_for_one_at_another_baud_rate():
     measurements, findings = diagnose(line, expected=[expected], addresses=[2])
     assert measurements.sought[0].elsewhere is None
     found = only(findings, "drives")
-    assert "answers at 19200 7E1 only when it is given 1.83 s for its reply" in found.text
+    assert "answers at 19200 7E1 only with a reply time-out of 1.83 s" in found.text
     assert "reply_timeout_s = 1.83" in found.remedy
     measurements, findings = diagnose(line, addresses=[1])
     assert "vabus:1 answers at 19200 7E1, but late" in [text for about, text in problems(findings)]
@@ -336,11 +336,11 @@ def test_reply_time_close_to_the_timeout_is_noted():
 @pytest.mark.parametrize(
     ("report", "part"),
     [
-        (None, "nothing is known"),
+        (None, "only the measurements"),
         (PortReport(url="line", kind="pseudo-terminal", stable_name="line"), "cannot be known from here"),
         (
             PortReport(url="socket://h:1", kind="raw TCP", stable_name="socket://h:1"),
-            "settings are those of the server",
+            "the server sets the line settings",
         ),
         (PortReport(url="rfc2217://h:1", kind="RFC 2217", stable_name="rfc2217://h:1"), "an RFC 2217 connection"),
     ],

@@ -59,7 +59,7 @@ def test_awaited_backup_and_restore_give_the_same_result():
             done = await carry_out_plan_async(drive, plan)
             assert done.complete
             assert (await back_up_async(drive)).entries == saved.entries
-            with pytest.raises(drivecomm.UsageError, match="no vabus drive tells its factory values"):
+            with pytest.raises(drivecomm.UsageError, match="no vabus drive reports its factory values"):
                 await factory_set_async(drive)
         return saved
 

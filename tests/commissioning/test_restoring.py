@@ -222,10 +222,10 @@ def test_values_left_alone_are_listed_with_the_reason():
     assert {item.address: item.reason.partition(" (")[0] for item in plan.to("skip")} == {
         "103": "unit: a number without unit cannot be given in Hz",
         "104": "it is another in the set and fixed_frequency on this drive",
-        "106": "communication settings are only written when that is said",
+        "106": "communication settings are only written with --communication",
         "107": "writing it is a command",
         "108": "it can only be read",
-        "109": "it is gone without power",
+        "109": "it is lost at power-off",
         "999": "model own has no such parameter",
     }
     carry_out_plan(drive, plan)
@@ -349,7 +349,7 @@ def test_set_of_another_maker_is_carried_by_common_names():
         protocol="fuji", drive="fuji:3", model="frenic", entries={entry.address: entry for entry in entries}
     )
     drive = FakeDrive(_104=40)
-    with pytest.raises(UsageError, match="it is of a fuji drive, and vabus:1 is none"):
+    with pytest.raises(UsageError, match="it is of a fuji drive, and vabus:1 is not one"):
         restore(drive, known)
     done = restore(drive, known, another_drive=True)
     assert done.complete
@@ -370,7 +370,7 @@ def test_volatile_restore_is_refused_if_every_write_is_stored():
 def test_backup_without_a_model_is_refused():
     drive = FakeDrive()
     drive.model = None
-    with pytest.raises(UsageError, match="which parameters it has is said by its model"):
+    with pytest.raises(UsageError, match="its parameters are not known without a model"):
         back_up(drive)
 
 

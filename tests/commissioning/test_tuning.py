@@ -266,7 +266,7 @@ def test_awaited_tuning_gives_the_same_result():
 
 def test_too_few_exchanges_and_broadcasts_are_refused():
     bench = Bench("vlt3500", {})
-    with pytest.raises(UsageError, match="19 exchanges tell too little; use 20 or more"):
+    with pytest.raises(UsageError, match="19 exchanges are too few; use 20 or more"):
         bench.tuned(19)
     with bench.open() as bus, pytest.raises(NotSupported, match="tune one drive"):
         tune(bus.broadcast("vlt3500"))

@@ -24,14 +24,14 @@ def called(capsys, words):
     [
         ("", "nothing to judge; name an order file, or a --drive, and the command behind --"),
         ("--drive vabus:1", "no master to judge; write its command behind --"),
-        ("--drive vabus:1 -- ./mine", "write {port} in its command where the port belongs"),
+        ("--drive vabus:1 -- ./mine", "write {port} where the port belongs"),
         ("--drive vabus:1 --task raed -- ./mine {port}", "unknown task 'raed'; did you mean 'read'?"),
         ("--drive vabus:1 --task read --case read-lots -- x {port}", "no case 'read-lots'; did you mean 'read-lost'?"),
-        ("--drive vabus:1 --jobs 0 -- x {port}", "write a whole number from 1 on"),
-        ("--drive vabus:1 --manual -- x {port}", "--manual is for a master that runs already"),
+        ("--drive vabus:1 --jobs 0 -- x {port}", "write a whole number, 1 or more"),
+        ("--drive vabus:1 --manual -- x {port}", "--manual is for a master that is already running"),
         ("--drive nothing:1 -- x {port}", "no installed protocol is named 'nothing'"),
         ("nowhere.toml", "nowhere.toml"),
-        ("--drive vabus:1 --force -- x {port}", "--force is for a file that --junit, --json, --html names"),
+        ("--drive vabus:1 --force -- x {port}", "--force has no effect without --junit, --json, --html"),
         ("--drive vabus:1 -- ./nowhere {port}", "the master './nowhere' cannot be started"),
     ],
 )
@@ -49,7 +49,7 @@ def test_failed_case_is_reported_with_telegrams_and_in_files(capsys, tmp_path, m
     words = f"-d vabus:1,model=agile -t 'read=read 480' -c read-plain -c read-damaged --seed 3 {files} -- {MASTER}"
     code, output, _ = called(capsys, words)
     assert code == 1
-    assert "FAILED     read-damaged: it believed a damaged reply" in output
+    assert "FAILED     read-damaged: it accepted a damaged reply" in output
     assert "enquiry address=1 sys=0 dataset=0 parameter=480" in output
     assert "2 of 6 telegrams" in output
     report = json.loads(Path("report.json").read_text())
@@ -60,7 +60,7 @@ def test_failed_case_is_reported_with_telegrams_and_in_files(capsys, tmp_path, m
     assert [each.get("name") for each in suite.findall("testcase")] == ["read-plain", "read-damaged"]
     assert suite.find("properties/property[@name='seed']").get("value") == "3"
     assert "enquiry" in suite.findall("testcase")[1].find("system-out").text
-    assert "believed a damaged reply" in Path("report.html").read_text()
+    assert "accepted a damaged reply" in Path("report.html").read_text()
     code, _, error = called(capsys, words)
     assert code == 2
     assert "report.xml exists already" in error

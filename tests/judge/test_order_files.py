@@ -29,10 +29,10 @@ def test_order_file_defines_drive_command_and_tasks(tmp_path):
     ("text", "said"),
     [
         ('comand = ["x"]', "did you mean 'command'?"),
-        ('command = ["x"]', "write {port} in its command"),
+        ('command = ["x"]', "write {port} where"),
         ("command = [1]", "command is not a list of texts"),
         ('command = ["{port}", "{prot}"]', "unknown placeholder {prot}; did you mean 'port'?"),
-        ("limit_s = 0", "a limit of 0 s cannot be"),
+        ("limit_s = 0", "invalid limit of 0 s"),
         ('[[task]]\nname = "raed"', "unknown task 'raed'; did you mean 'read'?"),
         ('[[task]]\nname = "read"\nshows = "("', "shows is not a regular expression"),
         ('[[task]]\nname = "read"\nscale = 0', "a scale of 0 shows nothing"),
@@ -63,5 +63,5 @@ def test_order_without_tasks_gets_one_task_named_run():
 
 
 def test_unclosed_quote_in_task_arguments_raises_usage_error():
-    with pytest.raises(UsageError, match="cannot be taken apart"):
+    with pytest.raises(UsageError, match="cannot be parsed"):
         parse_task("read='481")

@@ -285,4 +285,4 @@ def test_drive_whose_package_fails_to_build_blocks_is_read_one_by_one(mill, monk
             return [result async for result in poll_async(plan(seen, REGISTERS[:3]), cycles=1)]
 
     assert [str(result.reading.value) for result in asyncio.run(main())] == REGISTERS[:3]
-    assert "by a mistake in its package" in caplog.text
+    assert "because of a mistake in its package" in caplog.text

@@ -67,5 +67,5 @@ def test_valid_names_of_damaged_groups_are_salvaged(read, groups, found):
 
 
 def test_file_without_a_readable_drive_is_refused(read):
-    with pytest.raises(FileFormatError, match="no drive of it can be read"):
+    with pytest.raises(FileFormatError, match="none of its drives can be read"):
         read(LINES + "[[drive]]")

@@ -413,7 +413,7 @@ def test_failed_stop_is_reported():
         ("r", False, {"armed": True}, "pump is not commanded: watch was started without --arm"),
         ("g", True, {}, "pump is read-only: write armed = true for it in the plant file"),
         ("r", True, {}, "pump is read-only: write armed = true for it in the plant file"),
-        ("g", True, {"armed": True}, "pump is not started: the plant file does not say its link_loss, "),
+        ("g", True, {"armed": True}, "pump is not started: the plant file has no link_loss, "),
         (
             "g",
             True,

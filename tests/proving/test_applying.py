@@ -220,7 +220,7 @@ def test_command_applies_a_proof_and_prints_the_changes(file, tmp_path, capsys):
     assert main(["models", "apply-proof", str(report), "--to", str(file)]) == 1
     out = capsys.readouterr().out
     assert "5: contradicted by the drive; it counts as unconfirmed until the model is corrected\n" in out
-    assert out.endswith("2 facts changed (1 raised to drive, 1 contradicted), 0 were so before\n")
+    assert out.endswith("2 facts changed (1 raised to drive, 1 contradicted), 0 unchanged\n")
     assert main(["models", "apply-proof", str(report), "--to", str(file)]) == 0
     assert main(["models", "check", str(file)]) == 0
     assert "in order; a drive has contradicted 5, which counts as unconfirmed\n" in capsys.readouterr().out
@@ -230,7 +230,7 @@ def test_command_refuses_a_proof_of_a_virtual_drive(file, tmp_path, capsys):
     report = tmp_path / "report.toml"
     report.write_text(proof_text(replace(proof_of(finding(file, "4")), virtual=True)), encoding="utf-8")
     assert main(["models", "apply-proof", str(report), "--to", str(file)]) == 2
-    assert "is of a virtual drive" in capsys.readouterr().err
+    assert "is a proof of a virtual drive" in capsys.readouterr().err
     assert file.read_text(encoding="utf-8") == MODEL
     assert main(["models", "apply-proof", str(report), "--to", str(file), "--virtual"]) == 0
 
@@ -245,7 +245,7 @@ def test_proof_file_survives_a_write_and_read(file, tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "text"),
     [
-        ('verdict = "agrees"', 'verdict = "maybe"', "verdict cannot be 'maybe'"),
+        ('verdict = "agrees"', 'verdict = "maybe"', "verdict is 'maybe', and must be one of"),
         ("format = 1", "format = 2", "is not a proof of this format"),
         ('kind = "parameter"', 'knd = "parameter"', "unknown key 'knd'"),
         ('shows = ["scale"]', 'shows = ["all"]', "shows has one or more of"),

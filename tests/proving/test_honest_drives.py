@@ -51,6 +51,6 @@ def test_drive_that_is_not_read_only_is_not_proved():
     line = VirtualLine([drive_of("vabus", known)])
     with drivecomm.open_bus(line.port) as bus:
         armed = bus.drive("vabus", 1, model=known)
-        with pytest.raises(UsageError, match="only a read-only drive is proved"):
+        with pytest.raises(UsageError, match="a proof needs a read-only drive"):
             Proving(armed, ProofSubject.of("vabus", known, {})).run()
     assert line.time == 0.0

@@ -131,7 +131,7 @@ def test_stop_of_another_program_ends_keeping_and_the_motor_stays_stopped(served
                 fan.start()
             kept.until(threading.Event())
 
-    with pytest.raises(LeaseError, match="not kept any more"):
+    with pytest.raises(LeaseError, match="no longer kept"):
         kept_until_it_ends()
     served.until(lambda: is_at_rest(served, "fan"))
 

@@ -314,7 +314,7 @@ def test_package_without_vectors_is_checked_with_a_given_file():
 
 def test_partly_interpreted_schema_is_found():
     form = Form(Ack, "address" / Leaf(lambda _: 1, lambda data: data[0], lambda value: bytes([value])))
-    with pytest.raises(CheckFailure, match="all of the schema is interpreted"):
+    with pytest.raises(CheckFailure, match="the whole schema is interpreted"):
         compiles_whole(form)
     assert form.parse(b"A") == Ack(address=65)
 

@@ -136,7 +136,7 @@ def calls(text):
         (EXCHANGE + 'error_text = "x"', "exchange one: an exchange without error has no error_text"),
         (
             EXCHANGE + 'error = "LinkError"\nresult = {}',
-            "exchange one: an exchange that ends in an error has no result",
+            "exchange one: an exchange that ends with an error has no result",
         ),
         (EXCHANGE + "result = 3", "exchange one: invalid result = 3; write a table in braces"),
         (calls("[]"), "exchange one: calls is empty"),

@@ -117,7 +117,7 @@ def test_broadcast_exchange_passes(play):
 WRONG = {
     "other bytes": (reading(send(ENQUIRY[:-1] + b"\x06")), "not 04 41 30 30 34 38 31 06"),
     "never sent": (replace(SOUND, steps=(*SOUND.steps, send(EOT))), "step 4: the master never sends 04"),
-    "sent behind the end": (replace(SOUND, steps=SOUND.steps[:2]), "the steps are over, and the master sends 04"),
+    "sent behind the end": (replace(SOUND, steps=SOUND.steps[:2]), "the steps have ended, and the master sends 04"),
     "sent too early": (
         replace(SOUND, steps=(*SOUND.steps[:2], WireStep(action="pause_s", seconds=0.5), SOUND.steps[2])),
         "ms too early for the pause of step 3",
@@ -125,7 +125,7 @@ WRONG = {
     "given up too early": (
         reading(send(ENQUIRY), replace(SILENCE, seconds=9.0), expected=Expected(error="NoReplyError"),
                 options={"attempts": 1}),
-        "the master gives up .* ms too early: the reply time of step 2 is 9000 ms",
+        "the master times out .* ms too early: the reply time of step 2 is 9000 ms",
     ),
     "asked again too early": (
         reading(send(ENQUIRY), replace(SILENCE, seconds=9.0), send(ENQUIRY)),
@@ -137,18 +137,18 @@ WRONG = {
     ),
     "another value": (
         reading(*SOUND.steps, expected=Expected(result={"value": "1.00"})),
-        "read gives value = '10.00', expected is '1.00'",
+        "read gives value = '10.00', expected '1.00'",
     ),
     "a number for a text": (reading(*SOUND.steps, expected=Expected(result={"value": 10})), "gives value = '10.00'"),
     "a field that is not there": (
         reading(*SOUND.steps, expected=Expected(result={"colour": 1})),
-        "read gives nothing named colour",
+        "read does not give colour",
     ),
-    "something for nothing": (reading(*SOUND.steps, expected=Expected(result={})), "expected is nothing"),
-    "no error": (reading(*SOUND.steps, expected=Expected(error="NoReplyError")), "expected is NoReplyError"),
+    "something for nothing": (reading(*SOUND.steps, expected=Expected(result={})), "expected nothing"),
+    "no error": (reading(*SOUND.steps, expected=Expected(error="NoReplyError")), "expected NoReplyError"),
     "another error": (
         reading(send(ENQUIRY), SILENCE, expected=Expected(error="RefusedError"), options={"attempts": 1}),
-        r"read raises NoReplyError \(.*\), expected is RefusedError",
+        r"read raises NoReplyError \(.*\), expected RefusedError",
     ),
     "another text": (
         reading(send(ENQUIRY), SILENCE, expected=Expected(error="NoReplyError", error_text="lunch"),
@@ -160,15 +160,15 @@ WRONG = {
     "an unknown model": (replace(SOUND, model="none"), "there is no such drive: .*none"),
     "no such way to stop": (
         replace(SOUND, calls=(VectorCall(call="stop", arguments={"how": "gently"}),), steps=()),
-        "there is no way of stopping named 'gently'",
+        "unknown way of stopping 'gently'",
     ),
     "not for all drives": (
         reading(calls=(VectorCall(call="status"),), address=32),
-        "status raises NotSupported: all drives at once have no verb 'status'",
+        "status raises NotSupported: a broadcast has no verb 'status'",
     ),
     "no such verb for all": (
         reading(calls=(VectorCall(call="control_word"),), address=32),
-        "all drives at once have no verb 'control_word'",
+        "a broadcast has no verb 'control_word'",
     ),
 }  # fmt: skip
 

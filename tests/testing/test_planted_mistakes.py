@@ -148,7 +148,7 @@ def test_rounded_reference_is_found(with_operations, name):
         return lambda hz: real.set_reference_hz(Decimal(round(float(hz) * 10)) / 10)
 
     plugin = with_operations(name, set_reference_hz=rounding)
-    assert "a reference of 20.04 Hz is taken, and the drive is told 20 Hz" in reasons(plugin, "rounds no reference")
+    assert "a reference of 20.04 Hz is accepted, and the drive receives 20 Hz" in reasons(plugin, "rounds no reference")
 
 
 def test_volatile_write_to_a_drive_that_stores_all_is_found(with_operations):

@@ -204,7 +204,7 @@ def nothing():
 
 def test_doubled_reference_in_hertz_is_found(with_operations):
     plugin = with_operations("vabus", set_reference_hz=lambda real: lambda hz: real.set_reference_hz(hz * 2))
-    assert "told to run at 10 Hz" in failed(plugin, "vabus/models/agile/runs at")["runs at the reference"]
+    assert "commanded to run at 10 Hz" in failed(plugin, "vabus/models/agile/runs at")["runs at the reference"]
 
 
 # The contract
@@ -222,8 +222,8 @@ class LooseOptions:
     [
         ({"title": " "}, "has all fields", "title is empty"),
         ({"facts": 3}, "has all fields", "facts is 3"),
-        ({"mismatch": None}, "has all fields", "mismatch cannot be called"),
-        ({"scan_addresses": range(40)}, "has addresses", "a scan asks at 0"),
+        ({"mismatch": None}, "has all fields", "mismatch is not callable"),
+        ({"scan_addresses": range(40)}, "has addresses", "a scan probes 0"),
         ({"broadcast_address": 1}, "has addresses", "the broadcast address is that of a drive"),
         ({"broadcast_address": None}, "operations are whole", "contradict each other"),
         ({"options": LooseOptions}, "has frozen options", "is not frozen"),
@@ -291,16 +291,16 @@ READS, WRITES, COMMANDS = (
         (
             {"intent": READS},
             "tells asking from acting",
-            "makes the motor run, and is said to ask only",
+            "makes the motor run, and is declared a read",
         ),
         (
             {"intent": COMMANDS},
             "tells asking from acting",
-            "is sent to ask, and is said to do more",
+            "is sent to read, and is declared to do more",
         ),
-        ({"intent": READS}, "tells what requests are for", "and is said to be a read"),
+        ({"intent": READS}, "tells what requests are for", "and is declared a read"),
         ({"intent": WRITES}, "tells what requests are for", "is sent to read a parameter"),
-        ({"intent": COMMANDS}, "tells what requests are for", "and is said to be a command"),
+        ({"intent": COMMANDS}, "tells what requests are for", "and is declared a command"),
     ],
 )
 def test_wrong_intent_of_requests_is_found(in_place_of, fields, kind, reason):
@@ -311,7 +311,7 @@ def test_wrong_intent_of_requests_is_found(in_place_of, fields, kind, reason):
 def test_command_declared_to_move_nothing_is_found(in_place_of):
     plugin = in_place_of("danfoss-fc", intent=lambda _: Intent())
     kind = "what only asks moves no drive"
-    assert "is said to ask only, and tells the motor" in failed(plugin, kind)[kind]
+    assert "is declared a read, and commands the motor" in failed(plugin, kind)[kind]
 
 
 def test_package_without_intents_skips_their_checks(in_place_of):
@@ -328,7 +328,7 @@ def test_package_without_intents_skips_their_checks(in_place_of):
         (
             "drivecomm_vabus.store.VabusStore.must_allow",
             "guards its limits",
-            "10 := 0 is taken, and its limits are 1 to 4",
+            "10 := 0 is accepted, and its limits are 1 to 4",
         ),
         ("drivecomm_vabus.store.VabusStore.power_cycle", "forgets what was not stored", "written without being stored"),
     ],

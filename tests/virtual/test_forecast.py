@@ -352,7 +352,7 @@ def test_plant_file_gives_a_poll_plan(tmp_path):
         ("priority = 2", "priority = 2.5", r"line 17: drive 1 \(pump\), poll 1: invalid priority = 2.5"),
         ("priority = 2", "prio = 2", r"line 17: drive 1 \(pump\), poll 1: unknown key 'prio'; did you mean 'priority'"),
         ("dataset = 1 }", "dataset = 1 }, port = 3", r"poll 1: unknown key 'port'"),
-        ('"vabus:1"', '"vabus:1,model=act"', r"line 11: drive 1 \(pump\): options do not belong behind vabus:1"),
+        ('"vabus:1"', '"vabus:1,model=act"', r"line 11: drive 1 \(pump\): options cannot stand after vabus:1"),
     ],
 )
 def test_invalid_poll_plan_in_a_plant_file_is_refused(tmp_path, before, after, message):

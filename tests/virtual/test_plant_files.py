@@ -138,7 +138,7 @@ def fault(text):
         ("format = 1\n" + HALL + PUMP + 'poll = "481"\n', ["drive 1 (pump): invalid poll = '481'; write a list"]),
         (
             "format = 1\n" + HALL + PUMP + 'poll = ["481"]\n',
-            ["drive 1 (pump): poll cannot hold '481'; write { parameters"],
+            ["drive 1 (pump): invalid poll entry '481'; write { parameters"],
         ),
         ("format = 1\n" + HALL + PUMP + "poll = [{}]\n", ["poll 1: the key 'parameters' is missing"]),
         ("format = 1\n" + HALL + PUMP + "poll = [{ parameters = [] }]\n", ["(pump): nothing to poll"]),

@@ -45,7 +45,7 @@ def scan(tour: Tour, site: Site) -> list[Found]:
         missing = sorted(set(site.virtual) - names)
         surplus = sorted(names - set(site.virtual)) if site.virtual else []
         if missing or surplus:
-            raise AssertionError(f"not found: {missing}, found without being there: {surplus}")
+            raise AssertionError(f"not found: {missing}, unexpected: {surplus}")
         tell(f"{len(found)} drives")
     return found
 
@@ -121,9 +121,9 @@ def fault(tour: Tour, site: Site, drive: Drive, protocol: str) -> None:
 def refusals(tour: Tour, drive: Drive) -> None:
     """Show that each invalid request is refused with one sentence."""
     attempts: list[tuple[str, Callable[[], object]]] = [
-        ("a parameter that is none", lambda: drive.read("not a parameter")),
+        ("an unknown parameter", lambda: drive.read("not a parameter")),
         ("a value that does not fit", lambda: drive.write("481", 10**9)),
-        ("a brake that it lacks", lambda: drive.stop(Stop.DC_BRAKE)),
+        ("a brake that it does not have", lambda: drive.stop(Stop.DC_BRAKE)),
     ]
     for what, attempt in attempts:
         with tour.step(f"refuse {what}") as tell:

@@ -35,8 +35,8 @@ def apply(*, file: Path, to: Path | None, virtual: bool, json: bool) -> int:
     proof = read_proof(file)
     if proof.virtual and not virtual:
         raise UsageError(
-            f"{file} is of a virtual drive, which says what its model says; prove a real one, or try it out "
-            "with --virtual"
+            f"{file} is a proof of a virtual drive, which only repeats its model; prove a real one, or try it "
+            "out with --virtual"
         )
     plugin = installed[proof.protocol]
     known = model_paths(plugin.package, plugin.name)
@@ -58,10 +58,10 @@ def apply(*, file: Path, to: Path | None, virtual: bool, json: bool) -> int:
     for address in done.contradicted:
         say(f"{address}: contradicted by the drive; it counts as unconfirmed until the model is corrected")
     for address in done.kept:
-        say(f"{address}: stays contradicted, as {path.name} says by another proof; correct the model, or take that out")
+        say(f"{address}: stays contradicted by another proof in {path.name}; correct the model, or remove that proof")
     for address in done.stale:
-        say(f"{address}: left out, because the model says something else now than when the drive was asked")
+        say(f"{address}: left out, because the model has changed since the drive was read")
     changed = f"{len(done.raised)} raised to drive, {len(done.contradicted)} contradicted"
     say(f"{path}: {counted(len(done.raised) + len(done.contradicted), 'fact')} changed ({changed}), "
-        f"{len(done.unchanged)} were so before")  # fmt: skip
+        f"{len(done.unchanged)} unchanged")  # fmt: skip
     return int(bool(done.contradicted))

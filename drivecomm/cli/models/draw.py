@@ -12,7 +12,7 @@ from drivecomm.models import sample_facts as drawn
 
 @click.command(cls=CliCommand)
 @click.option("--seed", type=int, required=True, help="The same number draws the same facts.")
-@click.option("--count", type=click.IntRange(min=1), default=100, show_default=True, help="How many.")
+@click.option("--count", type=click.IntRange(min=1), default=100, show_default=True, help="Number of facts.")
 @options.json
 def draw(*, seed: int, count: int, json: bool) -> int:
     """Draw facts at random, each with its source page or program.

@@ -38,7 +38,7 @@ _MOST_SHOWN = 10
     nargs=-1,
     help="Such as 3-41 or 16-10..16-18. Default: all of its model, or of the protocol's usual one.",
 )
-@click.option("--everything", is_flag=True, help="Every address that such a drive can have; can be continued.")
+@click.option("--everything", is_flag=True, help="Every address that such a drive can have; can be resumed.")
 @click.option("--model", "-m", metavar="MODEL", help="The model to start from; common names come from there.")
 @click.option("--option", "-o", metavar="NAME=VALUE", multiple=True, help="Option of this protocol's describe.")
 @force_option
@@ -110,8 +110,10 @@ def _written(drive: Drive, answers: list[AddressAnswer], told: list[ParameterInf
         told,
         protocol=drive.name.partition(":")[0],
         name=file.stem,
-        title=f"{drive.model.title} as {drive.name} tells it" if drive.model else f"{drive.name} by its own word",
-        source=f"what {drive.name} told of itself",
+        title=f"{drive.model.title} as reported by {drive.name}"
+        if drive.model
+        else f"{drive.name} as reported by itself",
+        source=f"description reported by {drive.name}",
         base=drive.model,
     )
     file.write_text(model_text(made), encoding="utf-8")

@@ -31,5 +31,5 @@ def model_named(text: str, protocol: str | None) -> Model:
         raise UsageError(f"no protocol has a model {name!r}; drivecomm models list shows them, or name a .toml file")
     if len(having) > 1:
         named = " and ".join(f"{plugin.name}/{name}" for plugin in having)
-        raise UsageError(f"{name!r} is the name of several models: say {named}")
+        raise UsageError(f"{name!r} is the name of several models: write {named}")
     return load_model(having[0].package, having[0].name, name)

@@ -64,7 +64,7 @@ def setup(
     """
     must_be_free(html, "--html", force=force)
     if plant is not None and drive is None:
-        raise UsageError("--plant is for the drive that --for names, so that it has no effect; leave it out")
+        raise UsageError("--plant has no effect without --for; leave it out")
     sheet = filled_sheet(series, _drive(drive, plant) if drive else None)
     show_sheet(sheet, as_json=json)
     if html is not None:

@@ -112,7 +112,7 @@ def _how_to_go_on(journal: RestoreJournal) -> str:
     if not journal.written:
         return "nothing was written"
     count = len(journal.written)
-    return f"{count} parameter{'s were' if count > 1 else ' was'} written, the same command with --resume goes on"
+    return f"{count} parameter{'s were' if count > 1 else ' was'} written; repeat the command with --resume to continue"
 
 
 def show_plan(plan: RestorePlan, drive: DriveConfig, *, as_json: bool) -> None:
@@ -170,12 +170,12 @@ def show_restored(done: RestoreResult, drive: DriveConfig, *, as_json: bool) -> 
     _show_changes([planned[address] for address in done.written], drive)
     _show_skipped(plan, drive)
     for address, reason in done.refused.items():
-        say(f"{drive.name}  {address} does not hold what it should: {reason}")
+        say(f"{drive.name}  {address} does not hold the restored value: {reason}")
     if done.unconfirmed:
         names = ", ".join(done.unconfirmed)
         left = f", and {', '.join(done.left)} not written" if done.left else ""
-        say(f"{drive.name}  {names} written{left}: it does not answer as before; use its new settings and --resume")
-    kept = "and stored" if plan.store else "without asking for storage"
+        say(f"{drive.name}  {names} written{left}: it no longer answers at its old settings; use the new and --resume")
+    kept = "and stored" if plan.store else "without a storage request"
     refused = f", {len(done.refused)} refused by the drive" if done.refused else ""
     equal = f"{len(plan.to('equal'))} equal before"
     say(f"{drive.name}  {len(done.written)} written {kept}, {equal}{refused}{_left_alone(plan)}")

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 
 set_model_option = click.option(
-    "--model", "-m", metavar="MODEL", help="Model name, or a .toml file; that of the set if absent."
+    "--model", "-m", metavar="MODEL", help="Model name, or a .toml file. Default: that of the set."
 )
 communication_option = click.option(
     "--communication", is_flag=True, help="Include communication settings: address, baud rate and the like."
@@ -62,7 +62,7 @@ communication_option = click.option(
 @click.argument("file", type=FILE, help="TOML file; an existing one is replaced.")
 @options.model
 @click.option("--all", "measured", is_flag=True, help="Also measured values, which are never restored.")
-@click.option("--everything", is_flag=True, help="All that the drive holds: ask for every address; can be continued.")
+@click.option("--everything", is_flag=True, help="All that the drive holds: read every address; can be resumed.")
 @click.option(
     "--within",
     metavar="PARAM or FIRST..LAST",
@@ -171,7 +171,7 @@ def compare(
     if FACTORY in (left, right) and (left == right or _file(left) or _file(right)):
         raise UsageError("factory means the default values that a drive reports; compare a drive with it")
     if _file(left) and _file(right):
-        line.refuse("both are files, so no drive is asked")
+        line.refuse("both are files and no drive is read")
         if model is not None:
             raise UsageError("both are files, which say their models, so --model has no effect; leave it out")
     files = {word: read_set(path) for word in (left, right) if (path := _file(word))}

@@ -134,7 +134,7 @@ def sniff(
     if (found := server_of_port(place)) is not None:
         if find or shared:
             raise UsageError(
-                f"{place} is the port of {found[0]}, which tells what it hears; leave --detect and --shared out"
+                f"{place} is the port of {found[0]}, which reports the traffic itself; leave --detect and --shared out"
             )
         # Imported late, because only a port of a server needs it.
         from drivecomm.client import LineEar

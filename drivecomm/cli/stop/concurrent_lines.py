@@ -117,7 +117,7 @@ def _stop_line(line: StoppedLine, how: Stop, news: SimpleQueue[_Item], hurry: Ev
                     with bus_of(program, name, line.opening) as bus:
                         carry_out(None, stopping_line(bus, rest(), how, tell, hurry.is_set))
             except LinkError as error:
-                spite.note(f"{error}; another way is tried now")
+                spite.note(f"{error}; trying another way")
             else:
                 return
         with own_bus(line, ways) as bus:

@@ -27,4 +27,4 @@ def readable_plant(path: Path) -> tuple[Plant, list[str]]:
             plant, lost = salvaged(path)
         except Exception:  # noqa: BLE001 - the first error is the useful one
             raise error from None
-        return plant, [f"{error}; what else can be read of it is stopped", *lost]
+        return plant, [f"{error}; stopping the drives that can still be read", *lost]

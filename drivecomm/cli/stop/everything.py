@@ -106,7 +106,7 @@ def _plant(path: Path, spite: SafeLookups) -> tuple[Plant, bool]:
 
 def _of_server(line: LineArguments, path: Path, spite: SafeLookups) -> list[StoppedLine]:
     """Return the lines of the server of a plant file; empty if no server is running or it does not respond."""
-    server = spite.of(lambda: server_of_plant(path), None, "the server of this plant is not looked for")
+    server = spite.of(lambda: server_of_plant(path), None, "the server of this plant was not found")
     if server is None:
         return []
     # Imported late, because only calls with a server need it.
@@ -116,7 +116,7 @@ def _of_server(line: LineArguments, path: Path, spite: SafeLookups) -> list[Stop
         return lines_of_server(server, line)
     except Exception as error:  # noqa: BLE001 - the file or the ports may still work
         spite.lost.add(server.pid)
-        spite.note(f"{error}; the ports themselves are tried now")
+        spite.note(f"{error}; trying the ports directly")
         return []
 
 

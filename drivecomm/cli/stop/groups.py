@@ -49,7 +49,7 @@ def group_to_stop(line: LineArguments, text: str, servers: ServerDrives, spite: 
     if has_group and not wrong:
         return found
     ask = partial(servers.named, text)
-    known = spite.of(ask, None, "which server has the group is not known") if has_group else ask()
+    known = spite.of(ask, None, "the server of the group is not known") if has_group else ask()
     if known is not None and not known.is_group:
         known = None
     is_own = known is not None and path is not None and spite.of(partial(_is_of, known, path), False, str(path))

@@ -101,7 +101,7 @@ def _stop_all_of(line: LineArguments, protocol: str, options: Mapping[str, Any],
         with ways.itself(*openings(line)) as bus:
             all_of_them, _ = make_despite_errors(partial(bus.broadcast, protocol), options)
             all_of_them.stop(how)
-    done = f"stop ({how.value}) sent to all; nobody confirms a broadcast"
+    done = f"stop ({how.value}) sent to all; no drive confirms a broadcast"
     with suppress(Exception):
         text = f"{everybody}  {done}{_by(by)}"
         tell(text, as_json=line.json, drive=everybody, drive_name=everybody, done=done, **_by_content(by))
@@ -151,7 +151,7 @@ def openings(line: LineArguments) -> list[Callable[[], AbstractContextManager[Bu
 
 def the_plant_file(line: LineArguments, spite: SafeLookups) -> Path | None:
     """Return the plant file of a call, None also if the folder cannot be read."""
-    return spite.of(lambda: plant_file(line.plant, port_given=False), None, "the plant file is not looked for")
+    return spite.of(lambda: plant_file(line.plant, port_given=False), None, "the plant file was not found")
 
 
 def _stop_by_name(server: Registration, drive: DriveConfig, said: Mapping[str, Any], how: Stop) -> None:

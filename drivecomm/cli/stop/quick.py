@@ -58,7 +58,7 @@ def _plant_file(line: LineArguments) -> Path | None:
 def _stop_named(line: LineArguments, drives: Sequence[str], model: str | None, how: Stop) -> int:
     if len(drives) > 1:
         if everybody := [each for each in drives if each.endswith(":*")]:
-            raise UsageError(f"{everybody[0]} stops all drives of a protocol; give it by itself, or use --all")
+            raise UsageError(f"{everybody[0]} stops all drives of a protocol; give it alone, or use --all")
         from drivecomm.cli.stop.several import stop_several
 
         return stop_several(line, drives, model, how)

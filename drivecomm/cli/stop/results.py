@@ -29,6 +29,6 @@ def _show(news: StopResult, wanted: Stop, *, as_json: bool) -> None:
     if news.error is not None:
         complain(news.error, as_json=False, where=f"{where}{who} has not confirmed its stop")
         return
-    instead = "" if news.how is wanted else f", because it cannot by {wanted.value}"
+    instead = "" if news.how is wanted else f", because {wanted.value} is not supported"
     what = "confirmed" if news.confirmed else "sent to all"
     say(f"{where}{who}  stop ({news.how.value}{instead}) {what}{f', {news.without}' if news.without else ''}")

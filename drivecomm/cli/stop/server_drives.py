@@ -72,9 +72,9 @@ class ServerDrives:
     def _servers(self) -> list[Registration]:
         """Return the server of the plant file; without one, all servers unless the user named a plant file."""
         path, spite = the_plant_file(self._line, self._spite), self._spite
-        own = None if path is None else spite.of(partial(server_of_plant, path), None, "its server is not looked for")
+        own = None if path is None else spite.of(partial(server_of_plant, path), None, "its server was not found")
         if own is not None:
             return [own]
         if "plant" in self._line.given:
             return []
-        return spite.of(lambda: list(servers()), [], "servers cannot be looked for")
+        return spite.of(lambda: list(servers()), [], "servers cannot be found")

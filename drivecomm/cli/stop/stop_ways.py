@@ -35,11 +35,11 @@ class StopWays:
         self.programs: list[tuple[Registration, str]] = []
         if not port:
             return
-        if why := spite.of(unusable_reason, "", "this user's runtime folder cannot be looked at"):
-            spite.note(f"programs that have the port are not found, because {why}; the port itself is tried")
+        if why := spite.of(unusable_reason, "", "this user's runtime folder cannot be read"):
+            spite.note(f"programs that have the port cannot be found, because {why}; trying the port directly")
         found: list[tuple[Registration, str]] = []
-        found += spite.of(lambda: list(servers_of_port(port)), [], "servers cannot be looked for")
-        found += spite.of(lambda: list(holders_of_port(port)), [], "who has the port cannot be looked up")
+        found += spite.of(lambda: list(servers_of_port(port)), [], "servers cannot be found")
+        found += spite.of(lambda: list(holders_of_port(port)), [], "the program that has the port cannot be found")
         self.programs = [(program, line) for program, line in found if program.pid not in spite.lost]
 
     def stopped_by(
@@ -56,7 +56,7 @@ class StopWays:
             try:
                 request_stop(program, place_on_line(line, whom), how, options_for(program))
             except LinkError as error:
-                self.spite.note(f"{error}; another way is tried now")
+                self.spite.note(f"{error}; trying another way")
             else:
                 return program
         return None

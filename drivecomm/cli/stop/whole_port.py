@@ -40,7 +40,7 @@ def stop_port(line: LineArguments, how: Stop, spite: SafeLookups) -> int:
                 return _stopped_by_server(program, name, line, how, spite)
             _stop_by_holder(program, name, line, how, tell)
         except LinkError as error:
-            spite.note(f"{error}; another way is tried now")
+            spite.note(f"{error}; trying another way")
         else:
             return DriveError.exit_code
     unreached = []
@@ -55,7 +55,7 @@ def stop_port(line: LineArguments, how: Stop, spite: SafeLookups) -> int:
 
 def _explain(unreached: Sequence[str], port: str) -> None:
     say(
-        "sent with each protocol's usual line settings, which is the best that can be done without --plant: nobody "
+        "sent with each protocol's usual line settings, because only a plant file (--plant) gives others; no drive "
         "confirms a broadcast, so look at the motors"
     )
     for name in unreached:
@@ -73,7 +73,8 @@ def _why_not(name: str, port: str) -> str:
     alone = plugin.broadcast_address is None
     return (
         f"{'its drives have no broadcast' if alone else 'that needs the models of its drives'}; name them in a plant "
-        f"file, or stop each by itself: drivecomm stop {name}:ADDRESS{'' if alone else ',model=MODEL'} --port {port}"
+        "file, or stop each one separately: "
+        f"drivecomm stop {name}:ADDRESS{'' if alone else ',model=MODEL'} --port {port}"
     )
 
 

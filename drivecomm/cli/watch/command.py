@@ -56,7 +56,7 @@ def watch(
     if line.json or line.trace or line.record is not None:
         raise UsageError("watch is for a terminal; use drivecomm poll for --json, --trace and --record")
     if duration is not None and not duration > 0:
-        raise UsageError(f"--for {duration:g} s is not possible; give seconds above 0")
+        raise UsageError(f"--for {duration:g} s is not a valid time; give seconds above 0")
     lines = watched_lines(what, line)
     _must_be_a_terminal()
     file = what[0] if what else plant_file(line.plant, port_given=False)
@@ -88,10 +88,10 @@ def _must_be_a_terminal() -> None:
     streams = {"input": sys.stdin, "output": sys.stdout, "error": sys.stderr}
     elsewhere = [name for name, stream in streams.items() if stream is None or not stream.isatty()]
     if "output" in elsewhere:
-        raise UsageError("watch needs a terminal; use drivecomm poll where there is none")
+        raise UsageError("watch needs a terminal; without one, use drivecomm poll")
     if elsewhere:
         names = " and ".join(f"standard {name}" for name in elsewhere)
-        raise UsageError(f"watch needs the terminal for {names}, too; do not send it elsewhere, or use drivecomm poll")
+        raise UsageError(f"watch needs the terminal for {names}, too; do not redirect it, or use drivecomm poll")
 
 
 def watched_lines(what: Sequence[str], line: LineArguments) -> list[WatchedLine]:

@@ -247,7 +247,7 @@ class WatchScreen(App[Exception | None]):
             return
         name = self._view.name
         drive = self.watcher.drive(name)
-        remark = f"with the reference that it has; if its line falls silent: {drive.capabilities.link_loss}"
+        remark = f"with its present reference; if its line falls silent: {drive.capabilities.link_loss}"
         self._ask(f"Start {name}?", remark, lambda: self._command(name, "started", _start(drive)))
 
     def action_reset(self) -> None:

@@ -40,7 +40,7 @@ class ParametersScreen(Screen[None]):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,p,q", "app.pop_screen", "back", key_display="esc"),
         Binding("n,pagedown", "page(1)", "next page", key_display="n"),
-        Binding("b,pageup", "page(-1)", "page before", key_display="b"),
+        Binding("b,pageup", "page(-1)", "previous page", key_display="b"),
         Binding("r", "read_again", "read again"),
     ]
 

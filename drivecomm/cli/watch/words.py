@@ -161,9 +161,9 @@ def why_not(verb: Literal["start", "reset"], drive: DriveConfig, *, armed: bool)
     if not drive.armed:
         return f"{drive.name} is read-only: write armed = true for it in the plant file"
     if verb == "start" and drive.link_loss is None:
-        return f"{drive.name} is not started: the plant file does not say its link_loss, what it does without a master"
+        return f"{drive.name} is not started: the plant file has no link_loss, its behaviour without a master"
     if verb == "start" and drive.link_loss is not None and drive.link_loss.policy != HOLD:
         # Other policies need a program that sets the drive's watchdog and stays; a screen may be closed at any moment.
         way = f"drivecomm start {drive.name} --link-loss {drive.link_loss.policy}"
-        return f"{drive.name} is not started from here: use {way}, which stays with it"
+        return f"{drive.name} is not started from here: use {way}, which keeps running beside it"
     return ""

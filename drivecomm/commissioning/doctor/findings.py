@@ -59,14 +59,14 @@ def judge(measurements: Measurements, report: PortReport | None) -> list[DoctorF
 
 def _port(report: PortReport | None, measurements: Measurements) -> Iterator[_Found]:
     if report is None:
-        yield "note", "nothing is known of this port but what was measured", ""
+        yield "note", "only the measurements of this port are known", ""
         return
     if report.kind != "serial port":
         unknown = "what adapter there is, its latency and the direction of its transmitter cannot be known from here"
         remedy = "run this on the machine that has the adapter" if report.kind in ("raw TCP", "RFC 2217") else ""
         yield "note", f"{report.url} is {_a(report.kind)}: {unknown}", remedy
         if report.kind == "raw TCP":
-            text = "the line settings are those of the server, whatever is asked for here"
+            text = "the server sets the line settings, so those given here have no effect"
             yield "note", text, "set them at the server, or use rfc2217:// if it can"
         return
     parts = [f"{report.url} is a serial port"]
@@ -96,9 +96,9 @@ def _noise(measurements: Measurements) -> Iterator[_Found]:
     heard = [one for one in measurements.noise if one.data]
     if not heard:
         seconds = sum(one.seconds for one in measurements.noise)
-        yield "fine", f"the line is quiet: nothing came unasked in {seconds:g} s", ""
+        yield "fine", f"the line is quiet: no bytes came unrequested in {seconds:g} s", ""
     for one in heard:
-        text = f"{_bytes(len(one.data))} came unasked in {one.seconds:g} s at {one.settings}: {_hex(one.data)}"
+        text = f"{_bytes(len(one.data))} came unrequested in {one.seconds:g} s at {one.settings}: {_hex(one.data)}"
         what, remedy = _source_of(one)
         yield "problem", text + what, remedy
 
@@ -131,13 +131,13 @@ def _echo(measurements: Measurements) -> Iterator[_Found]:
     elif "changed" in kinds:
         trial = trials[kinds.index("changed")]
         text = (
-            f"of {trial.sent.hex(' ').upper()} there came back {trial.came[:_SHOWN_BYTES].hex(' ').upper()}: "
+            f"{trial.sent.hex(' ').upper()} came back as {trial.came[:_SHOWN_BYTES].hex(' ').upper()}: "
             "noise, or an echo that is disturbed while it is sent"
         )
         remedy = "if the line is quiet otherwise, use --echo expect, and check whether two transmitters are on at once"
         yield "problem", text, remedy
     elif said == "expect":
-        text = "the adapter does not echo, although --echo expect is set"
+        text = "the adapter does not echo, although --echo expect is given"
         yield "note", text, "leave --echo out"
     else:
         yield "fine", "the adapter does not echo what it sends", ""
@@ -167,7 +167,7 @@ def _drives(measurements: Measurements) -> Iterator[_Found]:
         )
         yield "problem", text, remedy
     if measurements.unclear_bytes:
-        text = f"{_bytes(measurements.unclear_bytes)} came while drives were asked, and were part of no answer"
+        text = f"{_bytes(measurements.unclear_bytes)} came while drives were polled, and were not part of a reply"
         remedy = "check baud rate and parity of the drives, and look at the bytes with --trace"
         yield "problem", text, remedy
     if measurements.found or measurements.elsewhere or measurements.sought:
@@ -195,8 +195,8 @@ def _expected(sought: SearchedDrive) -> _Found:
         text = f"{name} does not answer at {settings}, but the drive of address {sought.answered_by} does in its place"
         return "problem", text, f"use address {sought.answered_by}, or set the drive to {sought.drive.address}"
     remedy = (
-        "check that it has power and its wires, and whether its address, protocol and line settings are those "
-        "of the plant file; drivecomm scan --wide finds it at others"
+        "check its power supply and wiring, and whether its address, protocol and line settings match "
+        "the plant file; drivecomm scan --wide finds it at others"
     )
     came = f" (received: {_hex(sought.came[0])})" if sought.came else ""
     return "problem", f"{name} does not answer at {settings}: {sought.error}{came}", remedy
@@ -205,7 +205,7 @@ def _expected(sought: SearchedDrive) -> _Found:
 def _with(needs: Mapping[str, float]) -> str:
     if "turnaround_s" in needs:
         return f"with a pause of {needs['turnaround_s'] * 1000:g} ms before each request"
-    return f"when it is given {needs['reply_timeout_s']:g} s for its reply"
+    return f"with a reply time-out of {needs['reply_timeout_s']:g} s"
 
 
 def _option(needs: Mapping[str, float]) -> str:

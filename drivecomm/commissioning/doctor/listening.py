@@ -39,7 +39,7 @@ class IdleObservation:
 
     @property
     def echoes(self) -> bool:
-        """Whether the adapter echoes the bytes that it sends."""
+        """Whether the adapter echoes what it sends."""
         return self.echo == "expect" or any(trial.kind == "whole" for trial in self.trials)
 
 

@@ -44,7 +44,7 @@ def panel_findings(readings: Sequence[PanelReading], *, carries_settings: bool) 
                 yield _weight(one, carries_settings=carries_settings), _difference(one), _remedy(one)
         right = sum(one.agrees for one in several)
         if right:
-            text = f"{right} of {len(several)} panel settings that it tells are as the plant file says"
+            text = f"{right} of {len(several)} panel settings that it reports match the plant file"
             yield "fine", f"{drive.full_name}: {text}", ""
 
 

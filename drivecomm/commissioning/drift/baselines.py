@@ -31,7 +31,7 @@ def approved_set(known: ParameterSet, approval: Approval) -> ParameterSet:
     """
     kept = {entry.address: entry for entry in known.of(WRITABLE)}
     if not kept:
-        raise UsageError(f"nothing was read of {known.drive} that can be set, so that there is nothing to approve")
+        raise UsageError(f"no setting of {known.drive} was read, so there is nothing to approve")
     return replace(known, entries=kept, explored=None, approved=approval)
 
 

@@ -85,15 +85,15 @@ class Logbook:
         if self.answers and self._identity != dict(identity):
             told = next(
                 (
-                    f"its {key} is {identity.get(key, 'not told')!r} and was {self._identity.get(key, 'not told')!r}"
+                    f"its {key} is {identity.get(key, 'unknown')!r} and was {self._identity.get(key, 'unknown')!r}"
                     for key in (*self._identity, *identity)
                     if identity.get(key) != self._identity.get(key)
                 ),
                 "",
             )
             raise FileFormatError(
-                f"{self.path}: these are the answers of another drive at the same address: {told}; remove the file to "
-                "begin anew"
+                f"{self.path}: these replies are from another drive at the same address: {told}; remove the file to "
+                "start again"
             )
         self._identity = dict(identity)
 
@@ -107,7 +107,7 @@ class Logbook:
             self._file.write(json_text(_content(answer)) + "\n")
             self._file.flush()
         except OSError as error:
-            raise UsageError(f"{self.path}: the answers cannot be kept: {error.strerror or error}") from error
+            raise UsageError(f"{self.path}: the replies cannot be stored: {error.strerror or error}") from error
         self.answers[answer.address] = answer
 
     def over(self) -> None:
@@ -133,20 +133,20 @@ class Logbook:
                 self.path.write_bytes(whole)
         except (OSError, ValueError, KeyError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
             raise FileFormatError(
-                f"{self.path}: these are not answers of a drive; remove the file to begin anew"
+                f"{self.path}: this file does not hold replies of a drive; remove the file to start again"
             ) from error
         if head is not None and head != self._head:
-            raise FileFormatError(f"{self.path}: {self._differing(head)}; remove the file to begin anew")
+            raise FileFormatError(f"{self.path}: {self._differing(head)}; remove the file to start again")
         self._identity = identity
         self.answers = {answer.address: answer for answer in answers}
 
     def _differing(self, head: Mapping[str, Any]) -> str:
         for key in ("drive", "model"):
             if head.get(key) != self._head[key]:
-                return f"these are the answers of {key} {head.get(key)!s}, not of {self._head[key]}"
+                return f"these are replies of {key} {head.get(key)!s}, not of {self._head[key]}"
         if head.get("asked") != self._head["asked"]:
-            return "these are answers to another command"
-        return f"model {self._head['model']} was changed since these answers were given"
+            return "these are replies to another command"
+        return f"model {self._head['model']} was changed since these replies were stored"
 
 
 def _content(answer: AddressAnswer) -> dict[str, Any]:

@@ -37,7 +37,7 @@ def fluidnc_configuration(content: Mapping[str, Any]) -> ForeignContents | None:
     spindle = content.get("ModbusVFD")
     for name in BUILT_IN & content.keys():
         found = ForeignContents(form="FluidNC configuration (YAML)", title=name)
-        found.leave(name, None, "FluidNC knows the registers of this spindle itself; the file does not say them")
+        found.leave(name, None, "FluidNC has the registers of this spindle built in; the file does not list them")
         if not isinstance(spindle, Mapping):
             return found
     if not isinstance(spindle, Mapping):
@@ -84,7 +84,7 @@ def _reading(found: ForeignContents, key: str, command: str, drive: int | None) 
             continue
         factor = ratio(int(speed[2] or 1), int(speed[3] or 1))
         if byte % 2 or factor is None:
-            found.leave(key, word, "not a register, or not a factor that a decimal number says exactly")
+            found.leave(key, word, "not a register, or not a factor that a decimal number expresses exactly")
         else:
             found.add(
                 ForeignRegister(

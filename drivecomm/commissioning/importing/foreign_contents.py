@@ -119,5 +119,7 @@ class ForeignContents:
             self.leave(register.place, register.number, f"a telegram names registers from 0 to {MOST}")
             return
         if register.type.endswith("32") and not register.word_order:
-            self.assume("32-bit values have their high word in the lower register, because the file says no word order")
+            self.assume(
+                "32-bit values have their high word in the lower register, because the file gives no word order"
+            )
         self.registers.append(register)

@@ -110,19 +110,19 @@ def _sensor(found: ForeignContents, place: str, entry: Mapping[str, Any], *, bit
         found.leave(place, title, "names no register, or an input_type that is not understood")
     elif held is None:
         count = f", count {entry['count']}" if "count" in entry else ""
-        found.leave(place, f"data_type {entry.get('data_type', 'int16')}{count}", "not a type that a model can say")
+        found.leave(place, f"data_type {entry.get('data_type', 'int16')}{count}", "not a type that a model can express")
     elif not scale or offset is None or offset:
         what = f"scale {entry.get('scale', 1)}, offset {entry.get('offset', 0)}"
         found.leave(place, what, "a model has a factor and no offset, and without it the value would be wrong")
     elif swap not in ("none", "false", "word") or (swap == "word" and not held.type.endswith("32")):
-        found.leave(place, f"swap {swap}", "a model says the order of two words, not that of bytes")
+        found.leave(place, f"swap {swap}", "a model gives the order of two words, not of bytes")
     else:
         for key in sorted(entry.keys() - _SHOWN_ONLY, key=str):
             found.leave(f"{place}.{key}", entry[key], "not understood; the register is read all the same")
         if word := entry.get("unit_of_measurement"):
             known = unit_in(str(word))
             if known is None:
-                found.leave(f"{place}.unit_of_measurement", word, "not a known unit, so that the value has none")
+                found.leave(f"{place}.unit_of_measurement", word, "not a known unit, so the value has none")
             unit = known[0] if known else ""
         order = ("low" if swap == "word" else "high") if held.type.endswith("32") else ""
         found.add(

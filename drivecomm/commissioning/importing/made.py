@@ -74,10 +74,10 @@ def _of_drive(found: ForeignContents, drive: int | None) -> list[ForeignRegister
     drives = drives_of(found)
     if drive is None and len(drives) > 1:
         named = ", ".join(map(str, drives))
-        raise UsageError(f"the file reads drives {named}; say with --address whose registers the model is to have")
+        raise UsageError(f"the file reads drives {named}; choose one with --address")
     registers = [each for each in found.registers if each.drive in (None, drive) or drive is None]
     if drive is not None and drives and drive not in drives:
-        raise UsageError(f"the file reads no drive {drive}, only {', '.join(map(str, drives))}")
+        raise UsageError(f"the file does not read drive {drive}, only {', '.join(map(str, drives))}")
     return registers
 
 

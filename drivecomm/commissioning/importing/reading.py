@@ -49,7 +49,7 @@ def read_foreign(path: Path, base: Base | None = None) -> ForeignContents:
     elif base is not None:
         raise UsageError(f"{path} is a {found.form}, whose addresses are those of telegrams; leave --register-base out")
     if found is None:
-        raise FileFormatError(f"{path}: not a file that can be imported; known are {_KNOWN}")
+        raise FileFormatError(f"{path}: not a file that can be imported; supported are {_KNOWN}")
     if not found.registers:
         reasons = "; ".join(str(each) for each in found.left[:3])
         raise FileFormatError(

@@ -87,7 +87,7 @@ def register_list(data: bytes, base: Base | None) -> ForeignContents | None:
     counting = counting_of(addresses, heading[sheet.columns["address"]], base)
     found.assumptions.append(_counted_as(counting.base, certain=counting.certain, hexadecimal=counting.hex))
     if "type" not in sheet.columns:
-        found.assume("every register is an unsigned number of 16 bits, because no column says the type")
+        found.assume("every register is an unsigned number of 16 bits, because no column gives the type")
     for line, row in rows:
         if not any(cell.strip() for cell in row):
             continue
@@ -119,7 +119,7 @@ def _row(found: ForeignContents, place: str, cells: Mapping[str, str], counted: 
     if word := cells.get("unit", ""):
         known = unit_in(word)
         if known is None:
-            found.leave(place, f"unit {word}", "not a known unit, so that the value has none")
+            found.leave(place, f"unit {word}", "not a known unit, so the value has none")
         else:
             unit, step = known
     factor = _factor(found, place, cells, step)
@@ -246,12 +246,12 @@ def _held(
         return None
     if words is not None and words != (2 if held.type.endswith("32") else 1):
         says = f"type {text}, count {count}" if text else f"count {count}"
-        found.leave(place, says, "the type of a value in so many registers is not certain")
+        found.leave(place, says, "the type of a value in this number of registers is not certain")
         return None
     if order := " ".join(cells.get("order", "").casefold().split()):
         known = next((each for each, names in _ORDERS.items() if order in names), None)
         if known is None and held.type.endswith("32"):
-            found.leave(place, f"word order {order}", "not an order of two words that a model can say")
+            found.leave(place, f"word order {order}", "not an order of two words that a model can express")
             return None
         return held._replace(order=known or "") if held.type.endswith("32") else held
     return held

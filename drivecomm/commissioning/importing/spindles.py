@@ -60,12 +60,12 @@ def _commands(found: ForeignContents, name: str, group: Mapping[str, str | None]
         if key == "address" and (number := whole_in(value)) is not None:
             title = "command register" if name.casefold() == "control" else "speed command register"
             found.add(ForeignRegister(place=f"[{name}] Address", title=title, number=number, written=True))
-            found.leave(f"[{name}]", f"Address {value}", "commands the drive, so that it is named and never written")
+            found.leave(f"[{name}]", f"Address {value}", "commands the drive, so it is named and never written")
         elif key.endswith("coil") and (number := whole_in(value)) is not None:
             found.add(
                 ForeignRegister(place=f"[{name}] {key}", title=key, kind="c", number=number, type="", written=True)
             )
-            found.leave(f"[{name}] {key}", value, "commands the drive, so that it is named and never written")
+            found.leave(f"[{name}] {key}", value, "commands the drive, so it is named and never written")
         elif key.endswith("value"):
             found.leave(f"[{name}] {key}", value, "a command, which is never sent from here")
 
@@ -84,7 +84,7 @@ def _reading(
         found.leave(place, f"FunctionCode {group.get('functioncode')}", "does not read registers or coils")
     elif factor is None:
         scale = f"Multiplier {group.get('multiplier')}, Divider {group.get('divider')}"
-        found.leave(place, scale, "not a factor that a decimal number says exactly")
+        found.leave(place, scale, "not a factor that a decimal number expresses exactly")
     elif pin == "bit" and not kind:
         found.leave(place, "PinType bit", "which bit of the register is not understood")
     else:
@@ -111,16 +111,16 @@ def grblhal_settings(text: str) -> ForeignContents | None:
     for setting, title in ((462, "command register"), (463, "frequency command register")):
         if (number := whole_in(given.get(setting))) is not None:
             found.add(ForeignRegister(place=f"${setting}", title=title, number=number, written=True))
-            found.leave(f"${setting}", number, "commands the drive, so that it is named and never written")
+            found.leave(f"${setting}", number, "commands the drive, so it is named and never written")
     for setting in (465, 466, 467, 468, 469):
         if setting in given:
             found.leave(f"${setting}", given[setting], "a command or its scale, which is never sent from here")
     number, factor = whole_in(given.get(464)), ratio(whole_in(given.get(470)) or 0, whole_in(given.get(471)) or 0)
     if number is None:
-        found.leave("$464", given.get(464, "missing"), "the register with the speed is not said")
+        found.leave("$464", given.get(464, "missing"), "the register with the speed is not given")
     elif factor is None:
         scale = f"{given.get(470, 'missing')} / {given.get(471, 'missing')}"
-        found.leave("$464", scale, "$470 and $471 do not say a factor that a decimal number says exactly")
+        found.leave("$464", scale, "$470 and $471 do not say a factor that a decimal number expresses exactly")
     else:
         drive = whole_in(given.get(476, given.get(460)))
         found.assume("the speed is in rpm, which is what $470 and $471 make of the register")

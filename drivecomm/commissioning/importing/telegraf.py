@@ -106,7 +106,7 @@ def _field(found: ForeignContents, place: str, field: Mapping[str, Any], *, driv
         found.leave(place, title, "names no register")
         return
     if addresses != list(range(first, first + len(addresses))):
-        found.leave(place, f"address {given}", "not registers one after the other")
+        found.leave(place, f"address {given}", "not consecutive registers")
         return
     if kind in ("c", "d"):
         held: RegisterStorage | None = RegisterStorage("")
@@ -114,7 +114,7 @@ def _field(found: ForeignContents, place: str, field: Mapping[str, Any], *, driv
         held = _held(field, len(addresses) if isinstance(given, list) else None)
     if held is None:
         what = f"{field.get('data_type')}, {field.get('byte_order', 'no byte_order')}, address {given}"
-        found.leave(place, what, "not a type and an order that a model can say")
+        found.leave(place, what, "not a type and an order that a model can express")
         return
     scale = number_in(field.get("scale", 1))
     if not scale:

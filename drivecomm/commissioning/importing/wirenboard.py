@@ -82,7 +82,7 @@ def wirenboard_template(text: str, shown: str) -> ForeignContents | None:
         return None
     found = ForeignContents(form="wb-mqtt-serial device template (JSON)", title=str(device.get("name", "")))
     if device.get("protocol", "modbus") not in ("modbus", "modbus_io"):
-        found.leave("device.protocol", device["protocol"], "not Modbus, so that nothing of the file is a register")
+        found.leave("device.protocol", device["protocol"], "not Modbus, so the file has no registers")
         return found
     for key in ("setup", "subdevices"):
         for place, entry in found.tables(f"device.{key}", device.get(key)):
@@ -143,11 +143,11 @@ def _channel(
         found.leave(place, f"address {entry['address']}", "not a register, or not one bit or byte of it")
         return
     if held is None:
-        found.leave(place, f"format {format_}", "not a type that a model can say")
+        found.leave(place, f"format {format_}", "not a type that a model can express")
         return
     characters = 2 * (whole_in(entry.get("string_data_size", 0)) or 0)
     if held.type == "string" and not characters:
-        found.leave(place, f"format {format_}", "the length of the text is not said")
+        found.leave(place, f"format {format_}", "the length of the text is not given")
         return
     scale, offset = number_in(entry.get("scale", 1)), number_in(entry.get("offset", 0))
     if not scale or offset is None or offset:
@@ -191,7 +191,7 @@ def _unit(found: ForeignContents, place: str, entry: Mapping[str, Any]) -> str:
         return _UNITS.get(str(entry.get("type")), "")
     known = unit_in(str(entry["units"]))
     if known is None:
-        found.leave(f"{place}.units", entry["units"], "not a known unit, so that the value has none")
+        found.leave(f"{place}.units", entry["units"], "not a known unit, so the value has none")
     return known[0] if known else ""
 
 
@@ -203,7 +203,7 @@ def _texts(found: ForeignContents, place: str, entry: Mapping[str, Any]) -> dict
         if (number := whole_in(code)) is not None:
             values[number] = str(text)
     if len(values) < len(codes):
-        found.leave(f"{place}.enum", codes, "has not a title and a whole number for each value")
+        found.leave(f"{place}.enum", codes, "does not have a title and a whole number for each value")
     return values
 
 

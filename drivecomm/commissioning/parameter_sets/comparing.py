@@ -106,7 +106,7 @@ def _compared(
         for known, model in zip((left, right), models, strict=True)
         if model is None
     ]
-    remarks.append(f"not compared, for want of a common name: {nameless[0]} here, {nameless[1]} there")
+    remarks.append(f"not compared, because there is no common name: {nameless[0]} here, {nameless[1]} there")
     return _comparison("common name", found, equal, remarks)
 
 

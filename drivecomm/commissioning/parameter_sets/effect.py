@@ -123,7 +123,7 @@ def common_values(
             continue
         if not all(same(values[0], value) for value in values):
             told = ", ".join(f"{entry.address} is {entry}" for entry in those)
-            left_out[name] = f"it has no one value: {told}"
+            left_out[name] = f"it has no single value: {told}"
             continue
         first = those[0]
         found[name] = ParameterEntry(

@@ -164,7 +164,7 @@ def _set_in(top: TomlTable) -> ParameterSet:
         table = top.table(part)
         for address in table.content:
             if address in entries:
-                raise table.error(f"{address} stands under [{entries[address].part}], too", address)
+                raise table.error(f"{address} is also listed under [{entries[address].part}]", address)
             entries[address] = _entry(part, address, table)
     return ParameterSet(
         protocol=given["protocol"],
@@ -183,7 +183,7 @@ def _set_in(top: TomlTable) -> ParameterSet:
 def _time_in(table: TomlTable) -> datetime | None:
     time: datetime | None = table.content.get("time")
     if time is not None and not time.tzinfo:
-        raise table.error(f"time cannot be {time}; write it with its zone, as 2026-11-21T19:00:00Z", "time")
+        raise table.error(f"invalid time {time}; write it with its zone, as 2026-11-21T19:00:00Z", "time")
     return None if time is None else time.astimezone(UTC)
 
 

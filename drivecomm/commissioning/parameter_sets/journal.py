@@ -82,8 +82,8 @@ def new_journal(path: Path, known: ParameterSet, drive: str) -> RestoreJournal:
     """Return a journal for a new restore. Raises UsageError if an earlier restore was interrupted."""
     if path.exists():
         raise UsageError(
-            f"{path}: an earlier restore to {drive} was cut off; go on with it (--resume), or remove this file to "
-            "begin again"
+            f"{path}: an earlier restore to {drive} was interrupted; continue it (--resume), or remove this file "
+            "to begin again"
         )
     return RestoreJournal(path, known, drive)
 

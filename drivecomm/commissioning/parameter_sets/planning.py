@@ -36,9 +36,9 @@ if TYPE_CHECKING:
     from drivecomm.protocol import Model, ParameterInfo
 
 _SHOWN = 3
-_REFERENCE = "it is what a bus commands the motor's speed by"
+_REFERENCE = "a bus commands the motor's speed with it"
 _WATCHDOG = "a bus switches the watchdog on for a time; name it with --only to restore it"
-_NOT_TOLD = "communication settings are only written when that is said (--communication)"
+_NOT_TOLD = "communication settings are only written with --communication"
 _AS_MEANT = (_REFERENCE, _WATCHDOG, _NOT_TOLD)
 
 
@@ -118,8 +118,8 @@ def _looked_at(to: SetSubject, known: ParameterSet, options: RestoreOptions) -> 
     if reason := of_another_drive(known, there):
         if not options.another_drive:
             raise UsageError(
-                f"this parameter set is of another drive: {reason}; nothing was written; say that it is meant for "
-                "another drive (--another-drive) if it is"
+                f"this parameter set is of another drive: {reason}; nothing was written; if it is meant for another "
+                "drive, give --another-drive"
             )
         return [f"from another drive: {reason}"], False
     return [], True
@@ -129,8 +129,8 @@ def _model_of(known: ParameterSet) -> Model:
     model = model_of(known)
     if model is None:
         raise UsageError(
-            f"what the values of {known.drive} mean is said by its model {known.model}, and none is found by that name "
-            f"for {known.protocol}; put its file where models are found; nothing was written"
+            f"the values of {known.drive} need its model {known.model}, and {known.protocol} has no model of that "
+            f"name; put its file where models are found; nothing was written"
         )
     return model
 
@@ -227,7 +227,7 @@ def _reason_to_skip(
     if part is None:
         return "writing it is a command"
     if part == "measured":
-        return "it can only be read" if "w" not in info.access else "it is gone without power"
+        return "it can only be read" if "w" not in info.access else "it is lost at power-off"
     if "communication" in (part, entry.part):
         if across:
             return "communication settings are not copied between makers"
@@ -289,7 +289,7 @@ def _must_fit(items: list[PlannedItem], wrong: dict[str, str]) -> None:
     if told:
         more = f" (and {len(told) - _SHOWN} more)" if len(told) > _SHOWN else ""
         raise ValueRefusedError(
-            f"{'; '.join(told[:_SHOWN])}{more}; nothing was written, set this right in the parameter set first"
+            f"{'; '.join(told[:_SHOWN])}{more}; nothing was written; correct the parameter set first"
         )
 
 

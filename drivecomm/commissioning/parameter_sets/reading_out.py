@@ -27,7 +27,7 @@ def no_progress(_address: str, _done: int, _total: int) -> None:
     """Ignore the progress; default callback."""
 
 
-IN_RAM = "it was written to RAM, so that what the drive stores is not known"
+IN_RAM = "it was written to RAM, so what the drive stores is not known"
 """Reason why a set has no value of a parameter that the same program wrote to RAM only."""
 
 
@@ -48,8 +48,8 @@ def factory_values(of: SetSubject, parts: Collection[Part], progress: Progress) 
     options = of.plugin.factory_reading
     if not options:
         raise UsageError(
-            f"no {of.protocol} drive tells its factory values, and no source that was read lists them; back the drive "
-            "up right after a reset to its factory settings, and compare with that file"
+            f"no {of.protocol} drive reports its factory values, and no source that was read lists them; back the "
+            "drive up right after a reset to its factory settings, and compare with that file"
         )
     return (yield from _read(of, parts, options, {}, progress))
 
@@ -180,7 +180,7 @@ class SetSubject:
 def subject(drive: Drive | AsyncDrive) -> SetSubject:
     """Return a drive as a subject of parameter sets. Raises UsageError for a drive without a model."""
     if drive.model is None:
-        raise UsageError(f"{drive.name}: which parameters it has is said by its model; name one, such as with --model")
+        raise UsageError(f"{drive.name}: its parameters are not known without a model; name one, such as with --model")
     protocol = drive.name.partition(":")[0]
     plugin = installed[protocol]
     _, options = resolve_options(plugin, drive.model, {})
@@ -217,7 +217,7 @@ def of_another_drive(known: ParameterSet, there: ParameterSet) -> str:
     there: the drive as it is now; its entries are ignored.
     """
     if known.protocol != there.protocol:
-        return f"it is of a {known.protocol} drive, and {there.drive} is none"
+        return f"it is of a {known.protocol} drive, and {there.drive} is not one"
     if known.model != there.model:
         return f"it is of model {known.model}, and {there.drive} is opened as {there.model}"
     if known.drive != there.drive:

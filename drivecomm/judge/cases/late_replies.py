@@ -129,8 +129,8 @@ def _alternating(
         before_it_asked = first + late_s < second - wire_s < shown[0].time_s
         if before_it_asked and right is not None and not trial.learned.displays[parameter].shows(shown[0], right):
             fail(
-                f"it believed a late reply: it shows {shown[0].text}, from a reply that had come before it asked "
-                f"again; to that the drive said {right}"
+                f"it accepted a late reply: it shows {shown[0].text}, from a reply that came before the repeated "
+                f"request, to which the drive replied {right}"
             )
     return reason
 
@@ -164,6 +164,6 @@ def _check_order(trial: CaseContext, parameter: str, shown: Sequence[Shown], tim
         behind = behind + 1 if is_other or times.is_stale(each.time_s) else 0
         if behind == _TIME_AFTER_TIME:
             fail(
-                f"it believed old replies: it shows {each.text}, which the drive told to the request before, and so "
+                f"it accepted old replies: it shows {each.text}, the reply to the previous request, "
                 f"{behind} times in a row; {why}"
             )

@@ -28,8 +28,8 @@ def timing(trial: CaseContext) -> str:
         worst = next(each for each in demanded if each.rule == rule)
         fail(f"it does not keep to the timing of the line, {times} times ({rule}): {worst}")
     if broken:
-        return f"it leaves the pauses that are demanded; {broken[0]}"
-    return "it leaves the pauses that are needed"
+        return f"it observes the required pauses; {broken[0]}"
+    return "it observes the necessary pauses"
 
 
 @case("settings", "read", "write", "start", "stop", "reset", "run", title="its line settings are looked at")

@@ -31,9 +31,9 @@ def off_on(trial: CaseContext) -> str:
         run = trial.run(stand)
         heard = len(stand.drive.since())
     if not heard:
-        fail("it asked nothing any more after the drive had been off")
+        fail("it sent no more requests after the drive had been off")
     if trial.learned.displays and not shown_by(trial, run):
-        fail("it showed no value any more after the drive had been off, though the drive answered")
+        fail("it showed no more values after the drive had been off, though the drive answered")
     return check_values(trial, run, "the drive had been off", now_held_by=stand)
 
 
@@ -52,14 +52,14 @@ def _off_on_while_it_runs(trial: CaseContext) -> str:
         run = trial.run(stand, until=lambda: bool(back) and _goes_on(stand, back[0]), within_s=trial.order.limit_s)
         asked = [each for each in stand.drive.since() if back and each.time_s > back[0]]
     if not back:
-        raise NotTried("it asked too seldom for the drive to be switched off meanwhile")
+        raise NotTried("its requests are too rare to switch the drive off between two of them")
     if run.code is not None:
         fail(f"it gave up: it ended with exit code {run.code} after the drive had been off for {_OFF_S:g} s")
     if not asked:
-        fail(f"it gave up: it asked nothing any more after the drive had been off for {_OFF_S:g} s")
+        fail(f"it gave up: it sent no more requests after the drive had been off for {_OFF_S:g} s")
     if trial.learned.displays and not any(each.time_s > back[0] for _, each in shown_by(trial, run)):
-        fail(f"it showed no value any more after the drive had been off for {_OFF_S:g} s, though the drive answered")
-    return "it went on by itself"
+        fail(f"it showed no more values after the drive had been off for {_OFF_S:g} s, though the drive answered")
+    return "it resumed by itself"
 
 
 def _goes_on(stand: JudgeLine, back_s: float) -> bool:
@@ -86,5 +86,5 @@ def power_cycle(trial: CaseContext) -> str:
         run = trial.run(stand, within_s=OBSERVED_S if trial.goes_on else None)
         heard = stand.drive.since()
     if any(each.started for each in heard):
-        fail("it started the motor after the drive had lost its power, and was told to read only")
+        fail("it started the motor after the drive had lost its power, although its task was only to read")
     return check_values(trial, run, "the drive lost its power for a moment", now_held_by=stand)

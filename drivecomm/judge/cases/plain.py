@@ -53,13 +53,13 @@ def _run_once(trial: CaseContext, prepare: Sequence[object] = ()) -> tuple[Run, 
         heard = stand.drive.since()
         damaged, broken = stand.drive.damaged, [str(each) for each in stand.violations]
     if not heard and broken:
-        fail(f"the drive heard no telegram that was for it: {broken[0]}")
+        fail(f"the drive received no telegram addressed to it: {broken[0]}")
     if not heard:
         said = f": it says {run.text.strip().splitlines()[-1]!r}" if run.text.strip() else ""
         came = f"{damaged} damaged ones came" if damaged else "none came"
         fail(
-            f"the drive heard no telegram that was for it, {came}{said}; check port, address and line settings, which "
-            f"are {trial.known.facts.settings}"
+            f"the drive received no telegram addressed to it, {came}{said}; check port, address and line settings, "
+            f"which are {trial.known.facts.settings}"
         )
     must_end(trial, run)
     return run, heard, stand.drive
@@ -93,7 +93,7 @@ def _read(trial: CaseContext) -> tuple[LearnedBehaviour, str]:
             f"and its last line is {shown!r}; if that is right, write shows, parameter and scale of the task"
         )
     if not displays:
-        return learned, "it asks, and what it shows is not looked at"
+        return learned, "it sends requests, and what it shows is not checked"
     return learned, f"it shows {', '.join(displays)} as the drive holds {'it' if len(displays) == 1 else 'them'}"
 
 
@@ -196,7 +196,7 @@ def _stop(trial: CaseContext) -> tuple[LearnedBehaviour, str]:
     run, heard, _ = _run_once(trial, [trial.known.set_running])
     stops = tuple(each for each in heard if each.stopped)
     if not stops:
-        fail(f"the motor runs on after it; its last line is {_last_line(run)!r}")
+        fail(f"the motor keeps running after it; its last line is {_last_line(run)!r}")
     return _learned(run, heard, stops=stops), "the motor stops"
 
 
@@ -205,7 +205,7 @@ def _reset(trial: CaseContext) -> tuple[LearnedBehaviour, str]:
     if drive.motor.fault:
         fail(f"the fault is still there after it; its last line is {_last_line(run)!r}")
     if any(each.started for each in heard):
-        fail("it makes the motor run, and was told to reset a fault only")
+        fail("it makes the motor run, although its task was only to reset a fault")
     return _learned(run, heard), "the fault is gone, and the motor stands"
 
 

@@ -81,14 +81,13 @@ def lost_once(trial: CaseContext) -> str:
     return reason
 
 
-@case("damaged", "read", "run", title="every reply has a wrong bit, so that its check does not fit")
+@case("damaged", "read", "run", title="every reply has a wrong bit, so its check fails")
 def damaged(trial: CaseContext) -> str:
     """The master shows an error or nothing."""
     return _believes_nothing(
         trial,
         lambda stand, data: [(0.0, _with_a_wrong_bit(trial, stand, data))],
-        "it believed a damaged reply: it shows {}, and the check characters of no reply fitted; compute them and "
-        "compare",
+        "it accepted a damaged reply: it shows {}, and no reply had valid check characters; compute them and compare",
         "every reply was damaged",
     )
 
@@ -127,8 +126,8 @@ def cut(trial: CaseContext) -> str:
         left = (len(data) - 1, len(data) - 2, len(data) // 2)[count[0] % 3]
         return [(0.0, data[: max(1, left)])]
 
-    believed = "it believed a cut reply: it shows {}, and no reply arrived to its end"
-    return _believes_nothing(trial, meddle, believed, "every reply was cut")
+    believed = "it accepted a truncated reply: it shows {}, and no reply arrived complete"
+    return _believes_nothing(trial, meddle, believed, "every reply was truncated")
 
 
 @case("noise", "read", "run", title="noise arrives before every reply")
@@ -142,12 +141,12 @@ def noise(trial: CaseContext) -> str:
     return _disturbed(trial, meddle, "noise arrived before each reply")
 
 
-@case("echo", "read", "run", title="the master hears itself, as on some two-wire adapters")
+@case("echo", "read", "run", title="the master receives its own telegrams, as on some two-wire adapters")
 def echo(trial: CaseContext) -> str:
     """The master shows the drive's value or an error."""
     with trial.stand(set_test_values(trial), echo=True) as stand:
         run = trial.run(stand, within_s=watch_time_s(trial))
-    return check_values(trial, run, "it heard its own telegrams before the replies")
+    return check_values(trial, run, "it received its own telegrams before the replies")
 
 
 @case("other-drive", "read", "run", title="the reply of another drive arrives first")
@@ -162,11 +161,11 @@ def other_drive(trial: CaseContext) -> str:
         return None if reply is None or reply == data else reply
 
     return _instead(
-        trial, foreign, "that is what another drive said", "replies of this protocol do not name their drive"
+        trial, foreign, "that value is from another drive", "replies of this protocol do not name their drive"
     )
 
 
-@case("other-question", "read", "run", title="the reply to another question arrives first")
+@case("other-question", "read", "run", title="the reply to another request arrives first")
 def other_question(trial: CaseContext) -> str:
     """The master ignores that reply, and shows the requested value or an error."""
     needs_values(trial)
@@ -189,8 +188,8 @@ def other_question(trial: CaseContext) -> str:
                 found.append(reply)
         return found[0] if found else None
 
-    why = "that is the reply to another question"
-    return _instead(trial, foreign, why, "replies of this protocol do not name their question")
+    why = "that is the reply to another request"
+    return _instead(trial, foreign, why, "replies of this protocol do not name their request")
 
 
 def _instead(trial: CaseContext, foreign: Callable[[JudgeLine, bytes], bytes | None], why: str, cannot: str) -> str:

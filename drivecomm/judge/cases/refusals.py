@@ -59,19 +59,19 @@ def refused(trial: CaseContext, code: int) -> str:
         refused = [each for each in stand.drive.since() if wanted(each.find)]
         was_refused = bool(stand.drive.refused_with)
     if not refused or not was_refused:
-        raise NotTried("it sent nothing that drives of this protocol refuse so")
+        raise NotTried("it sent nothing that drives of this protocol refuse with this code")
     text = f"{code}, {known.refusals[code]!r}"
     if task in ("read", "run") and (shown := shown_by(trial, run)):
         fail(f"it ignored an error code: it shows {shown[0][1].text}, and the drive refused with {text}")
     must_end(trial, run)
     if task not in ("read", "run") and says_success(run, trial.learned):
-        fail(f"it ignored an error code: the drive refused with {text}, and it says what it says when all is well")
+        fail(f"it ignored an error code: the drive refused with {text}, and its output is the same as on success")
     keys = [each.key for each in refused]
     times = keys.count(keys[0])
     usual = trial.learned.keys.get(keys[0], 1)
     if not trial.goes_on and task != "stop" and times > usual and not _may_be_repeated(known, code):
-        fail(f"it sent {times} times what the drive had refused with {text}")
-    return "it said that something went wrong" if run.text.strip() or run.code else "it showed nothing"
+        fail(f"it sent a request {times} times, although the drive had refused it with {text}")
+    return "it reported an error" if run.text.strip() or run.code else "it showed nothing"
 
 
 @case(
@@ -80,13 +80,13 @@ def refused(trial: CaseContext, code: int) -> str:
     "start",
     "stop",
     "read",
-    title="it is refused first, and the master is told to do it again",
+    title="the drive refuses the first attempt, and the master is asked to repeat it",
 )
 def after_refusal(trial: CaseContext) -> str:
     """The next task after a refusal works as before, even if a drive first requires its error to be read."""
     codes = [code for code, text in trial.known.refusals.items() if not _is_none(text) and not _ASKS_AGAIN.search(text)]
     if not codes:
-        raise NotTried("no refusals are known of this protocol")
+        raise NotTried("this protocol has no known refusals")
     wanted, task = _decisive(trial), trial.task.name
     with trial.stand(partial(prepare_drive, trial)) as stand:
         stand.drive.between = _refusing(stand, wanted, codes[0])
@@ -99,7 +99,7 @@ def after_refusal(trial: CaseContext) -> str:
         heard = stand.drive.since(before)
         motor = stand.drive.motor
     if not heard:
-        fail("it sent nothing when it was told to do it again after a refusal")
+        fail("it sent nothing when it had to repeat the task after a refusal")
     if task == "read":
         if trial.learned.displays and not trial.goes_on and not shown_by(trial, run):
             fail("it shows no value after a refusal, though the drive answers again")
@@ -111,7 +111,7 @@ def after_refusal(trial: CaseContext) -> str:
     }[task]
     if not worked:
         fail(
-            f"its next {task} after a refusal has no effect: the drive goes on refusing, since what it needs after a "
+            f"its next {task} after a refusal has no effect: the drive keeps refusing, because what it needs after a "
             "refusal was not done (some drives want their error register read)"
         )
     return f"its next {task} works"
@@ -146,7 +146,7 @@ def _refusing(
 ) -> Callable[[Framed, Callable[[], VirtualReply | None]], VirtualReply | None]:
     drive = stand.drive
     if not isinstance(drive.inner, Refuses):
-        raise NotTried("virtual drives of this protocol cannot be told to refuse")
+        raise NotTried("virtual drives of this protocol cannot be made to refuse")
 
     def between(find: Framed, act: Callable[[], VirtualReply | None]) -> VirtualReply | None:
         return (drive.refuse(find, code, stand.line.time) if wanted(find) else None) or act()

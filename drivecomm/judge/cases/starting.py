@@ -29,16 +29,16 @@ def _once(trial: CaseContext, meddle: Callable[[JudgeLine, bytes], Sequence[tupl
     """Disturb replies from the start on; fail if the request that starts the motor is repeated."""
     starts = trial.learned.starts
     if not starts:
-        raise NotTried("it starts no motor")
+        raise NotTried("it does not start a motor")
     if trial.learned.keys[starts[0].key] > 1:
-        raise NotTried("it repeats what makes the motor run all the time, also where nothing is disturbed")
+        raise NotTried("it repeats the start all the time, even on an undisturbed line")
     with trial.stand(trial.known.set_ready) as stand:
         stand.meddler.on_reply = lambda data: meddle(stand, data) if _started(stand) else [(0.0, data)]
         run = trial.run(stand, within_s=watch_time_s(trial))
         heard = stand.drive.since()
     must_be_sent_once(heard, what)
     must_end(trial, run)
-    return "what makes the motor run was sent once"
+    return "the start was sent once"
 
 
 def must_be_sent_once(heard: Sequence[ObservedRequest], what: str) -> None:
@@ -95,7 +95,7 @@ def late(trial: CaseContext) -> str:
 def power_cycle(trial: CaseContext) -> str:
     """The motor stands until a new start is commanded: the master does not start it by itself."""
     if not trial.learned.starts:
-        raise NotTried("it starts no motor")
+        raise NotTried("it does not start a motor")
     with trial.stand(trial.known.set_ready) as stand:
         back: list[float] = []
 
@@ -119,7 +119,7 @@ def power_cycle(trial: CaseContext) -> str:
         shown = again[0].data.hex(" ").upper() if again else "its telegrams"
         fail(
             f"it started the motor by itself after a power cycle: {shown} made it run again, "
-            f"{again[0].time_s - back[0]:.1f} s after the drive had its power back" if again else
+            f"{again[0].time_s - back[0]:.1f} s after the drive regained power" if again else
             "it started the motor by itself after a power cycle"
         )  # fmt: skip
     return "the motor stands after the power cycle"
@@ -129,7 +129,7 @@ def power_cycle(trial: CaseContext) -> str:
 def killed(trial: CaseContext) -> str:
     """The report describes the drive's behaviour without its master; every behaviour passes."""
     if not trial.learned.starts:
-        raise NotTried("it starts no motor")
+        raise NotTried("it does not start a motor")
     with trial.stand(trial.known.set_ready) as stand:
         trial.kill_when(stand, lambda: _started(stand))
         now = stand.now()
@@ -150,5 +150,5 @@ def _watchdog(trial: CaseContext, stand: JudgeLine, now: float) -> str:
     if drive.motor.command is not MotorCommand.RUN:
         return f"the drive's watchdog{held} stops the motor"
     if watchdog is not None:
-        return f"the motor runs on for ever, since the drive's watchdog{held} is not set"
-    return f"the motor runs on for ever; {trial.known.model.link_loss or 'no watchdog of this model is known'}"
+        return f"the motor keeps running, because the drive's watchdog{held} is not set"
+    return f"the motor keeps running; {trial.known.model.link_loss or 'no watchdog of this model is known'}"

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 def _must_stop(trial: CaseContext) -> None:
     if not trial.learned.stops:
-        raise NotTried("it stops no motor")
+        raise NotTried("it does not stop a motor")
 
 
 def _times(heard: Sequence[ObservedRequest]) -> int:
@@ -45,7 +45,7 @@ def lost(trial: CaseContext) -> str:
         run = trial.run(stand, within_s=watch_time_s(trial))
         heard = stand.drive.since()
     if not lost:
-        raise NotTried("the drive gives no reply to what stops its motor")
+        raise NotTried("the drive does not reply to the stop of its motor")
     if _times(heard) < 2:
         fail("it did not repeat the stop: its reply was lost, and it was sent once only")
     must_end(trial, run)
@@ -70,14 +70,14 @@ def unheard(trial: CaseContext) -> str:
         run = trial.run(stand, within_s=watch_time_s(trial))
         heard = stand.drive.since()
     if not missed:
-        raise NotTried("it stopped the motor by another telegram than where nothing is disturbed")
+        raise NotTried("it stopped the motor with another telegram than on an undisturbed line")
     if not any(each.stopped for each in heard):
-        fail("it did not repeat the stop: the first one did not reach the drive, and the motor runs on")
+        fail("it did not repeat the stop: the first one did not reach the drive, and the motor keeps running")
     must_end(trial, run)
     return "the stop was sent again, and the motor stops"
 
 
-@case("mute", "stop", title="no reply of the drive arrives any more, and the motor runs")
+@case("mute", "stop", title="no more replies of the drive arrive, and the motor runs")
 def mute(trial: CaseContext) -> str:
     """The stop is sent despite missing replies, and repeated."""
     _must_stop(trial)
@@ -86,7 +86,7 @@ def mute(trial: CaseContext) -> str:
         run = trial.run(stand, within_s=watch_time_s(trial))
         heard = stand.drive.since()
     if not any(each.stopped for each in heard):
-        fail("the stop never went out after a time-out: no reply of the drive arrived, and the motor runs on")
+        fail("the stop never went out after a time-out: no reply of the drive arrived, and the motor keeps running")
     if _times(heard) < 2:
         fail("it did not repeat the stop: no reply arrived, and it was sent once only")
     must_end(trial, run)

@@ -77,12 +77,12 @@ def check_values(
         display = trial.learned.displays[parameter]
         if right and not any(display.shows(each, value) for value in right):
             held = " or ".join(f"{value}" for value in right)
-            fail(f"it believed a wrong value: it shows {each.text}, and {parameter} of the drive is {held}; {why}")
+            fail(f"it accepted a wrong value: it shows {each.text}, and {parameter} of the drive is {held}; {why}")
     must_end(trial, run)
     if shown:
         return f"it showed {shown[-1][1].text}, which the drive holds"
     if not displays:
-        return "it ended, and what it showed was not looked at"
+        return "it ended, and what it showed was not checked"
     return "it showed an error" if run.text.strip() or run.code else "it showed nothing"
 
 
@@ -95,7 +95,7 @@ def shows_nothing(trial: CaseContext, run: Run, why: str) -> str:
     """Fail if a run shows any value; return a sentence on its behaviour."""
     shown = shown_by(trial, run)
     if shown:
-        fail(f"it believed a wrong value: it shows {shown[0][1].text}; {why}")
+        fail(f"it accepted a wrong value: it shows {shown[0][1].text}; {why}")
     must_end(trial, run)
     return "it showed an error" if run.text.strip() or run.code else "it showed nothing"
 

@@ -38,8 +38,8 @@ def lost(trial: CaseContext) -> str:
         run = trial.run(stand, within_s=watch_time_s(trial))
     must_end(trial, run)
     if says_success(run, trial.learned):
-        fail("it takes the write for done: no reply arrived, and it says what it says when all is well")
-    return "it said that something went wrong"
+        fail("it treats the write as done: no reply arrived, and its output is the same as on success")
+    return "it reported an error"
 
 
 @case("stored", "read", "write", "start", "run", title="its writes to EEPROM are counted")
@@ -58,7 +58,7 @@ def stored(trial: CaseContext) -> str:
                 f"it writes EEPROM in a loop: {parameter} was stored {times} times within "
                 f"{run.ended_s - run.began_s:.1f} s, and {limit} are allowed; cells wear out after some 100,000 writes"
             )
-    return f"{sum(counts.values())} writes to EEPROM" if counts else "it writes nothing to EEPROM"
+    return f"{sum(counts.values())} writes to EEPROM" if counts else "it does not write to EEPROM"
 
 
 @case("ends", "write", title="values at the ends of the range are written, and beyond")
@@ -67,7 +67,7 @@ def ends(trial: CaseContext) -> str:
     parameter = trial.learned.written
     info = trial.known.model.find(parameter)
     if info is None:
-        raise NotTried(f"the model does not know {parameter}, so that nothing is known of its range")
+        raise NotTried(f"the model does not know {parameter}, so its range is not known")
     spoken = _ValueArgument(trial, info)
     wanted = _wanted(trial, info, spoken)
     done = []
@@ -83,11 +83,9 @@ def ends(trial: CaseContext) -> str:
             done.append(f"{value}")
             continue
         if raw != before or (wrote and says_success(run, trial.learned)):
-            fail(
-                f"it was told to write {value}, and the drive holds {held} after it: a value is clamped or cut silently"
-            )
+            fail(f"it had to write {value}, and the drive holds {held} after it: a value is clamped or cut silently")
         if says_success(run, trial.learned):
-            fail(f"it was told to write {value}, says what it says when all is well, and the drive still holds {held}")
+            fail(f"it had to write {value}, its output is the same as on success, and the drive still holds {held}")
     return f"the drive holds {' and '.join(done)} after them" if done else "it refuses them"
 
 

@@ -107,7 +107,7 @@ class TrackedDrive:
         try:
             return self.drive.blocks(parameters)
         except Exception:  # noqa: BLE001 - a bug of one package must not block the polls of other drives
-            _log.exception("%s is asked for one parameter after the other, by a mistake in its package", self.name)
+            _log.exception("%s is polled one parameter at a time, because of a mistake in its package", self.name)
             return [[place] for place in range(len(parameters))]
 
     async def polled_many(self, parameters: Sequence[str]) -> list[Reading]:
@@ -122,7 +122,9 @@ class TrackedDrive:
         except DriveCommError:
             raise
         except Exception as error:
-            raise DriveCommError(f"{self.name} cannot be asked, by a mistake in its package: {error!r}") from error
+            raise DriveCommError(
+                f"{self.name} cannot be polled, because of a mistake in its package: {error!r}"
+            ) from error
 
     async def _asked(self, parameter: str, **options: Any) -> Reading:
         if parameter != STATUS:

@@ -73,7 +73,7 @@ class Watcher:
             if name not in quantities():
                 raise UsageError(f"unknown common name {name!r}; drivecomm models names lists them")
         if not 0 < period_s < float("inf"):
-            raise UsageError(f"a period of {period_s:g} s cannot be; write seconds above 0")
+            raise UsageError(f"invalid period of {period_s:g} s; write seconds above 0")
         self.names = tuple(names)
         self.period_s = period_s
         self.told = told

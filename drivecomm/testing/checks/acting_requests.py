@@ -47,7 +47,7 @@ def what_acts_is_said_to_act(plugin: Protocol, model: Model) -> None:
         except NotSupported:
             continue
         wrong += [
-            f"{verb} asks {each.ask.message}, which the drive acts on, without acts=True"
+            f"{verb} sends {each.ask.message}, on which the drive acts, without acts=True"
             for each in asked
             if each.moved and not each.ask.acts
         ]
@@ -94,7 +94,7 @@ def rounds_no_reference(plugin: Protocol, model: Model) -> None:
             on.settle()
             told_hz, most_hz = on.virtual.motor.target_hz, on.virtual.motor.maximum_hz
             if abs(told_hz - float(given)) > max(most_hz, 50.0) / _STEPS:
-                wrong.append(f"a reference of {given} Hz is taken, and the drive is told {told_hz:g} Hz")
+                wrong.append(f"a reference of {given} Hz is accepted, and the drive receives {told_hz:g} Hz")
     raise_all(wrong)
 
 

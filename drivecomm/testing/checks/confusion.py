@@ -47,7 +47,7 @@ def an_answer_answers_its_question_only(plugin: Protocol, model: Model) -> None:
         for mine in asked:
             differs = plugin.mismatch(mine.asks, mine.answers)
             if differs:
-                wrong.append(f"the answer about {mine.parameter} differs in {differs} from its own question")
+                wrong.append(f"the answer about {mine.parameter} differs in {differs} from its own request")
             for other in asked:
                 named = _names_it(mine, other)
                 if named and not plugin.mismatch(mine.asks, other.answers):
@@ -86,9 +86,9 @@ def another_drive_is_not_believed(plugin: Protocol, model: Model) -> None:
                 except ReplyError:
                     on.line.advance(60.0)
                 except DriveCommError as error:
-                    wrong.append(f"what drive {second} says of {parameter} makes drive {first} raise {error}")
+                    wrong.append(f"a reply of drive {second} about {parameter} makes drive {first} raise {error}")
                 else:
-                    wrong.append(f"{parameter} of drive {first} is {reading.raw!r}, which drive {second} said")
+                    wrong.append(f"{parameter} of drive {first} is {reading.raw!r}, a value from drive {second}")
     raise_all(wrong)
 
 
@@ -124,7 +124,9 @@ def a_write_is_not_confirmed_by_another(plugin: Protocol, model: Model) -> None:
             except DriveCommError:
                 continue
             if confirmed is None or confirmed.raw == held or not confirmed.note:
-                wrong.append(f"{info.address} := {info.start} is confirmed by what confirms {info.start + info.factor}")
+                wrong.append(
+                    f"{info.address} := {info.start} is confirmed by the reply that confirms {info.start + info.factor}"
+                )
     raise_all(wrong)
 
 
@@ -160,7 +162,7 @@ def a_disturbed_line_tells_no_lies(plugin: Protocol, model: Model) -> None:
             good += 1
             held = virtual.peek(parameter, on.line.time)
             expect(reading.raw == held, f"{parameter} of {drive.name} reads {reading.raw!r}, it holds {held!r}")
-    expect(good > _DISTURBED_READS / 4, f"only {good} of {_DISTURBED_READS} reads come to anything")
+    expect(good > _DISTURBED_READS / 4, f"only {good} of {_DISTURBED_READS} reads succeed")
 
 
 def _is_anonymous(operations: Operations, parameter: str) -> bool:
@@ -229,7 +231,7 @@ def is_not_believed(plugin: Protocol, other: Protocol) -> None:
         believed = next((request for request in requests if not plugin.mismatch(request, reply)), None)
         if believed is not None:
             wrong.append(
-                f"{message_hex(vector.data)} of {other.name} ({vector.id}) is taken for the answer to {believed}"
+                f"{message_hex(vector.data)} of {other.name} ({vector.id}) is mistaken for the answer to {believed}"
             )
     raise_all(wrong)
 
@@ -285,7 +287,7 @@ def does_not_spoil_a_reading(plugin: Protocol, other: Protocol) -> None:
             beside = f"beside {message_hex(data)} of {other.name}"
             expect(reading.raw == held, f"{beside}, {parameter} reads {reading.raw!r}, the drive holds {held!r}")
     tried = len(foreign)
-    expect(good > tried / 3, f"beside telegrams of {other.name} only {good} of {tried} reads come to anything")
+    expect(good > tried / 3, f"beside telegrams of {other.name} only {good} of {tried} reads succeed")
 
 
 def other_protocols(plugin: Protocol) -> Iterator[Protocol]:

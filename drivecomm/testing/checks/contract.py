@@ -63,13 +63,13 @@ def has_all_fields(plugin: Protocol) -> None:
         kind = _FIELD_TYPES.get(field.name)
         if kind is None:
             if not callable(value) and not (field.default is None and value is None):
-                wrong.append(f"{field.name} cannot be called")
+                wrong.append(f"{field.name} is not callable")
         elif not isinstance(value, kind):
             wrong.append(f"{field.name} is {value!r}")
         elif isinstance(value, str) and not value.strip() and field.default is dataclasses.MISSING:
             wrong.append(f"{field.name} is empty")
     raise_all(wrong)
-    expect(installed[plugin.name] is plugin, f"what is installed as {plugin.name} is another object")
+    expect(installed[plugin.name] is plugin, f"another object is installed as {plugin.name}")
 
 
 @check("contract")
@@ -77,7 +77,7 @@ def has_addresses(plugin: Protocol) -> None:
     """There are addresses, a scan uses only these, and the broadcast address is not one of them."""
     expect(len(plugin.addresses) > 0, "no drive has an address")
     strange = sorted(set(plugin.scan_addresses) - set(plugin.addresses))
-    expect(not strange, f"a scan asks at {', '.join(map(str, strange[:3]))}, where no drive can be")
+    expect(not strange, f"a scan probes {', '.join(map(str, strange[:3]))}, where no drive can be")
     own = plugin.addresses if plugin.addresses_of is None else plugin.addresses_of(plugin.options())
     expect(own == plugin.addresses, f"addresses are {plugin.addresses}, and {own} with the options of the package")
     expect(plugin.broadcast_address not in plugin.addresses, "the broadcast address is that of a drive")
@@ -90,7 +90,7 @@ def has_frozen_options(plugin: Protocol) -> None:
     expect(dataclasses.is_dataclass(kind), "options is not a dataclass")
     expect(kind.__dataclass_params__.frozen, "the dataclass of options is not frozen")
     for field in dataclasses.fields(kind):
-        expect(field.kw_only, f"the option {field.name} can be given by its place")
+        expect(field.kw_only, f"the option {field.name} can be given by position")
         expect(field.name not in LINE_FACT_NAMES, f"the option {field.name} has the name of a line fact")
     expect(kind() == kind(), "options without any given are not always the same")
     for name in model_names(plugin.package, plugin.name):
@@ -106,20 +106,20 @@ def operations_are_whole(plugin: Protocol) -> None:
             operations = plugin.operations(address, options, None)
         else:
             memory = plugin.memory()
-            expect(callable(getattr(memory, "forget", None)), "what is remembered of a drive cannot be forgotten")
+            expect(callable(getattr(memory, "forget", None)), "the stored state of a drive cannot be cleared")
             memory.forget()
             operations = plugin.operations(address, options, None, memory)
         for name in (*VERBS, "address_of"):
             expect(callable(getattr(operations, name, None)), f"the operations have no {name}")
         able = operations.capabilities
         expect(isinstance(able, Capabilities), f"the capabilities are {able!r}")
-        expect(not able.link_loss, "link_loss of the capabilities is said by the model: [watchdog], or its link_loss")
+        expect(not able.link_loss, "link_loss of the capabilities comes from the model: [watchdog], or its link_loss")
         expect(able.stops and able.stops <= set(Stop), f"the ways to stop are {able.stops}")
         broadcast = plugin.broadcast_address is not None
         expect(able.broadcast == broadcast, "capabilities and broadcast address contradict each other")
         for name, verb in operations.extra.items():
-            expect(callable(verb), f"the verb {name} cannot be called")
-            expect(inspect.getdoc(verb), f"the verb {name} does not say what it does")
+            expect(callable(verb), f"the verb {name} is not callable")
+            expect(inspect.getdoc(verb), f"the verb {name} has no docstring")
             expect(name not in VERBS, f"the verb {name} has the name of one that every drive has")
     model = known_model(plugin, plugin.default_model)
     operations = plugin.operations(plugin.addresses[0], resolve_options(plugin, model, {})[1], model)
@@ -162,7 +162,7 @@ def finds_its_examples(plugin: Protocol) -> None:
     operations = plugin.operations(plugin.addresses[0], plugin.options(), None)
     for parameter in plugin.parameter_examples:
         command = next(operations.read(parameter))
-        expect(isinstance(command, Ask), f"reading {parameter} begins with {command}, not with a question")
+        expect(isinstance(command, Ask), f"reading {parameter} begins with {command}, not with a request")
 
 
 @check("contract")
@@ -173,13 +173,13 @@ def can_ask_for_what_may_be_there(plugin: Protocol) -> None:
     options = plugin.options()
     space = plugin.address_space(options, None)
     operations = plugin.operations(plugin.addresses[0], options, None)
-    expect(space.source.strip(), "nothing says where it is printed which addresses there can be")
-    expect(space.absent, "no refusal means that there is no such parameter")
+    expect(space.source.strip(), "the source of the possible addresses is missing")
+    expect(space.absent, "no refusal code means an unknown parameter")
     seen: set[str] = set()
     for address in space.addresses():
         command = next(operations.read(address))
-        expect(isinstance(command, Ask), f"reading {address} begins with {command}, not with a question")
-        expect(operations.address_of(address) not in seen, f"{address} comes twice")
+        expect(isinstance(command, Ask), f"reading {address} begins with {command}, not with a request")
+        expect(operations.address_of(address) not in seen, f"{address} is listed twice")
         seen.add(operations.address_of(address))
 
 
@@ -243,8 +243,8 @@ def speaks_to_all_without_waiting(plugin: Protocol) -> None:
         on.settle()
         for drive, before in zip(drives, said, strict=True):
             drive.motor.advance(on.line.time)
-            expect(not drive.motor.running, f"all are told to stop, and drive {drive.address} runs on")
-            expect(not any(drive.said[before:]), f"all are told to stop, and drive {drive.address} answers")
+            expect(not drive.motor.running, f"after a stop of all drives, drive {drive.address} keeps running")
+            expect(not any(drive.said[before:]), f"drive {drive.address} answers the stop of all drives")
 
 
 @check("contract")

@@ -32,7 +32,7 @@ def has_a_readme(plugin: Protocol) -> None:
     readme = resources.files(plugin.package) / "README.md"
     expect(readme.is_file(), f"{plugin.package} has no README.md")
     text = readme.read_text(encoding="utf-8")
-    expect(len(text.split()) >= 50, "the README says next to nothing")
+    expect(len(text.split()) >= 50, "the README is almost empty")
     expect(_A_DOCUMENT.search(text), "the README names no manual or other document")
     expect(_A_PLACE.search(text), "the README names no page or section")
 
@@ -63,8 +63,8 @@ def has_vectors_for_everything(plugin: Protocol) -> None:
     """There are vectors for both directions, for invalid telegrams, and for every form that the protocol declares."""
     file = packaged_vectors(plugin)
     directions = {vector.direction for vector in file.vectors if vector.valid}
-    expect(directions == {"request", "reply"}, f"there are vectors for {sorted(directions)} only")
-    expect(any(not vector.valid for vector in file.vectors), "no vector is one that must be refused")
+    expect(directions == {"request", "reply"}, f"only {sorted(directions)} have vectors")
+    expect(any(not vector.valid for vector in file.vectors), "no vector must be refused")
     raise_all(
         [
             f"no vector is a telegram of the form {title!r}"

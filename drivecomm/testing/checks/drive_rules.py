@@ -42,7 +42,7 @@ def guards_its_limits(plugin: Protocol, model: Model) -> None:
                 changed = on.virtual.peek(info.address, on.line.time) != before
                 if changed and drive.read(info.address).value == value:
                     limits = f"{info.minimum} to {info.maximum}"
-                    wrong.append(f"{info.address} := {value} is taken, and its limits are {limits}")
+                    wrong.append(f"{info.address} := {value} is accepted, and its limits are {limits}")
     raise_all(wrong)
 
 

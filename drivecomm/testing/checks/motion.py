@@ -40,7 +40,7 @@ def runs_at_the_reference(plugin: Protocol, model: Model) -> None:
                 on.drive.set_reference(hz=hz)
                 _started(on)
                 found = on.virtual.motor.output_hz
-                expect(isclose(found, hz, abs_tol=_NEAR_HZ), f"told to run at {hz} Hz, it runs at {found:g} Hz")
+                expect(isclose(found, hz, abs_tol=_NEAR_HZ), f"commanded to run at {hz} Hz, it runs at {found:g} Hz")
                 _agrees(on.drive.status(), on)
     if able.reference_percent:
         found_at = {}
@@ -73,7 +73,7 @@ def runs_backwards(plugin: Protocol, model: Model) -> None:
         found = on.virtual.motor.output_hz
         expect(found < 0, f"started backwards, the motor turns at {found:g} Hz")
         status = on.drive.status()
-        expect(status.reverse is not False, "the motor turns backwards, and the status says that it does not")
+        expect(status.reverse is not False, "the motor turns backwards, and the status reports that it does not")
         _agrees(status, on)
 
 
@@ -91,7 +91,7 @@ def stops_in_every_way(plugin: Protocol, model: Model) -> None:
             on.drive.stop(how)
             found = on.virtual.motor.command
             if found is not _STOPPING[how]:
-                wrong.append(f"told to stop by {how.value}, the motor's command is {found.value}")
+                wrong.append(f"after a stop by {how.value}, the motor's command is {found.value}")
             on.settle()
             status = on.drive.status()
             if on.virtual.motor.running or status.running or status.state is DriveState.RUNNING:
@@ -113,7 +113,7 @@ def tells_its_faults(plugin: Protocol, model: Model) -> None:
                 _started(on)
                 on.virtual.trip(code, on.line.time)
                 on.line.advance(1.0)
-                expect(not on.drive.status().running, f"tripped with {code}, it is taken for running")
+                expect(not on.drive.status().running, f"tripped with {code}, it is reported as running")
                 continue
             expect(not on.drive.status().fault, "a drive that has not tripped reports a fault")
             on.virtual.trip(code, on.line.time)
@@ -144,7 +144,7 @@ def is_reset_and_stands(plugin: Protocol, model: Model) -> None:
         except DriveError:
             pass
         else:
-            raise CheckFailure("a start of a tripped drive is taken for done")
+            raise CheckFailure("a start of a tripped drive is reported as done")
         on.settle()
         if not on.drive.capabilities.faults:
             on.virtual.heard.clear()
@@ -179,9 +179,9 @@ def asking_moves_nothing(plugin: Protocol, model: Model) -> None:
                     continue
                 on.line.advance(1.0)
                 after = _commanded(on)
-                expect(after == before, f"asked only, and the motor goes from {before} to {after}")
+                expect(after == before, f"a read changes the motor from {before} to {after}")
             on.settle()
-            expect(_commanded(on) == before, "asked only, and the motor changes later")
+            expect(_commanded(on) == before, "a read changes the motor later")
 
 
 @check("commands")
@@ -213,14 +213,14 @@ def _agrees(status: DriveStatus, on: Bench) -> None:
     """Raise CheckFailure if a status contradicts a motor that runs at its reference."""
     motor = on.virtual.motor
     expect(status.running and status.state is DriveState.RUNNING, f"the motor runs, and the status is {status.state}")
-    expect(not status.fault, "the motor runs, and the status says fault")
-    expect(status.at_reference is not False, "the motor is at its reference, and the status says that it is not")
+    expect(not status.fault, "the motor runs, and the status reports a fault")
+    expect(status.at_reference is not False, "the motor is at its reference, and the status reports that it is not")
     backwards = motor.output_hz < 0
     expect(status.reverse in (None, backwards), f"the motor turns at {motor.output_hz:g} Hz, reverse {status.reverse}")
     told = status.actual_hz
     expect(
         told is None or isclose(abs(told), abs(motor.output_hz), abs_tol=_NEAR_HZ),
-        f"the motor turns at {motor.output_hz:g} Hz, the status says {told} Hz",
+        f"the motor turns at {motor.output_hz:g} Hz, the status reports {told} Hz",
     )
 
 

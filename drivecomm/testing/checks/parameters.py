@@ -40,7 +40,9 @@ def reads_what_the_drive_holds(plugin: Protocol, model: Model) -> None:
             wrong += _wrong_reading(info, reading, on)
     raise_all(wrong)
     number = sum(info.access != "w" for info in model.parameters.values())
-    expect(answered >= _READABLE * number, f"the drive refuses to tell {number - answered} of its {number} parameters")
+    expect(
+        answered >= _READABLE * number, f"the drive refuses to report {number - answered} of its {number} parameters"
+    )
 
 
 def _wrong_reading(info: ParameterInfo, reading: Reading, on: Bench) -> Iterator[str]:
@@ -99,7 +101,7 @@ def writes_what_was_given(plugin: Protocol, model: Model) -> None:
             tried += 1
             kept += any(took for _, took in outcomes)
     raise_all(wrong)
-    expect(kept >= _KEPT * tried, f"{tried - kept} of {tried} parameters keep nothing that is written to them")
+    expect(kept >= _KEPT * tried, f"{tried - kept} of {tried} parameters do not keep a written value")
 
 
 def _written(plugin: Protocol, model: Model, info: ParameterInfo) -> Iterator[tuple[str, bool]]:

@@ -180,4 +180,4 @@ def survives_whatever_it_hears(source: Drawn, data: DataObject) -> None:
             answer = None if isinstance(find, Noise) else drive.hear(find, float(number))
             if answer is not None:
                 drive.codec.decode(answer.data, "reply")
-                expect(answer.delay_s >= 0, f"it answers {message_hex(piece)} before it was asked")
+                expect(answer.delay_s >= 0, f"it answers {message_hex(piece)} before the request")

@@ -41,11 +41,11 @@ def a_lost_answer_is_asked_for_again(plugin: Protocol, model: Model) -> None:
             try:
                 found = on.drive.read(parameter).raw
             except NoReplyError:
-                expect(lost == on.drive.facts.timing.attempts, f"{lost} lost answers end a read")
+                expect(lost == on.drive.facts.timing.attempts, f"{lost} lost answers abort a read")
             else:
-                expect(lost < on.drive.facts.timing.attempts, f"a read is still not given up after {lost} lost answers")
+                expect(lost < on.drive.facts.timing.attempts, f"a read is not aborted after {lost} lost answers")
                 expect(found == wanted, f"read again, {parameter} is {found!r} and not {wanted!r}")
-            expect(len(set(sent)) == 1, "what is asked again is not what was asked")
+            expect(len(set(sent)) == 1, "the repeated request differs from the first")
             on.line.advance(60.0)
 
 
@@ -63,8 +63,8 @@ def a_start_is_not_repeated(plugin: Protocol, model: Model) -> None:
             except ReplyError:
                 pass
             else:
-                raise CheckFailure("the answer to the start is lost, and the start is taken for done")
-            expect(starting, "a start makes no motor run")
+                raise CheckFailure("the answer to the start is lost, and the start is reported as done")
+            expect(starting, "a start does not make the motor run")
             times = [find.data for find in on.virtual.heard].count(starting[0])
             expect(times == 1, f"{message_hex(starting[0])} makes the motor run, and is sent {times} times")
 
@@ -79,9 +79,9 @@ def a_stop_is_repeated(plugin: Protocol, model: Model) -> None:
         before = len(on.virtual.heard)
         _losing(on, 1)
         on.drive.stop()
-        expect(len(on.virtual.heard) > before + 1, "the answer to a stop is lost, and it is not asked for again")
+        expect(len(on.virtual.heard) > before + 1, "the answer to a stop is lost, and the stop is not repeated")
         on.settle()
-        expect(not on.virtual.motor.running, "the motor runs on")
+        expect(not on.virtual.motor.running, "the motor keeps running")
 
 
 @check("commands")
@@ -105,7 +105,7 @@ def a_stop_waits_for_no_late_answer(plugin: Protocol, model: Model) -> None:
         called_at = on.line.time
         on.drive.stop()
         waited_s = heard_at[0] - called_at
-        expect(waited_s < _AT_ONCE_S, f"the drive hears of a stop {waited_s:.1f} s after the call")
+        expect(waited_s < _AT_ONCE_S, f"the drive receives a stop {waited_s:.1f} s after the call")
 
 
 @check("commands")
@@ -127,11 +127,11 @@ def a_stop_reaches_a_drive_that_is_not_heard(plugin: Protocol, model: Model) -> 
                 called_at, timing, settings = on.line.time, drive.facts.timing, drive.facts.settings
                 with suppress(ReplyError):
                     drive.stop(way)
-                expect(stopped_at, f"a drive that is not heard is never told to stop by {way.value}")
+                expect(stopped_at, f"a drive with lost replies never receives a stop by {way.value}")
                 waited_s, most_s = stopped_at[0] - called_at, timing.reply_timeout_s + settings.wire_s(_FEW_TELEGRAMS)
                 expect(
                     waited_s <= most_s,
-                    f"a drive that is not heard is stopped by {way.value} only {waited_s:.2f} s after the call; one "
+                    f"a drive with lost replies is stopped by {way.value} only {waited_s:.2f} s after the call; one "
                     f"attempt takes {most_s:.2f} s",
                 )
 
@@ -150,14 +150,14 @@ def a_deaf_drive_is_reported(plugin: Protocol, model: Model) -> None:
                 getattr(on.drive, name)(*arguments)
             except NoReplyError:
                 waited, least = on.line.time, on.drive.facts.timing.reply_timeout_s
-                expect(waited >= least, f"{name} gives up after {waited * 1000:.1f} ms of {least * 1000:g}")
+                expect(waited >= least, f"{name} times out after {waited * 1000:.1f} ms instead of {least * 1000:g}")
             except DriveCommError as error:
                 if name == "reset" and isinstance(error, NotSupported):
                     # A model may have no reset.
                     continue
                 raise CheckFailure(f"no reply comes, and {name} raises {type(error).__name__}: {error}") from error
             else:
-                raise CheckFailure(f"no reply comes, and {name} is taken for done")
+                raise CheckFailure(f"no reply comes, and {name} is reported as done")
 
 
 def _set_needed_reference(on: Bench, plugin: Protocol, model: Model) -> None:
@@ -229,14 +229,15 @@ def tells_asking_from_acting(plugin: Protocol, model: Model) -> None:
     if intent is None:
         return
     for what, find in _acting(plugin, model):
-        expect(not intent(find.message).moves_nothing, f"{message_hex(find.data)} {what}, and is said to ask only")
+        expect(not intent(find.message).moves_nothing, f"{message_hex(find.data)} {what}, and is declared a read")
     with bench(plugin, model) as on:
         on.drive.probe()
         on.drive.status()
         on.read_first(model)
         for find in on.virtual.heard:
             expect(
-                intent(find.message).moves_nothing, f"{message_hex(find.data)} is sent to ask, and is said to do more"
+                intent(find.message).moves_nothing,
+                f"{message_hex(find.data)} is sent to read, and is declared to do more",
             )
 
 
@@ -249,17 +250,15 @@ def tells_what_requests_are_for(plugin: Protocol, model: Model) -> None:
     for what, find in _acting(plugin, model):
         told = intent(find.message)
         fits = told.access == "write" if what == _CHANGES else told.access != "read" or told.commands
-        expect(fits, f"{message_hex(find.data)} {what}, and is said to be a {told.access or 'command'}")
+        expect(fits, f"{message_hex(find.data)} {what}, and is declared a {told.access or 'command'}")
     with bench(plugin, model) as on:
         on.read_first(model)
         for find in on.virtual.heard:
             access = intent(find.message).access
-            expect(
-                access != "write", f"{message_hex(find.data)} is sent to read a parameter, and is said to be a write"
-            )
+            expect(access != "write", f"{message_hex(find.data)} is sent to read a parameter, and is declared a write")
         expect(
             any(intent(find.message).access == "read" for find in on.virtual.heard),
-            "a parameter is read, and no telegram is said to be a read",
+            "a parameter is read, and no telegram is declared a read",
         )
 
 
@@ -283,7 +282,7 @@ def what_only_asks_moves_no_drive(plugin: Protocol, model: Model) -> None:
         drive.hear(Framed(vector.data, message), 1.0)
         now = drive.motor.command
         asks = intent(message).moves_nothing
-        expect(not asks or now is before, f"{vector.id} is said to ask only, and tells the motor {now.value}")
+        expect(not asks or now is before, f"{vector.id} is declared a read, and commands the motor {now.value}")
 
 
 _CHANGES, _MOVES, _HALTS = "changes a parameter", "makes the motor run", "stops the motor"

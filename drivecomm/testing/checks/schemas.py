@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def compiles_whole(form: Form[Any]) -> None:
     """The schema is read and written by compiled functions, not leaf by leaf."""
     interpreted = form.parse_compiled == form.parse_declared or form.build_compiled == form.build_declared
-    expect(not interpreted, "a leaf cannot be said in code, so all of the schema is interpreted")
+    expect(not interpreted, "a leaf cannot be compiled, so the whole schema is interpreted")
 
 
 @check("vectors", "compiled", costly=True)

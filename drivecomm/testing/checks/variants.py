@@ -106,7 +106,7 @@ def _does_not_work(plugin: Protocol, model: Model, options: dict[str, Any]) -> I
                 return
             on.settle()
             if not on.virtual.motor.running:
-                yield "a start makes no motor run"
+                yield "a start does not make the motor run"
             on.drive.stop()
             on.settle()
             if on.virtual.motor.running:

@@ -67,7 +67,7 @@ def is_answered_by_the_right_drive(case: VectorCase) -> None:
         reply = codec.decode(answer.data, "reply")
         differs = plugin.mismatch(request, reply)
         expect(not differs, f"drive {own} answers {message_hex(answer.data)}, which differs in {differs}")
-        expect(answer.delay_s >= 0, f"drive {own} answers {-answer.delay_s} s before it was asked")
+        expect(answer.delay_s >= 0, f"drive {own} answers {-answer.delay_s} s before the request")
 
 
 @check("vectors", "virtual-drive", applies_to=lambda vector: vector.direction == "request" and not vector.valid)

@@ -33,19 +33,19 @@ def notices_that_its_master_is_silent(plugin: Protocol, model: Model) -> None:
                 on.line.advance(_WATCHDOG_S / 4)
                 on.drive.status()
             if not _does(on, "hold"):
-                wrong.append(f"with {policy} it stops or trips although its master speaks to it")
+                wrong.append(f"with {policy} it stops or trips although its master is active")
                 continue
             on.line.advance(_WATCHDOG_S / 2)
             on.virtual.follow(on.line.time)
             if not _does(on, "hold"):
-                wrong.append(f"with {policy} it stops or trips before the time of its watchdog is over")
+                wrong.append(f"with {policy} it stops or trips before its watchdog expires")
                 continue
             on.line.advance(_SILENT_S)
             on.virtual.follow(on.line.time)
             if not _does(on, policy):
                 motor = on.virtual.motor
                 does = f"trips with {motor.fault}" if motor.fault else "runs" if motor.running else "stands"
-                wrong.append(f"told to {policy} when its master falls silent, it {does}")
+                wrong.append(f"set to {policy} when its master falls silent, it {does}")
     raise_all(wrong)
 
 

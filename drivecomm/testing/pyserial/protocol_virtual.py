@@ -37,7 +37,9 @@ class Serial(SerialBase):
             raise SerialException(f"{self.port} is open already")
         self._line = line_at(str(self.port))
         if self._line is None:
-            raise SerialException(f"there is no virtual line {self.port} in this process; ask serial_url(line) for one")
+            raise SerialException(
+                f"there is no virtual line {self.port} in this process; get one from serial_url(line)"
+            )
         self._turn = turn_on(self._line)
         with self._turn, _as_pyserial_has_it():
             self._end = self._line.port()
@@ -73,7 +75,7 @@ class Serial(SerialBase):
                     self._buffer += end.read(line.due, size - len(self._buffer))
                 elif not self._turn.wait(PATIENCE_S):
                     raise SerialException(
-                        f"nothing is on its way on {self.port}, and this read has no timeout; give the port a timeout"
+                        f"no bytes are pending on {self.port}, and this read has no timeout; give the port a timeout"
                     )
             found = bytes(self._buffer[:size])
             del self._buffer[:size]

@@ -37,14 +37,14 @@ def safe_reason(sightings: Sightings, *, whole: bool) -> str:
     number, place = farthest
     wanted = sightings.wanted[number]
     stop = _meaning(wanted, place + 1)
-    return f"of {wanted.title} at most {place + 1} characters in a row can be met, then never {stop}"
+    return f"no traffic matches {wanted.title} beyond character {place + 1}: {stop} never follows"
 
 
 def unheard_reason(speaker: LineDrive, settings: LineSettings) -> str:
     """Return the reason for a verdict that rests on trials only: nothing excludes a mistake, but no trial met one."""
     return (
         f"{speaker.settings} heard at {settings} gives other characters, which the forms say nothing about; "
-        f"none of {TELEGRAMS} arbitrary telegrams was taken"
+        f"none of {TELEGRAMS} arbitrary telegrams was accepted"
     )
 
 
@@ -114,7 +114,7 @@ def advice(
         speakers = [each for each in partners if each is not listener]
         address = _better_address(listener, speakers, safe)
         if address is not None:
-            yield f"give {listener.name} another address, such as {address}; no telegram of the others suits that"
+            yield f"give {listener.name} another address, such as {address}; no telegram of the others fits that one"
         else:
             yield (
                 f"no other address helps {listener.name} beside {speaker.name}: put them on separate lines, give them "

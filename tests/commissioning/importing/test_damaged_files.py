@@ -64,7 +64,7 @@ def test_damaged_file_is_refused_or_makes_a_valid_model(name, tmp_path):
         ("a.conf", '[[inputs.modbus]]\ncoils = [5, {name = "x", address = [1]}]\n', "not an entry with keys"),
         ("b.conf", '[[inputs.modbus]]\nbaud_rate = 8\ncoils = [{name = "x", address = [1]}]\n', "not a line setting"),
         ("c.csv", f"Address;Name;Factor\n1;a;{'9' * 40}\n2;b;1\n", "not an exact factor"),
-        ("d.txt", f"$464={'9' * 5000}\n$462=5\n", "the register with the speed is not said"),
+        ("d.txt", f"$464={'9' * 5000}\n$462=5\n", "the register with the speed is not given"),
         ("e.json", '{"device": {"channels": [7, {"reg_type": "coil", "address": 1}]}}', "not an entry with keys"),
     ],
 )

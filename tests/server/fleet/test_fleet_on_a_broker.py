@@ -123,7 +123,7 @@ def test_fleet_command_lists_plants_and_their_drives(tmp_path, broker, run):
         assert out.splitlines()[1].split()[:2] == ["pump", "agile"]
     code, out, _ = run(broker.url, "mill")
     assert code == 4
-    assert "what the drives do is not known" in out
+    assert "so the state of its drives is not known" in out
 
 
 def test_fleet_command_reports_unknown_plant_and_missing_broker(broker, run):

@@ -121,7 +121,7 @@ def test_invalid_names_and_files_of_a_plant_are_refused(lines, path):
         plant.line("roof")
     with pytest.raises(UsageError, match="no drive 'crane' in this plant; it has pump, fan, gate"):
         plant.drive("crane")
-    with pytest.raises(UsageError, match="served at pty, tcp or rfc2217, and not at 'tcp:x:1'"):
+    with pytest.raises(UsageError, match="served at pty, tcp or rfc2217, not at 'tcp:x:1'"):
         lines.plant(path, listen="tcp:x:1")
     path.write_text("format = 2", encoding="utf-8")
     with pytest.raises(FileFormatError):
