@@ -146,7 +146,7 @@ async def test_line_that_cannot_be_replaced_is_reported_and_still_polled(core):
     async with core() as (served, _):
         await until(lambda: all(each.reachability == "answers" for each in served.drives()))
         yard = served.lines["yard"]
-        yard.has = breaks
+        yard.set_drives = breaks
         told = await served.changed(faster_hall(replace(served.plant, drives=served.plant.drives[:2])))
         assert told == ["line hall is opened anew", "line yard could not be replaced: BrokenError"]
         before = yard.state().polls
