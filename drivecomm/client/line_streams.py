@@ -30,11 +30,11 @@ def service_results(
     server: LocalServer,
     line: str,
     what: str,
-    asked: Mapping[str, Any],
+    request_options: Mapping[str, Any],
     progress: Callable[[str, int, int], None] | None,
 ) -> Iterator[dict[str, Any]]:
     """Start a service of the server for a line, and yield its result lines; raises the error with which it ends."""
-    with server.stream(path_of(line, what), asked) as news:
+    with server.stream(path_of(line, what), request_options) as news:
         for each in news:
             if each is None:
                 continue
@@ -47,10 +47,10 @@ def service_results(
 
 
 def scan(
-    server: LocalServer, line: str, asked: Mapping[str, Any], progress: Callable[[str, int, int], None] | None
+    server: LocalServer, line: str, request_options: Mapping[str, Any], progress: Callable[[str, int, int], None] | None
 ) -> Iterator[Found]:
     """Yield the drives that a scan of the server finds."""
-    for each in service_results(server, line, "scan", asked, progress):
+    for each in service_results(server, line, "scan", request_options, progress):
         yield found_of(each["found"])
 
 
@@ -128,13 +128,13 @@ def other_master(server: LocalServer, line: str) -> str:
 
 
 def examination_results(
-    bus: Any, asked: Mapping[str, Any], progress: Callable[[str, int, int], None] | None
+    bus: Any, request_options: Mapping[str, Any], progress: Callable[[str, int, int], None] | None
 ) -> Iterator[dict[str, Any]]:
     """Yield the results of a server's examination of a line: {"finding": ...} each, then {"measured": ...}.
 
     bus: the line, as opened by the client.
     """
-    for each in service_results(bus.server, bus.line, "doctor", asked, progress):
+    for each in service_results(bus.server, bus.line, "doctor", request_options, progress):
         yield _measured(each)
 
 

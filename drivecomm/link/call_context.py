@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 class CallContext:
     """One call as the link carries it out.
 
-    peer: the drive. partner: the link's record of this drive. paced: whether characters take their real time on this
+    peer: the drive. record: what the link knows of this drive. paced: whether characters take their real time on this
     port. stop_waits: returns whether a stop waits for the line. deadline: end of the call's time. gives_way: whether a
     stop overtakes this call. command: the command of this call; None if no stop can cancel the call.
     yields_to_others: called after a failed attempt; returns whether to end the attempts because others wait.
@@ -33,7 +33,7 @@ class CallContext:
 
     line: LineState
     peer: Peer
-    partner: DriveRecord
+    record: DriveRecord
     paced: bool
     stop_waits: Callable[[], bool]
     deadline: float
@@ -91,8 +91,8 @@ class CallContext:
 
         The watchdog may have acted by then, so the command may no longer hold.
         """
-        silent_s = self.line.now - self.partner.commanded_at
-        if ask.command == "repeated" and silent_s > self.partner.watchdog_s:
+        silent_s = self.line.now - self.record.commanded_at
+        if ask.command == "repeated" and silent_s > self.record.watchdog_s:
             self.line.away(self.peer.name)
             raise CommandTooOldError(
                 f"{self.peer.name} was last commanded {silent_s:.1f} s ago, longer than its watchdog waits; what it "

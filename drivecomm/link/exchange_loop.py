@@ -52,7 +52,7 @@ def carry_out(call: CallContext, exchange: Exchange[T]) -> LinkSteps[T]:
         yield from line.settle(call.peer)
     if line.unclean:
         line.heard_at = line.now
-        yield from line.drain(call.peer, call.partner)
+        yield from line.drain(call.peer, call.record)
     line.unclean = True
     return (yield from resume_exchange(call, exchange))
 
@@ -110,7 +110,7 @@ def _tell(call: CallContext, tell: Tell, begun: PartialReply | None) -> LinkStep
         call.check_command(acts=True)
     unasked, _ = begun or PartialReply()
     data = peer.telegram(tell.message)
-    yield from line.send(peer, call.partner, data, tell.message, unasked)
+    yield from line.send(peer, call.record, data, tell.message, unasked)
     note_sent(line, peer, tell, data)
     call.told = True
 
@@ -122,19 +122,19 @@ def note_sent(line: LineState, peer: Peer, tell: Tell, data: bytes) -> None:
 
 
 def _ask(call: CallContext, ask: Ask, begun: PartialReply | None) -> LinkSteps[Message]:
-    line, peer, partner = call.line, call.peer, call.partner
+    line, peer, record = call.line, call.peer, call.record
     timing = peer.facts.timing
     data = peer.telegram(ask.message)
     attempts = 1 if ask.prepared else ask.attempts or timing.attempts
     call.check_others()
-    if must_wait_for_late_reply(partner, ask, data):
+    if must_wait_for_late_reply(record, ask, data):
         yield from _outwait_late_reply(call, ask, data)
     attempt = failed_in_a_row = 0
     answers = ReplyVote(call, ask, data)
     while True:
         attempt += 1
         if begun is None:
-            next_at = partner.asked_at + timing.request_interval_s
+            next_at = record.asked_at + timing.request_interval_s
             if line.now < next_at:
                 yield from call.stay(next_at)
             call.check_deadline()
@@ -142,13 +142,13 @@ def _ask(call: CallContext, ask: Ask, begun: PartialReply | None) -> LinkSteps[M
             call.check_command(acts=ask.acts)
             if ask.command:
                 call.check_age(ask)
-            partner.asked_at = line.now
-            partner.count["requests" if attempt == 1 and not answers.doubts else "retries"] += 1
+            record.asked_at = line.now
+            record.count["requests" if attempt == 1 and not answers.doubts else "retries"] += 1
         unasked, came = begun or PartialReply()
         begun = None
         try:
             if not came:
-                yield from line.send(peer, partner, data, ask.message, unasked, mirrored=ask.mirrored)
+                yield from line.send(peer, record, data, ask.message, unasked, mirrored=ask.mirrored)
             found = yield from await_reply(call, ask, data, came)
             if not answers.is_certain(found):
                 attempt -= 1
@@ -158,23 +158,23 @@ def _ask(call: CallContext, ask: Ask, begun: PartialReply | None) -> LinkSteps[M
         except ReplyError as error:
             doubtful, overtaken = isinstance(error, DoubtfulReplyError), isinstance(error, OvertakenError)
             damaged = isinstance(error, DamagedReplyError)
-            partner.count[
+            record.count[
                 "damaged" if damaged else "doubtful" if doubtful else "overtaken" if overtaken else "timeouts"
             ] += 1
             if not (doubtful or overtaken):
-                line.request_failed(peer, partner)
-            if line.heard_at > partner.asked_at:
+                line.request_failed(peer, record)
+            if line.heard_at > record.asked_at:
                 # If no bytes came, there is no transmission to wait out.
                 if call.listen_until is not None:
-                    line.probed = partner
-                yield from line.drain(peer, partner)
+                    line.probed = record
+                yield from line.drain(peer, record)
             if doubtful:
-                expect_reply(line, peer, partner, ask, data)
+                expect_reply(line, peer, record, ask, data)
                 if answers.may_ask_again():
                     attempt -= 1
                     continue
             else:
-                expect_late_reply(line, peer, partner, ask, data)
+                expect_late_reply(line, peer, record, ask, data)
             failed_in_a_row += 1
             others_wait = call.yields_to_others()
             ended = failed_in_a_row >= attempts or line.now >= call.deadline or overtaken
@@ -183,58 +183,58 @@ def _ask(call: CallContext, ask: Ask, begun: PartialReply | None) -> LinkSteps[M
                 call.failed.others_wait = others_wait
                 raise call.failed from None
         except BaseException:
-            expect_late_reply(line, peer, partner, ask, data)
+            expect_late_reply(line, peer, record, ask, data)
             raise
         else:
-            partner.count["replies"] += 1
-            partner.health.answered()
+            record.count["replies"] += 1
+            record.health.answered()
             # Replies to earlier attempts may still come, and would pass for the reply to the same request sent
             # again later.
-            partner.surplus = attempt > 1 or (partner.surplus and ask.distinct)
+            record.surplus = attempt > 1 or (record.surplus and ask.distinct)
             if attempt > 1:
-                for each in line.possible_repliers(peer, partner, ask):
+                for each in line.possible_repliers(peer, record, ask):
                     each.late_until, each.unanswered = line.sent_at + timing.late_s, data
                     each.nameless = ask.nameless
             if ask.command:
-                partner.commanded_at = line.sent_at
+                record.commanded_at = line.sent_at
             return found.message
 
 
 def _held_back_until(call: CallContext, ask: Ask) -> float:
     """Return the earliest time to send a request, at most the call's deadline; -inf if it may be sent now."""
-    partner = call.partner
+    record = call.record
     if (
         ask.urgent
-        or not partner.unanswered
-        or not must_wait_for_late_reply(partner, ask, call.peer.telegram(ask.message))
+        or not record.unanswered
+        or not must_wait_for_late_reply(record, ask, call.peer.telegram(ask.message))
     ):
         return float("-inf")
-    return min(partner.late_until, call.deadline)
+    return min(record.late_until, call.deadline)
 
 
-def must_wait_for_late_reply(partner: DriveRecord, ask: Ask, data: bytes) -> bool:
+def must_wait_for_late_reply(record: DriveRecord, ask: Ask, data: bytes) -> bool:
     """Return whether a late reply may still come that could be mistaken for the reply to this request."""
-    if not partner.unanswered or (ask.distinct and partner.nameless):
+    if not record.unanswered or (ask.distinct and record.nameless):
         return False
-    return partner.unanswered != data or partner.surplus
+    return record.unanswered != data or record.surplus
 
 
-def expect_late_reply(line: LineState, peer: Peer, partner: DriveRecord, ask: Ask, data: bytes) -> None:
+def expect_late_reply(line: LineState, peer: Peer, record: DriveRecord, ask: Ask, data: bytes) -> None:
     """Record that the reply to a request may still come.
 
     If that reply would not name its request, other requests must not be sent before it has come or is too late to come.
     """
-    expect_reply(line, peer, partner, ask, data)
+    expect_reply(line, peer, record, ask, data)
     if ask.nameless:
-        for each in line.possible_repliers(peer, partner, ask):
+        for each in line.possible_repliers(peer, record, ask):
             each.late_until, each.unanswered = line.now + peer.facts.timing.late_s, data
             each.surplus, each.nameless = False, True
 
 
-def expect_reply(line: LineState, peer: Peer, partner: DriveRecord, ask: Ask, data: bytes) -> None:
+def expect_reply(line: LineState, peer: Peer, record: DriveRecord, ask: Ask, data: bytes) -> None:
     """Add a request to those whose reply may still come, for each drive that this reply could come from."""
     until = line.now + peer.facts.timing.late_s + STRAGGLING_S
-    for each in line.possible_repliers(peer, partner, ask):
+    for each in line.possible_repliers(peer, record, ask):
         each.owes(OpenRequest(data, ask.message, peer.mismatch, until))
 
 
@@ -243,12 +243,12 @@ def _outwait_late_reply(call: CallContext, ask: Ask, data: bytes) -> LinkSteps[N
 
     An urgent request is sent before this wait; its own attempts follow.
     """
-    line, partner = call.line, call.partner
-    if ask.urgent and line.now < partner.late_until:
-        yield from line.send(call.peer, partner, data, ask.message)
-    yield from call.stay(partner.late_until)
-    yield from line.drain(call.peer, partner)
-    for each in line.possible_repliers(call.peer, partner, ask):
+    line, record = call.line, call.record
+    if ask.urgent and line.now < record.late_until:
+        yield from line.send(call.peer, record, data, ask.message)
+    yield from call.stay(record.late_until)
+    yield from line.drain(call.peer, record)
+    for each in line.possible_repliers(call.peer, record, ask):
         if each.late_until <= line.now:
             each.unanswered, each.surplus = b"", False
 

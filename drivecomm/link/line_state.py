@@ -75,7 +75,7 @@ class LineState:
     def send(
         self,
         peer: Peer,
-        partner: DriveRecord,
+        record: DriveRecord,
         data: bytes,
         message: Message,
         unasked: bytes = b"",
@@ -95,15 +95,15 @@ class LineState:
             self.now, came, _ = yield Receive(self.now)
         if came and self.echo.looking:
             # This may be the echo of a telegram that has no reply.
-            came = self.without_echo(peer, partner, came)
+            came = self.without_echo(peer, record, came)
         if came and self.told and self.told in came:
             # A telegram without a reply came back, so there is an echo after all.
             self.echoes = True
         if came:
             # Another telegram (a repeated or late reply) is under way: wait for its end before sending.
             self.heard_at = self.now
-            self._unasked(peer, partner, came, "unasked")
-            yield from self.drain(peer, partner)
+            self._unasked(peer, record, came, "unasked")
+            yield from self.drain(peer, record)
         self.judge(peer)
         # Reserve the line until the telegram is on the wire, even if sending fails.
         self.free_at = self.sent_at = self.now + len(data) * peer.character_s
@@ -127,13 +127,13 @@ class LineState:
             self.free_at = max(self.free_at, self.now + self._guard_s)
         self.settings = peer.settings
 
-    def possible_repliers(self, peer: Peer, partner: DriveRecord, ask: Ask) -> list[DriveRecord]:
+    def possible_repliers(self, peer: Peer, record: DriveRecord, ask: Ask) -> list[DriveRecord]:
         """Return the records of all drives to which a late reply to this request could be attributed.
 
         If the reply names no drive, these include the record for drives that are not known yet.
         """
         if not ask.anonymous:
-            return [partner]
+            return [record]
         newcomer = self.newcomers.setdefault(peer.protocol, DriveRecord(peer.settings))
         known = self.partners.copy().items()
         return [*(each for name, each in known if name.partition(":")[0] == peer.protocol), newcomer]
@@ -151,7 +151,7 @@ class LineState:
         """Return whether the port has the drive's line settings."""
         return self.settings is peer.settings or self.settings == peer.settings
 
-    def drain(self, peer: Peer, partner: DriveRecord) -> LinkSteps[None]:
+    def drain(self, peer: Peer, record: DriveRecord) -> LinkSteps[None]:
         """Read until the line has been quiet for the drive's gap, at most for one reply time."""
         gap = peer.gap_s
         limit = self.now + max(peer.facts.timing.reply_timeout_s, gap)
@@ -159,41 +159,41 @@ class LineState:
             self.now, came, _ = yield Receive(quiet_at)
             if came:
                 self.heard_at = self.now
-                partner.count["drained bytes"] += len(came)
+                record.count["drained bytes"] += len(came)
                 self.others.pass_by(came)
                 self.note(peer, "noise", came, detail="drained")
                 self.heard_out_of_turn()
 
-    def drop_early_bytes(self, peer: Peer, partner: DriveRecord, came: bytes, *, is_echo: bool) -> bool:
+    def drop_early_bytes(self, peer: Peer, record: DriveRecord, came: bytes, *, is_echo: bool) -> bool:
         """Drop bytes that came while the request was being sent; return whether they are its unexpected echo."""
         if self.echo.looking:
-            rest = self.without_echo(peer, partner, came)
+            rest = self.without_echo(peer, record, came)
             self.echo.excused = max(0, self.echo.excused - len(came))
             if not rest:
                 return False
             came = rest
         if is_echo:
-            partner.count["echo bytes"] += len(came)
+            record.count["echo bytes"] += len(came)
             self.note(peer, "echo", came)
             return True
-        self._unasked(peer, partner, came, "arrived before the request was sent")
+        self._unasked(peer, record, came, "arrived before the request was sent")
         return False
 
-    def without_echo(self, peer: Peer, partner: DriveRecord, came: bytes) -> bytes:
+    def without_echo(self, peer: Peer, record: DriveRecord, came: bytes) -> bytes:
         """Return the received bytes without the echo.
 
         If no bytes came, return those that were held back as the beginning of an echo.
         """
         echo, rest = self.echo.take(came) if came else (self.echo.give_up(), b"")
         if echo:
-            partner.count["echo bytes"] += len(echo)
+            record.count["echo bytes"] += len(echo)
             self.note(peer, "echo", echo)
         return rest
 
-    def request_failed(self, peer: Peer, partner: DriveRecord) -> None:
+    def request_failed(self, peer: Peer, record: DriveRecord) -> None:
         """Record that a drive did not answer soundly; too many such errors end all tuned turnarounds."""
-        if self.tuning.failed(peer.name, partner.count["requests"], partner.count["replies"]):
-            partner.count["tunings given up"] += 1
+        if self.tuning.failed(peer.name, record.count["requests"], record.count["replies"]):
+            record.count["tunings given up"] += 1
             self.note(peer, "note", detail="errors rose; the usual turnaround is used again for all drives of the line")
 
     def heard_out_of_turn(self) -> None:
@@ -208,9 +208,9 @@ class LineState:
         """Check the bytes that passed by for signs of another master. ours: the request just sent, if any."""
         self.others.judge(peer, (self.told, *ours), self.now)
 
-    def _unasked(self, peer: Peer, partner: DriveRecord, came: bytes, detail: str) -> None:
+    def _unasked(self, peer: Peer, record: DriveRecord, came: bytes, detail: str) -> None:
         self.others.pass_by(came)
-        partner.count["unasked bytes"] += len(came)
+        record.count["unasked bytes"] += len(came)
         self.note(peer, "noise", came, detail=detail)
         self.heard_out_of_turn()
 

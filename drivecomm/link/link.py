@@ -77,17 +77,17 @@ class Link:
     @property
     def counters(self) -> Mapping[str, Counter[str]]:
         """Counters of each drive, by its name."""
-        return {name: partner.count for name, partner in self._partners.copy().items()}
+        return {name: record.count for name, record in self._partners.copy().items()}
 
     @property
     def statistics(self) -> Mapping[str, Statistics]:
         """Counters and reply times of each drive, by its name."""
-        return {name: partner.statistics for name, partner in self._partners.copy().items()}
+        return {name: record.statistics for name, record in self._partners.copy().items()}
 
     @property
     def health(self) -> Mapping[str, Health]:
         """Health of each drive, by its name."""
-        return {name: partner.health for name, partner in self._partners.copy().items()}
+        return {name: record.health for name, record in self._partners.copy().items()}
 
     @property
     def trace(self) -> Callable[[TraceEvent], None] | None:
@@ -115,8 +115,8 @@ class Link:
     def reopened(self) -> None:
         """Forget the state of the port before it was reopened; all drives are set up again."""
         self._line.reopened()
-        for name, partner in self._partners.copy().items():
-            partner.health.away = True
+        for name, record in self._partners.copy().items():
+            record.health.away = True
             self._line.away(name)
 
     def must_set_up(self, peer: Peer) -> None:
@@ -147,13 +147,13 @@ class Link:
         """
         if peer.cautious is not None and not self._line.tuning.holds():
             peer = peer.cautious
-        partner = self._partners.get(peer.name)
-        if partner is None or partner.settings is not peer.settings:
-            partner = self._partner(peer)
+        record = self._partners.get(peer.name)
+        if record is None or record.settings is not peer.settings:
+            record = self._partner(peer)
         # A drive that was given up is away, too.
-        if not partner.health.away and self._line.is_plain_for(peer):
-            return self._by_short_way(peer, partner, exchange, now, deadline, True, command, _never)
-        return self._run(self._call(peer, partner, deadline, True, command, _never), exchange, now)
+        if not record.health.away and self._line.is_plain_for(peer):
+            return self._by_short_way(peer, record, exchange, now, deadline, True, command, _never)
+        return self._run(self._call(peer, record, deadline, True, command, _never), exchange, now)
 
     def _run(self, call: CallContext, exchange: Exchange[T], now: float) -> LinkSteps[T]:
         self._line.now, self._line.doubt = now, ""
@@ -165,12 +165,12 @@ class Link:
         try:
             return (yield from carry_out(call, exchange))
         except NoReplyError:
-            self._probing.fell_silent(call.peer, call.partner, now)
+            self._probing.fell_silent(call.peer, call.record, now)
             raise
 
     def _prepare(self, call: CallContext, now: float) -> LinkSteps[None]:
         """Probe a drive that was given up, and set up a drive that was away."""
-        peer, health = call.peer, call.partner.health
+        peer, health = call.peer, call.record.health
         if peer.probe is not None and health.given_up:
             yield from self._probing.probe(call, peer.probe)
         if not health.away or peer.set_up is None:
@@ -178,7 +178,7 @@ class Link:
         try:
             yield from carry_out(call, peer.set_up())
         except NoReplyError:
-            self._probing.fell_silent(call.peer, call.partner, now)
+            self._probing.fell_silent(call.peer, call.record, now)
             raise
         health.away = False
 
@@ -195,17 +195,17 @@ class Link:
         """Run an exchange even with a drive that was given up or away, without a probe or set-up before it."""
         if peer.cautious is not None and not self._line.tuning.holds():
             peer = peer.cautious
-        partner, others_first = self._partner(peer), others_first or _never
+        record, others_first = self._partner(peer), others_first or _never
         if self._line.is_plain_for(peer):
-            return self._by_short_way(peer, partner, exchange, now, deadline, gives_way, None, others_first)
-        return self._insist(self._call(peer, partner, deadline, gives_way, None, others_first), exchange, now)
+            return self._by_short_way(peer, record, exchange, now, deadline, gives_way, None, others_first)
+        return self._insist(self._call(peer, record, deadline, gives_way, None, others_first), exchange, now)
 
     def _insist(self, call: CallContext, exchange: Exchange[T], now: float) -> LinkSteps[T]:
         self._line.now, self._line.doubt = now, ""
         try:
             return (yield from carry_out(call, exchange))
         except NoReplyError:
-            self._probing.fell_silent(call.peer, call.partner, now)
+            self._probing.fell_silent(call.peer, call.record, now)
             raise
 
     def stop(
@@ -227,14 +227,14 @@ class Link:
     def _call(  # noqa: PLR0917 - as below
         self,
         peer: Peer,
-        partner: DriveRecord,
+        record: DriveRecord,
         deadline: float,
         gives_way: bool,
         command: CommandCall | None,
         others_first: Callable[[], bool],
     ) -> CallContext:
         call = CallContext(
-            self._line, peer, partner, self.paced, self.stop_waits, deadline, gives_way, command, others_first
+            self._line, peer, record, self.paced, self.stop_waits, deadline, gives_way, command, others_first
         )
         call.may_be_held_back = gives_way
         return call
@@ -242,7 +242,7 @@ class Link:
     def _by_short_way(  # noqa: PLR0917 - a call with names takes twice as long, and each exchange makes this one
         self,
         peer: Peer,
-        partner: DriveRecord,
+        record: DriveRecord,
         exchange: Exchange[T],
         began: float,
         deadline: float,
@@ -253,7 +253,7 @@ class Link:
         line, codec, telegram, timing = self._line, peer.codec, peer.telegram, peer.facts.timing
         character_s = peer.character_s
         per_character_s = character_s if self.paced else 0.0
-        talk, count = line.talk, partner.count
+        talk, count = line.talk, record.count
         talk.deadline, talk.gives_way = deadline, gives_way
         line.now = now = began
         line.unclean, line.doubt = True, ""
@@ -278,15 +278,15 @@ class Link:
                     data = telegram(asked.message)
                     if (
                         asked.command
-                        or partner.owed
-                        or (partner.unanswered and must_wait_for_late_reply(partner, asked, data))
-                        or now < partner.asked_at + timing.request_interval_s
+                        or record.owed
+                        or (record.unanswered and must_wait_for_late_reply(record, asked, data))
+                        or now < record.asked_at + timing.request_interval_s
                         or now >= deadline
                         or (gives_way and self.stop_waits())
                         or (command is not None and command.in_doubt)
                     ):
                         break
-                    partner.asked_at = now
+                    record.asked_at = now
                     count["requests"] += 1
                     timeout = asked.reply_timeout_s
                     timeout = timing.reply_timeout_s if timeout is None else timeout
@@ -329,7 +329,7 @@ class Link:
                     if asked.nameless and (
                         len(came) == 1
                         or now < line.others.careful_until
-                        or (not asked.acts and now - sent_at - len(came) * per_character_s < partner.soonest_s)
+                        or (not asked.acts and now - sent_at - len(came) * per_character_s < record.soonest_s)
                     ):
                         # The reply may belong to another master or be noise: the long path waits for more bytes.
                         heard = heard or (arrival,)
@@ -344,25 +344,25 @@ class Link:
                         peer.know(data, came, reply)
                     heard = ()
                     line.heard_at = now
-                    partner.last = data, came
-                    note_reply(line, peer, partner, len(came), now)
+                    record.last = data, came
+                    note_reply(line, peer, record, len(came), now)
                 except BaseException:
                     if talk.begun is not None:
                         line.now = max(line.now, talk.begun)
                         line.sent_at = talk.begun + wire_s
                         line.free_at = max(line.free_at, line.sent_at)
                     if type(asked) is Ask:
-                        expect_late_reply(line, peer, partner, asked, data)
+                        expect_late_reply(line, peer, record, asked, data)
                     raise
                 count["replies"] += 1
-                partner.health.answered()
+                record.health.answered()
                 may_be_held_back = False
-            call = self._call(peer, partner, deadline, gives_way, command, others_first)
+            call = self._call(peer, record, deadline, gives_way, command, others_first)
             call.may_be_held_back = may_be_held_back
             begun = PartialReply(unasked, heard) if unasked or heard else None
             return (yield from resume_exchange(call, exchange, asked, begun))
         except NoReplyError:
-            self._probing.fell_silent(peer, partner, began)
+            self._probing.fell_silent(peer, record, began)
             raise
         except HeldBack:
             raise
@@ -393,17 +393,17 @@ class Link:
 
     def _partner(self, peer: Peer) -> DriveRecord:
         self._line.others.speaks(peer)
-        partner = self._partners.get(peer.name)
-        if partner is None:
+        record = self._partners.get(peer.name)
+        if record is None:
             made = DriveRecord(peer.settings)
             if (like := self._line.newcomers.get(peer.protocol)) is not None:
                 made.copy_owed(like)
-            partner = self._partners.setdefault(peer.name, made)
-        elif partner.settings is not peer.settings and partner.settings != peer.settings:
+            record = self._partners.setdefault(peer.name, made)
+        elif record.settings is not peer.settings and record.settings != peer.settings:
             # Silence at other line settings does not count at the new ones.
-            away, partner.settings, partner.health = partner.health.away, peer.settings, Health()
-            partner.health.away = away
-        return partner
+            away, record.settings, record.health = record.health.away, peer.settings, Health()
+            record.health.away = away
+        return record
 
 
 def _never() -> bool:

@@ -150,7 +150,7 @@ class OtherMasters:
         data, self.passed_by = self.passed_by, b""
         if len(data) < SHORTEST_EVIDENCE:
             return
-        sent = {*ours, *(partner.last[0] for partner in self._partners.copy().values())}
+        sent = {*ours, *(record.last[0] for record in self._partners.copy().values())}
         for readings in _telegrams(data, self._tongues.values()):
             if not any(self._is_explained(each, sent) for each in readings):
                 self._foreign(readings, peer, now)

@@ -26,17 +26,17 @@ class Probing:
         self._partners = partners
         self._took_s = PROBE_S
 
-    def fell_silent(self, peer: Peer, partner: DriveRecord, began: float) -> None:
+    def fell_silent(self, peer: Peer, record: DriveRecord, began: float) -> None:
         """Record that a call which began at `began` got no reply; the drive may be given up because of it."""
         line = self._line
-        if partner.health.fell_silent(began, line.now, self._time().least_pause_s(self._took_s)):
+        if record.health.fell_silent(began, line.now, self._time().least_pause_s(self._took_s)):
             line.note(peer, "note", detail="does not answer; it is probed now and then")
             line.away(peer.name)
 
     def probe(self, call: CallContext, probe: Callable[[], Exchange[None]]) -> LinkSteps[None]:
         """Probe a drive that was given up. Raises NotAnsweringError if the probe is not due yet, or gets no reply."""
-        line, peer, partner = self._line, call.peer, call.partner
-        health, began = partner.health, line.now
+        line, peer, record = self._line, call.peer, call.record
+        health, began = record.health, line.now
         silent = f"{peer.name} has not answered for {began - health.silent_since:.1f} s"
         if began < health.probe_at:
             raise NotAnsweringError(f"{silent}; it is probed again in {health.probe_at - began:.1f} s")
@@ -44,7 +44,7 @@ class Probing:
         if not health.patient:
             call.listen_until = began + time.each_s
         health.patient = False
-        partner.count["probes"] += 1
+        record.count["probes"] += 1
         try:
             yield from carry_out(call, probe())
         except ReplyError as error:
@@ -54,7 +54,7 @@ class Probing:
             if something_came:
                 health.heard_late()
             elif call.listen_until is not None:
-                line.probed = partner
+                line.probed = record
             if not isinstance(error, NoReplyError):
                 raise
             raise NotAnsweringError(f"{silent}; it was probed just now") from error

@@ -30,7 +30,7 @@ def await_reply(call: CallContext, ask: Ask, data: bytes, heard: Sequence[Arriva
     chunks that were received since sending, if the caller has waited for them already.
     """
     known = iter(heard)
-    line, peer, partner = call.line, call.peer, call.partner
+    line, peer, record = call.line, call.peer, call.record
     settings, timing, gap_s, echo = peer.settings, peer.facts.timing, peer.gap_s, line.echo
     timeout = timing.reply_timeout_s if ask.reply_timeout_s is None else ask.reply_timeout_s
     sent_at = line.sent_at
@@ -71,12 +71,12 @@ def await_reply(call: CallContext, ask: Ask, data: bytes, heard: Sequence[Arriva
                 # While the request is being sent, bytes can only be its echo or a late reply.
                 early += came
                 handed_back = data in early
-                stray = _ECHO if line.drop_early_bytes(peer, partner, came, is_echo=data.startswith(early)) else ""
+                stray = _ECHO if line.drop_early_bytes(peer, record, came, is_echo=data.startswith(early)) else ""
                 line.echoes = line.echoes or (handed_back and not echo.looking)
                 continue
         quiet = not came
         if echo.looking:
-            came = line.without_echo(peer, partner, came)
+            came = line.without_echo(peer, record, came)
             quiet = quiet and not came
         elif len(first) < len(data):
             first += came
@@ -104,7 +104,7 @@ def await_reply(call: CallContext, ask: Ask, data: bytes, heard: Sequence[Arriva
                     continue
                 if not reason or reason in ask.besides:
                     if line.echo.looking and line.echo.answered(place):
-                        partner.count["echoes missing"] += 1
+                        record.count["echoes missing"] += 1
                     came_back = handed_back or (first.startswith(data) and find.data != data)
                     # From now on a reply that equals its request is believed only after an echo.
                     line.echoes = line.echoes or (came_back and not echo.looking)
@@ -151,7 +151,7 @@ def await_reply(call: CallContext, ask: Ask, data: bytes, heard: Sequence[Arriva
     line.judge(peer, data)
     if echo.doubted and not (damage or stray or handed_back):
         # Nothing followed these bytes, so they count as the reply, as on a line without echo.
-        note_reply(line, peer, partner, len(data), line.now)
+        note_reply(line, peer, record, len(data), line.now)
         message = peer.codec.decode(data, "reply")
         line.note(peer, "received", data, message)
         return Framed(data, message)
@@ -170,7 +170,7 @@ def await_reply(call: CallContext, ask: Ask, data: bytes, heard: Sequence[Arriva
 
 
 def _count_stray(call: CallContext, find: Framed, reason: str) -> None:
-    call.partner.count["echoes" if reason == "echo" else "strays"] += 1
+    call.record.count["echoes" if reason == "echo" else "strays"] += 1
     call.line.note(call.peer, "echo" if reason == "echo" else "stray", find.data, find.message, detail=reason)
     call.line.heard_out_of_turn()
 
@@ -178,9 +178,9 @@ def _count_stray(call: CallContext, find: Framed, reason: str) -> None:
 def _count_garbage(call: CallContext, find: Damaged | Noise) -> str:
     """Count a damaged telegram or noise; return the damage, or an empty string for noise."""
     if isinstance(find, Noise):
-        call.partner.count["noise bytes"] += len(find.data)
+        call.record.count["noise bytes"] += len(find.data)
         call.line.note(call.peer, "noise", find.data)
         return ""
-    call.partner.count[f"{find.error.category} errors"] += 1
+    call.record.count[f"{find.error.category} errors"] += 1
     call.line.note(call.peer, "damaged", find.data, detail=str(find.error))
     return str(find.error)

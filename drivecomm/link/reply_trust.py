@@ -62,17 +62,17 @@ class FittingReply:
 
     def taken(self, call: CallContext, data: bytes) -> Framed:
         """Return the reply after listening has ended. Raises DoubtfulReplyError if it is in doubt."""
-        line, peer, partner, find = call.line, call.peer, call.partner, self.find
+        line, peer, record, find = call.line, call.peer, call.record, self.find
         if self.doubt:
             line.others.may_be_answered_by(find.message)
             line.judge(peer, data)
             raise DoubtfulReplyError(f"{self.doubt}; {_WHOSE}")
-        partner.last = data, find.data
+        record.last = data, find.data
         line.judge(peer, data)
-        if self.listened_out and not (partner.may_be_late(line.now) or line.others.heard_lately(line.now)):
+        if self.listened_out and not (record.may_be_late(line.now) or line.others.heard_lately(line.now)):
             took_s = reply_lag_s(self.at - line.sent_at, find.data, _paced(call))
-            partner.answered_after(took_s, _spread_s(call, took_s))
-        note_reply(line, peer, partner, len(find.data), self.at)
+            record.answered_after(took_s, _spread_s(call, took_s))
+        note_reply(line, peer, record, len(find.data), self.at)
         line.note(peer, "received", find.data, find.message)
         return find
 
@@ -104,16 +104,16 @@ class ReplyVote:
 
         Raises DoubtfulReplyError if it cannot be sent again, and only its reply can confirm it (`Ask.unseen`).
         """
-        line, peer, partner, ask = self._call.line, self._call.peer, self._call.partner, self._ask
+        line, peer, record, ask = self._call.line, self._call.peer, self._call.record, self._ask
         if ask.nameless and line.others.uses_drive(peer.name, line.now):
             line.doubt = MAY_BE_ANOTHERS
-        if not (partner.still_owes(line.now) or self._counted) or not ask.nameless:
+        if not (record.still_owes(line.now) or self._counted) or not ask.nameless:
             return True
         self._counted[found.data] += 1
         # Different replies show that a late one came, so one more reply to this request may also come late.
         until = line.sent_at + peer.facts.timing.late_s + STRAGGLING_S if len(self._counted) > 1 else line.now
         asked = OpenRequest(self._data, ask.message, peer.mismatch, until)
-        rivals = partner.late_rivals(asked, found.message)
+        rivals = record.late_rivals(asked, found.message)
         same, all_of_them = self._counted[found.data], self._counted.total()
         # A reply that seems late may be a copy of the last one, so all different replies count as rivals, too.
         if same > max(rivals, all_of_them - same) or (ask.acts and not ask.unseen):
@@ -121,7 +121,7 @@ class ReplyVote:
         # More replies than rivals: one of them confirms the repeated command, whatever it contains.
         if ask.acts and all_of_them > rivals:
             return True
-        partner.count["doubtful"] += 1
+        record.count["doubtful"] += 1
         if self.may_ask_again():
             return False
         if ask.unseen:
@@ -135,18 +135,18 @@ def judge_reply(call: CallContext, ask: Ask, data: bytes, find: Framed, *, in_ha
 
     in_haste: do not listen for other replies.
     """
-    line, peer, partner, now = call.line, call.peer, call.partner, call.line.now
+    line, peer, record, now = call.line, call.peer, call.record, call.line.now
     line.judge(peer, data)
     doubt = ""
     if line.others.may_have_requested(data, find.message, now):
         doubt = f"another master asked {peer.name} at the same time"
     took_s = reply_lag_s(now - line.sent_at, find.data, _paced(call))
-    is_sure = not ask.nameless or (now >= line.others.careful_until and took_s >= partner.soonest_s)
+    is_sure = not ask.nameless or (now >= line.others.careful_until and took_s >= record.soonest_s)
     if in_haste or ask.acts or is_sure:
         # The only check of a single character is the silence after it.
         alone_s = 2 * _paced(call) if len(find.data) == 1 and not in_haste else 0.0
         return FittingReply(find, now, now + alone_s, doubt)
-    latest_s = partner.latest_s
+    latest_s = record.latest_s
     if latest_s == float("-inf"):
         latest_s = min(peer.gap_s, peer.facts.timing.reply_timeout_s)
     until = min(line.sent_at + latest_s + _paced(call) + _PATIENCE_S + 2 * _spread_s(call, latest_s), call.deadline)
@@ -161,11 +161,11 @@ def reply_lag_s(took_s: float, reply: bytes, character_s: float) -> float:
     return took_s - len(reply) * character_s
 
 
-def note_reply(line: LineState, peer: Peer, partner: DriveRecord, length: int, came_at: float) -> None:
+def note_reply(line: LineState, peer: Peer, record: DriveRecord, length: int, came_at: float) -> None:
     """Record the reply to the last request. length: its number of characters. came_at: time when it was complete."""
     line.free_at = came_at + peer.turnaround_s
     took_s = came_at - line.sent_at
-    partner.statistics.reply_times.add(took_s)
+    record.statistics.reply_times.add(took_s)
     line.delays.answered(peer.protocol, took_s - length * peer.character_s)
 
 
@@ -177,5 +177,5 @@ def _spread_s(call: CallContext, lag_s: float) -> float:
     """Return the variation of the reply time of a drive that has answered after `lag_s`."""
     line, peer = call.line, call.peer
     # Without pacing, the time at which the request was on the wire is only assumed.
-    about_s = lag_s if call.paced else lag_s + line.sent_at - call.partner.asked_at
+    about_s = lag_s if call.paced else lag_s + line.sent_at - call.record.asked_at
     return _SPREAD_S + _SPREAD * max(0.0, about_s, peer.character_s)

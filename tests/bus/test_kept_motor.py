@@ -227,7 +227,9 @@ def test_failed_refresh_is_raised_at_the_end_after_stopping_the_motor(make):
                 carry_out_on(bench.drive, kept._passing(20.5))
             carry_out_on(bench.drive, kept._passing(1))
 
-    with pytest.raises(NoReplyError, match=r"1 of 1 refreshes of danfoss-fc:2 failed .* may have acted; the first"):
+    with pytest.raises(
+        NoReplyError, match=r"1 of 1 refreshes of danfoss-fc:2 have failed, .* may have acted; the first"
+    ):
         program()
     assert bench.after(60) == (False, 0, False)
 

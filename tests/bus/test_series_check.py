@@ -133,7 +133,7 @@ def test_danfoss_drive_of_another_type_is_refused_even_if_confirmed():
     bus, _, _ = opened(virtual_drive("danfoss-fc", 1, model="fc101"))
     with bus:
         for confirmed in ({}, {"confirmed": "fc202"}):
-            with pytest.raises(WrongDriveError, match=r"model fc202, .*it tells FC type FC-101; it could be fc101"):
+            with pytest.raises(WrongDriveError, match=r"model fc202, .*it reports FC type FC-101; it could be fc101"):
                 bus.drive("danfoss-fc", 1, model="fc202", **confirmed).start()
         bus.drive("danfoss-fc", 1, model="fc202").stop()
 
@@ -154,7 +154,7 @@ def test_confirmed_model_with_its_own_identity_rules_is_still_checked():
     bus, _, _ = opened(drive)
     with bus:
         one = bus.drive("modbus", 1, model=model, confirmed="yaskawa")
-        with pytest.raises(WrongDriveError, match="it tells product A0"):
+        with pytest.raises(WrongDriveError, match="it reports product A0"):
             one.start()
         drive.poke("0x0034", "A1")
         one.set_reference(hz=20)

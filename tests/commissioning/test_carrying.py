@@ -82,7 +82,7 @@ def test_watchdog_that_is_on_keeps_its_action_and_time():
     [
         ({"8-03": 40, "8-04": 2}, "cannot ramp; it can hold or trip"),
         ({"8-03": 40, "8-04": 1}, "does 'freeze output', which no other maker's is known to do"),
-        ({"8-03": 45, "8-04": 5}, "cannot wait 4.5 s: parameter y08 counts in steps of 1 s"),
+        ({"8-03": 45, "8-04": 5}, "does not support a timeout of 4.5 s: parameter y08 counts in steps of 1 s"),
     ],
 )
 def test_watchdog_that_the_other_drive_cannot_match_is_listed_and_not_written(values, reason):

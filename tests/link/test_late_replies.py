@@ -216,10 +216,10 @@ def test_surplus_reply_is_waited_out_after_a_distinct_request():
     bench = Bench()
     peer, link = bench.drive.peer, bench.bus._roster.link
     nameless = bench.drive._exchanges.operations.read(FREQUENCY).send(None)
-    partner = link._partners[peer.name]
-    partner.unanswered, partner.surplus, partner.nameless = peer.telegram(nameless.message), True, True
-    partner.late_until = bench.line.time + 2.5
-    waits_until = partner.late_until
+    record = link._partners[peer.name]
+    record.unanswered, record.surplus, record.nameless = peer.telegram(nameless.message), True, True
+    record.late_until = bench.line.time + 2.5
+    waits_until = record.late_until
 
     def asking():
         yield Ask(message=nameless.message, distinct=True)

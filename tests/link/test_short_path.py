@@ -268,11 +268,11 @@ def standing(bus):
     line["tuning"]["_errors"] = {name: tuple(errors) for name, errors in line["tuning"]["_errors"].items()}
     line["delays"]["_delays"] = line["delays"]["_delays"].copy()
     drives = {}
-    for name, partner in link._partners.items():
-        drives[name] = {each: getattr(partner, each) for each in partner.__slots__}
-        drives[name]["health"] = {**vars(partner.health), "_pause": repr(partner.health._pause)}
-        drives[name]["statistics"] = repr(partner.statistics)
-        drives[name]["count"] = +partner.count
+    for name, record in link._partners.items():
+        drives[name] = {each: getattr(record, each) for each in record.__slots__}
+        drives[name]["health"] = {**vars(record.health), "_pause": repr(record.health._pause)}
+        drives[name]["statistics"] = repr(record.statistics)
+        drives[name]["count"] = +record.count
     return line, drives
 
 

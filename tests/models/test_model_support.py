@@ -90,7 +90,7 @@ def test_packaged_model_may_not_inherit_its_stop_and_plain_write(tmp_path, monke
     (tmp_path / "old.toml").write_text(base, encoding="utf-8")
     head = HEAD + 'extends = "old"\n'
     found = findings(head + SOURCES, tmp_path, monkeypatch)
-    assert [each.split("takes over ")[1].split(";")[0] for each in found] == ["stop from old", "plain_write from old"]
+    assert [each.split("inherits ")[1].split(";")[0] for each in found] == ["stop from old", "plain_write from old"]
     own = '[control]\nstop = [["1", 0]]\nplain_write = "volatile"\n'
     assert findings(head + own + SOURCES, tmp_path, monkeypatch) == []
 

@@ -111,7 +111,7 @@ def test_start_and_end_of_a_gap_are_reported_once(number, reason):
     start = 1_790_000_000.0
     for now in (start, start + 1, start + TRIED_AGAIN_S):
         assert not gaps.write(write, now)
-    assert told == [f"x.csv: {reason}; values are not logged from {clock(start)} on; polling goes on"]
+    assert told == [f"x.csv: {reason}; values are not logged from {clock(start)} on; polling continues"]
     full[0] = False
     assert not gaps.write(write, now + 1), "it is not tried each time"
     assert gaps.write(write, now + TRIED_AGAIN_S)

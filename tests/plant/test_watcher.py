@@ -234,7 +234,7 @@ def test_watcher_refuses_wrong_arguments():
         ([], {}, "there is nothing to watch"),
         ([line, line], {}, "two drives are named 'vabus:1'"),
         ([line], {"names": ["colour"]}, "unknown common name 'colour'"),
-        ([line], {"period_s": 0}, "a period of 0 s cannot be"),
+        ([line], {"period_s": 0}, "invalid period of 0 s"),
     ):
         with pytest.raises(UsageError, match=message):
             Watcher(lines, **options)

@@ -229,18 +229,18 @@ DIGIT = "value" / decimal_number(1)
     [
         (
             [Form(A, constant(b"<"), DIGIT), Form(B, constant(b"<"), DIGIT)],
-            "nothing tells which telegram is which: 'A0' or 'B1'",
+            "nothing determines which telegram is which: 'A0' or 'B1'",
         ),
         (
             [Form(A, constant(b"<"), DIGIT), Form(B, constant(b"<"), "value" / hex_number(2))],
-            "nothing tells how long a telegram is",
+            "nothing determines how long a telegram is",
         ),
         (
             [
                 Form(A, constant(b"<"), DIGIT),
                 Form(B, constant(b"<"), "value" / characters(until(b">", most=3)), constant(b">")),
             ],
-            "nothing tells how long a telegram is",
+            "nothing determines how long a telegram is",
         ),
         (
             [Form(C, constant(b"<")), Form(D, constant(b"<")), Form(B, constant(b"<"), constant(b">"), DIGIT)],
@@ -251,7 +251,7 @@ DIGIT = "value" / decimal_number(1)
                 Form(A, constant(b"<"), "value" / characters(until(b">", most=3)), constant(b">")),
                 Form(B, constant(b"<"), DIGIT, DIGIT, DIGIT, constant(b";")),
             ],
-            "nothing tells how long a telegram is",
+            "nothing determines how long a telegram is",
         ),
         ([Form(A, constant(b"<"), DIGIT), Form(A, constant(b">"), DIGIT)], "in which form a A is written"),
     ],

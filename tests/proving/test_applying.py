@@ -211,7 +211,7 @@ def test_model_check_finds_invalid_marks(file, table, text):
 def test_mark_drive_without_a_proof_is_refused(file):
     file.write_text(MODEL.replace('"unconfirmed"', '"drive"'), encoding="utf-8")
     (found,) = check_model(file)
-    assert "cannot be 'drive'" in str(found)
+    assert "invalid value 'drive'" in str(found)
 
 
 def test_command_applies_a_proof_and_prints_the_changes(file, tmp_path, capsys):

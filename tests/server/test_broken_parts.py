@@ -226,7 +226,7 @@ class TestReadsFromThreads:
                     leased(served, OPERATOR, name, 1)
                 for lease in served.leases.all(now=time.monotonic()):
                     served.leases.release(lease)
-                served.lines["yard"].has(served.lines["yard"].drives)
+                served.lines["yard"].set_drives(served.lines["yard"].drives)
             ends.set()
             looking.join()
             assert failed == []

@@ -106,6 +106,6 @@ async def test_lease_ended_by_a_reload_can_be_acquired_again(core):
         await all_answer(served)
         lease = leased(served, "fan")
         await served.changed(with_exchanged_fan(served.plant))
-        with pytest.raises(LeaseError, match="is over"):
+        with pytest.raises(LeaseError, match="has expired"):
             served.leases.renew(OPERATOR, "fan", lease.key, 5, now=time.monotonic(), time_s=time.time())
         assert leased(served, "fan").key != lease.key

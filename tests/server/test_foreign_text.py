@@ -127,7 +127,7 @@ async def test_event_of_a_command_has_no_control_characters(tmp_path):
 @pytest.mark.parametrize("name", ["pump\x1b[2J", "pump\n", "\u202epmup"])
 def test_drive_name_with_control_characters_is_refused(tmp_path, name):
     with (
-        pytest.raises(UsageError, match="has characters that no screen shows"),
+        pytest.raises(UsageError, match="has unprintable characters"),
         serving(
             tmp_path,
             head="",

@@ -139,7 +139,7 @@ async def test_waiting_start_is_refused_by_a_later_demand(tmp_path):
         async def record_command(self, *given):
             self.waits.set()
             await self.open.wait()
-            return await self._trail.asked(*given)
+            return await self._trail.record_command(*given)
 
     async with cut_core(tmp_path) as (core, control, _):
         core.audit = gate = Gate(core.audit)

@@ -123,10 +123,10 @@ def test_tell_apart_sets_unique_values_within_their_ranges(name):
 @pytest.mark.parametrize(
     ("name", "verb", "said"),
     [
-        ("vabus", "start", "a start asks"),
-        ("fuji", "stop", "a stop asks"),
-        ("vlt3500", "start", "a start asks"),
-        ("huanyang", "set_reference_hz", "a reference in hz asks"),
+        ("vabus", "start", "a start sends"),
+        ("fuji", "stop", "a stop sends"),
+        ("vlt3500", "start", "a start sends"),
+        ("huanyang", "set_reference_hz", "a reference in hz sends"),
     ],
 )
 def test_command_missing_the_acts_mark_is_found(with_operations, name, verb, said):

@@ -67,7 +67,7 @@ def test_full_disk_is_logged_and_does_not_end_the_serving(plant, tmp_path, monke
     assert len(read_capture(tmp_path / "rec.jsonl").pieces) == 2
     begin, end = caplog.messages
     assert "no space left on the device; pieces are not recorded from" in begin
-    assert "serving goes on" in begin
+    assert "serving continues" in begin
     assert "is incomplete" in end
 
 

@@ -23,6 +23,9 @@ AGAIN_S = 60.0
 """An alarm whose acknowledgement has lapsed is sent again no sooner than this after its last message, in seconds."""
 
 
+_NOW_UNKNOWN = "; now unknown: "
+
+
 class RuleState:
     """A rule on a drive. alarm: the standing alarm, None without one.
 
@@ -87,7 +90,7 @@ class RuleState:
             self._held_s = self._held(now_s)
             self._known_from = None
             if self.active:
-                self._text = f"{_known(self._text)}; now unknown: {finding.text}"
+                self._text = f"{_known(self._text)}{_NOW_UNKNOWN}{finding.text}"
             return
         if finding.holds is not self.holds:
             self._held_s = 0.0
@@ -178,4 +181,4 @@ class RuleState:
 
 def _known(text: str) -> str:
     """Return the text of a cause without the appended reason why it is not known now."""
-    return text.partition("; not known now: ")[0]
+    return text.partition(_NOW_UNKNOWN)[0]

@@ -56,7 +56,9 @@ class Identity:
         """
         asking = _Asking(self._holder_topic, self._asked_topic, self.instance)
         try:
-            async with connect_to_broker(settings, f"{self.client_id}-{self.instance}", asking.heard) as connection:
+            async with connect_to_broker(
+                settings, f"{self.client_id}-{self.instance}", asking.on_message
+            ) as connection:
                 await connection.subscribe_with_kept(self._holder_topic, self._asked_topic)
                 await connection.publish(BrokerMessage(topic=self._asked_topic, payload=json_text(asking.word)))
                 holder = await asking.holder()
@@ -110,7 +112,7 @@ class _Asking:
         self._answer: asyncio.Future[dict[str, Any]] = asyncio.get_running_loop().create_future()
         self._asked = asyncio.Event()
 
-    def heard(self, received: ReceivedMessage) -> None:
+    def on_message(self, received: ReceivedMessage) -> None:
         if received.topic == self._asked_topic and _word(received) == self.word:
             # Our own request has come back, so the broker has sent the retained message already.
             self._asked.set()

@@ -153,7 +153,7 @@ CASES = {
         },
         [
             ("inputs.modbus[0].holding_registers[3]", "an order"),
-            ("inputs.modbus[0].holding_registers[4]", "one after the other"),
+            ("inputs.modbus[0].holding_registers[4]", "not consecutive registers"),
         ],
         {"baudrate": 9600, "bytesize": 8, "parity": "N", "stopbits": 2},
     ),

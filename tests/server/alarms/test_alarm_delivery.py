@@ -108,7 +108,7 @@ def test_refused_connection_is_reported(delivering, eventually):
         port = listening.getsockname()[1]
     out = delivering(f"webhook:http://127.0.0.1:{port}/")
     out.put()
-    assert eventually(lambda: out.said)[0].endswith("it is tried again: Connection refused")
+    assert eventually(lambda: out.said)[0].endswith("will be retried: Connection refused")
 
 
 @pytest.mark.soak

@@ -41,7 +41,7 @@ def test_warning_and_silence_of_a_drive_raise_alarms():
     assert clock.at(1, pump(warning=True)) == ["raised"]
     assert clock.at(2, pump(reachability="silent", error="no reply within 0.1 s")) == ["raised"]
     assert clock.texts() == [
-        "a warning is active; not known now: the drive does not answer", "does not answer: no reply within 0.1 s"
+        "a warning is active; now unknown: the drive does not answer", "does not answer: no reply within 0.1 s"
     ]  # fmt: skip
     # A silent drive may still have its warning.
     assert clock.at(500) == []
@@ -69,7 +69,7 @@ def test_change_since_the_baseline_is_an_alarm_until_the_approved_value_returns(
     assert clock.texts() == ["1 parameter differs from the baseline since 1970-01-01 00:00 UTC: 420: 5 -> 7 s"]
     unknown = drifted(state="not compared", cause="pump.toml: half a file")
     assert clock.at(2, unknown) == []
-    assert clock.texts()[0].endswith("; not known now: not compared with the baseline: pump.toml: half a file")
+    assert clock.texts()[0].endswith("; now unknown: not compared with the baseline: pump.toml: half a file")
     assert clock.at(100, drifted()) == []
     assert clock.alarm.gone == "set as approved"
     assert clock.at(160) == ["over"]
@@ -153,9 +153,9 @@ def test_unknown_value_neither_raises_nor_clears_an_alarm(seen, text):
     assert clock.at(1) == []
     assert clock.at(2, current("13")) == ["raised"]
     assert clock.at(3, seen) == []
-    assert clock.texts() == [f"output_current is 13 A, above 12.5 A; not known now: {text}"]
+    assert clock.texts() == [f"output_current is 13 A, above 12.5 A; now unknown: {text}"]
     assert clock.at(1000, seen) == []
-    assert clock.texts() == [f"output_current is 13 A, above 12.5 A; not known now: {text}"]
+    assert clock.texts() == [f"output_current is 13 A, above 12.5 A; now unknown: {text}"]
     assert clock.at(1001, current("12")) == []
     assert clock.at(1030, seen) == []
     assert clock.at(2000, current("12")) == []

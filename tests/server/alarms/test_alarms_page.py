@@ -67,6 +67,6 @@ def test_webhook_program_of_the_page_works(tmp_path):
             process.kill()
 
 
-@pytest.mark.parametrize("figure", ["up to each minute", "for an hour", "with apprise 30 s", "60 unless given"])
+@pytest.mark.parametrize("figure", ["for an hour", "with apprise 30 s", "default 60"])
 def test_page_states_the_figure(figure):
     assert figure in PAGE.read_text()

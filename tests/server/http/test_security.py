@@ -188,7 +188,7 @@ def test_responses_have_no_cors_headers(door):
 def test_unsupported_method_is_refused(door, method):
     found = Client(door, "carlcarl").ask(method, "/api/v1/plant")
     assert found.status == 405
-    assert found.content["error"]["text"] == f"{method} is not for /api/v1/plant"
+    assert found.content["error"]["text"] == f"{method} is not supported at /api/v1/plant"
 
 
 @pytest.mark.parametrize(

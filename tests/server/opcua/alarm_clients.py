@@ -31,11 +31,11 @@ class Followed:
 
     act: object
     browse: object
-    condition_fields: list = field(default_factory=list)
+    notifications: list = field(default_factory=list)
     others: list = field(default_factory=list)
 
     def latest(self, condition):
-        return next((each for each in reversed(self.told) if each["alarm"] == condition), None)
+        return next((each for each in reversed(self.notifications) if each["alarm"] == condition), None)
 
     async def shows(self, condition, **wanted):
         """Wait until the client was notified of this state of a condition; return the fields of that notification."""
@@ -112,7 +112,7 @@ class _Publishing:
                 if found is None:
                     self._followed.others.append(event.EventFields[2].Value.to_string())
                 else:
-                    self._followed.told.append(found)
+                    self._followed.notifications.append(found)
 
 
 @asynccontextmanager
@@ -170,7 +170,7 @@ async def followed_by_node(folder, one, user="otto"):
 
     def told(said):
         if "alarm" in said:
-            followed.told.append(said)
+            followed.notifications.append(said)
         elif "told" in said:
             followed.others.append(said["told"])
         elif "ready" in said:

@@ -178,7 +178,7 @@ def test_broken_lock_refuses_further_commands(door):
             assert not one.plant.leases()
             status, (outcome, text) = await call(otto, "SetReference", 10.0, "%")
             assert (status, outcome) == ("BadRequiresLock", "refused")
-            assert "is over" in text
+            assert "has expired" in text
             await lock(otto)
 
     door.run(test)

@@ -256,7 +256,7 @@ def test_where_clause_filters_condition_fields_but_not_refresh_events(alarmed):
             assert few.latest(TRIPPED) is None
             assert few.latest(CURRENT)["active"] is True
             assert few.others == REFRESH
-            assert pump.told == []
+            assert pump.notifications == []
 
     alarmed(test)
 
@@ -348,7 +348,7 @@ def test_filter_of_an_event_item_can_be_changed(alarmed):
             await same.shows(TRIPPED, active=True)
             await same.act("acknowledge", TRIPPED)
             await same.shows(TRIPPED, acked=True)
-            assert changed.told == []
+            assert changed.notifications == []
 
     alarmed(test)
 

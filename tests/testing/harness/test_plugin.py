@@ -247,7 +247,7 @@ class TestNothingIsLeft:
                 host, _, port = drive.port.removeprefix("socket://").partition(":")
                 with socket.create_connection((host, int(port))) as master:
                     master.sendall(bytes.fromhex("04 41 30 30 34 38 31 05"))
-                    with pytest.raises(RuntimeError, match="is not served any more: ZeroDivisionError"):
+                    with pytest.raises(RuntimeError, match="is no longer served: ZeroDivisionError"):
                         drive.assert_holds("481", 7)
         """)
         result.assert_outcomes(passed=1, errors=1)
