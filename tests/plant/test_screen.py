@@ -521,7 +521,7 @@ def test_full_disk_is_reported_and_the_log_continues_later(tmp_path):
             watch.screen.show()
             await watch.pilot.pause()
             assert re.search(
-                r"log.csv: no space left on the device; values are not logged from \d\d:\d\d:\d\d on; polling continues",
+                r"log.csv: no space left on the device; values are not logged from [\d:]{8} on; polling continues",
                 watch.message,
             )
             assert watch.text[0].endswith("log log.csv, 8 missing  00:00:04")

@@ -97,7 +97,7 @@ def test_failed_delivery_is_retried(hook, delivering, eventually, does, reason):
     # The messages arrive in order, and the failure is reported once.
     assert hook.told == ["raised", "over"]
     label = f"webhook {hook.url.split('/')[2]}"
-    assert out.said[0] == f"an alarm could not be delivered to {label}, it is tried again: {reason}"
+    assert out.said[0] == f"an alarm could not be delivered to {label}, and will be retried: {reason}"
     assert out.said[1].startswith(f"alarms were delivered to {label}, after ")
     assert len(out.said) == 2
     assert "secret" not in "".join(out.said)
