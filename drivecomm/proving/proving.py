@@ -99,7 +99,8 @@ class Proving:
         """
         if not self.drive.read_only_reason:
             raise UsageError(
-                "a proof needs a read-only drive, so that nothing can be written; open it with read_only=True"
+                "a proof needs a read-only drive, so that nothing can be written; open it with read_only=True",
+                says="read_only=True",
             )
         asker = PatientReader(self.drive)
         self._identity(asker)

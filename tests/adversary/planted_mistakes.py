@@ -30,7 +30,7 @@ def leases_never_expire():
 def lapsed_leases_are_ignored():
     from drivecomm.server.kept_motors import KeptMotors
 
-    _put(KeptMotors, "lapsed", lambda *_: None)
+    _put(KeptMotors, "lease_expired", lambda *_: None)
 
 
 def leases_given_back_are_ignored():

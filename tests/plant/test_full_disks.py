@@ -221,7 +221,7 @@ def test_poll_continues_and_its_exit_code_reports_missing_rows(tmp_path, option,
     assert "Traceback" not in done.stderr
     begin, end, *rest = done.stderr.splitlines()
     assert begin.startswith(f"drivecomm: {path}")
-    assert begin.endswith("goes on")
+    assert begin.endswith("continues")
     assert "again from" in end
     if how == "interrupt" and option == "--record":
         assert rest == ["drivecomm: interrupted"]

@@ -51,7 +51,7 @@ class TestTooOld:
                 answer = await asked(served, ENGINEER, "fan", verb, lease=lease.key, arguments=arguments, valid_s=0.2)
             assert answer.outcome == "refused"
             assert isinstance(answer.error, NotAllowedError)
-            assert "counts for 0.2 s only; it was not sent" in str(answer.error)
+            assert "is valid for only 0.2 s; it was not sent" in str(answer.error)
             assert not runs(control, "fan")
 
     @pytest.mark.soak

@@ -175,7 +175,7 @@ def test_reload_adds_a_drive_and_keeps_a_running_motor(tmp_path):
         assert served.drive("pump")["kept"] == "trip"
         served.plant.write_text(text + "\nnonsense")
         served.process.send_signal(signal.SIGHUP)
-        served.until(lambda: any("stays as it is" in each["text"] for each in served.events("warning")))
+        served.until(lambda: any("nothing changes" in each["text"] for each in served.events("warning")))
         assert "second" in {each["name"] for each in served.ask("/api/v1/drives")}
         assert served.runs("pump")
 

@@ -189,7 +189,7 @@ def test_gateways_with_one_client_id_do_not_disconnect_each_other_repeatedly(tmp
         with mosquitto(tmp_path / "broker") as broker:
             one, two = Door(broker, "one", topic="hall/one"), Door(broker, "two", topic="hall/two")
             async with running(one, two):
-                await until(lambda: any("write another client_id" in each for each in one.told + two.told), 30)
+                await until(lambda: any("different client_id" in each for each in one.told + two.told), 30)
                 before = one.connections + two.connections
                 await asyncio.sleep(2)
                 assert one.connections + two.connections <= before + 1
