@@ -105,10 +105,10 @@ async def _nothing_to_report(*_):
 @contextmanager
 def in_this_loop():
     """Keep servers created in this block in one event loop, on the loop's clock."""
-    before = serving_module.OpenDoor, runner_module.open_alarm, logins_module.password_hash, os.environ.copy()
+    before = serving_module.OpenDoor, runner_module.open_timer, logins_module.password_hash, os.environ.copy()
     report_overload = serving_module.report_overload
     folder = Path(tempfile.mkdtemp(prefix="dc"))
-    serving_module.OpenDoor, runner_module.open_alarm = InLoopDoor, lambda: None
+    serving_module.OpenDoor, runner_module.open_timer = InLoopDoor, lambda: None
     # The overload report runs in another process, on the real clock.
     serving_module.report_overload = _nothing_to_report
     # No user here has a password, and computing the dummy hash takes long.
@@ -120,7 +120,7 @@ def in_this_loop():
     try:
         yield folder
     finally:
-        serving_module.OpenDoor, runner_module.open_alarm, logins_module.password_hash, environment = before
+        serving_module.OpenDoor, runner_module.open_timer, logins_module.password_hash, environment = before
         serving_module.report_overload = report_overload
         os.environ.clear()
         os.environ.update(environment)
