@@ -52,13 +52,13 @@ def a_repeated_order_is_carried_out_again():
 def every_start_is_with_the_policy_hold():
     import drivecomm.server.commands as module
 
-    before = module.keep_order
+    before = module.keep_settings_of
 
     def keep_order(*given, **further):
         order = before(*given, **further)
         return order if order is None else replace(order, policy="hold")
 
-    _put(module, "keep_order", keep_order)
+    _put(module, "keep_settings_of", keep_order)
 
 
 def what_the_broker_kept_is_obeyed():
@@ -69,7 +69,7 @@ def what_the_broker_kept_is_obeyed():
     def received(**given):
         return before(**{**given, "retained": False})
 
-    _put(module, "Received", received)
+    _put(module, "ReceivedMessage", received)
 
 
 def old_commands_are_fresh():
