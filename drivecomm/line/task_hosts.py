@@ -123,8 +123,6 @@ class OwnThreadHost:
                     await asyncio.wait([running])
                 except asyncio.CancelledError:
                     continue
-            if not running.cancelled():
-                running.exception()
             raise
 
     def look(self) -> None:

@@ -129,8 +129,6 @@ class TaskLine(LineOwner):
             except asyncio.CancelledError:
                 wanted = False
                 await asyncio.wait([working])
-                # Retrieve the borrower's error, so that asyncio does not log it as never retrieved.
-                working.exception()
                 raise
         finally:
             self.turns.give_back(turn)
