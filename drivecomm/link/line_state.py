@@ -26,7 +26,7 @@ class LineState:
     replies. tuning: monitor of the tuned turnarounds. probed: the last drive that was probed in vain for less than its
     whole reply time. talk: filled in for each request on the short path. told: the last telegram without a reply.
     echoes: whether a sent telegram came back although the adapter should have no echo. others: knowledge about other
-    masters. doubt: why the result of the present exchange is uncertain; empty if it is certain. partners: records of
+    masters. doubt: why the result of the present exchange is uncertain; empty if it is certain. records: records of
     the drives of the line, by name. newcomers: initial record of the next new drive of a protocol whose late replies
     name no drive. trace, away: see `Link`.
     """
@@ -38,7 +38,7 @@ class LineState:
         echo: Echo,
         guard_s: float,
         others: OtherMasters,
-        partners: dict[str, DriveRecord],
+        records: dict[str, DriveRecord],
     ) -> None:
         self.trace = trace
         self.away = away or _nobody
@@ -56,7 +56,7 @@ class LineState:
         self.told = b""
         self.echoes = False
         self.others = others
-        self.partners = partners
+        self.records = records
         self.newcomers: dict[str, DriveRecord] = {}
         self.doubt = ""
         self._guard_s = guard_s
@@ -135,7 +135,7 @@ class LineState:
         if not ask.anonymous:
             return [record]
         newcomer = self.newcomers.setdefault(peer.protocol, DriveRecord(peer.settings))
-        known = self.partners.copy().items()
+        known = self.records.copy().items()
         return [*(each for name, each in known if name.partition(":")[0] == peer.protocol), newcomer]
 
     def is_plain_for(self, peer: Peer) -> bool:

@@ -27,9 +27,8 @@ from drivecomm.link.held_back import HeldBack
 from drivecomm.link.line_state import LineState
 from drivecomm.link.other_masters import SHARED, OtherMasters
 from drivecomm.link.peer import DriveRecord, Peer, TraceEvent
-from drivecomm.link.port import Receive
 from drivecomm.link.probing import Probing
-from drivecomm.link.reply_matching import LONGEST_TELEGRAM
+from drivecomm.link.reply_pieces import rest_of_reply
 from drivecomm.link.reply_trust import note_reply
 from drivecomm.protocol import Ask, Tell
 
@@ -39,7 +38,7 @@ if TYPE_CHECKING:
 
     from drivecomm.link.command_order import CommandCall
     from drivecomm.link.echo import Echo
-    from drivecomm.link.port import Arrival, LinkSteps, Transaction
+    from drivecomm.link.port import Arrival, LinkSteps
     from drivecomm.link.statistics import Statistics
     from drivecomm.protocol import Exchange, Message
 
@@ -70,24 +69,24 @@ class Link:
         self.paced = False
         self.stop_waits: Callable[[], bool] = _never
         # Other threads add drives at any time, so loops run over a copy; making a copy is one atomic step.
-        self._partners: dict[str, DriveRecord] = {}
-        self._line = LineState(trace, away, echo, guard_s, OtherMasters(self._partners, on_shared), self._partners)
-        self._probing = Probing(self._line, self._partners)
+        self._records: dict[str, DriveRecord] = {}
+        self._line = LineState(trace, away, echo, guard_s, OtherMasters(self._records, on_shared), self._records)
+        self._probing = Probing(self._line, self._records)
 
     @property
     def counters(self) -> Mapping[str, Counter[str]]:
         """Counters of each drive, by its name."""
-        return {name: record.count for name, record in self._partners.copy().items()}
+        return {name: record.count for name, record in self._records.copy().items()}
 
     @property
     def statistics(self) -> Mapping[str, Statistics]:
         """Counters and reply times of each drive, by its name."""
-        return {name: record.statistics for name, record in self._partners.copy().items()}
+        return {name: record.statistics for name, record in self._records.copy().items()}
 
     @property
     def health(self) -> Mapping[str, Health]:
         """Health of each drive, by its name."""
-        return {name: record.health for name, record in self._partners.copy().items()}
+        return {name: record.health for name, record in self._records.copy().items()}
 
     @property
     def trace(self) -> Callable[[TraceEvent], None] | None:
@@ -115,17 +114,17 @@ class Link:
     def reopened(self) -> None:
         """Forget the state of the port before it was reopened; all drives are set up again."""
         self._line.reopened()
-        for name, record in self._partners.copy().items():
+        for name, record in self._records.copy().items():
             record.health.away = True
             self._line.away(name)
 
     def must_set_up(self, peer: Peer) -> None:
         """Set up this drive before its next exchange."""
-        self._partner(peer).health.away = True
+        self._record_of(peer).health.away = True
 
     def repeat_within(self, peer: Peer, watchdog_s: float) -> None:
         """Set the maximum age of repeated commands: the seconds since the last command was sent to the drive."""
-        self._partner(peer).watchdog_s = watchdog_s
+        self._record_of(peer).watchdog_s = watchdog_s
 
     def run(
         self,
@@ -147,9 +146,9 @@ class Link:
         """
         if peer.cautious is not None and not self._line.tuning.holds():
             peer = peer.cautious
-        record = self._partners.get(peer.name)
+        record = self._records.get(peer.name)
         if record is None or record.settings is not peer.settings:
-            record = self._partner(peer)
+            record = self._record_of(peer)
         # A drive that was given up is away, too.
         if not record.health.away and self._line.is_plain_for(peer):
             return self._by_short_way(peer, record, exchange, now, deadline, True, command, _never)
@@ -195,7 +194,7 @@ class Link:
         """Run an exchange even with a drive that was given up or away, without a probe or set-up before it."""
         if peer.cautious is not None and not self._line.tuning.holds():
             peer = peer.cautious
-        record, others_first = self._partner(peer), others_first or _never
+        record, others_first = self._record_of(peer), others_first or _never
         if self._line.is_plain_for(peer):
             return self._by_short_way(peer, record, exchange, now, deadline, gives_way, None, others_first)
         return self._insist(self._call(peer, record, deadline, gives_way, None, others_first), exchange, now)
@@ -321,7 +320,8 @@ class Link:
                         heard = (arrival,)
                         needed = codec.measure(came, "reply")
                         if needed > len(came):
-                            heard, came, needed = yield from self._in_pieces(peer, talk, arrival, needed)
+                            rest = rest_of_reply(line, peer, talk, arrival, needed, stop_waits=self.stop_waits)
+                            heard, came, needed = yield from rest
                             now = line.now
                         if needed != len(came) or came == data:
                             break
@@ -370,35 +370,14 @@ class Link:
             exchange.close()
             raise
 
-    def _in_pieces(
-        self, peer: Peer, talk: Transaction, first: Arrival, needed: int
-    ) -> LinkSteps[tuple[Sequence[Arrival], bytes, int]]:
-        """Return the pieces of a reply, all their bytes, and the number of bytes that such a telegram has.
-
-        The last piece is empty if the rest does not come. The waits are the same as on the long path, which receives
-        all the pieces if something is irregular.
-        """
-        line, codec, gap_s, gives_way = self._line, peer.codec, peer.gap_s, talk.gives_way
-        character_s = peer.character_s
-        latest = talk.until + LONGEST_TELEGRAM * character_s + gap_s
-        pieces, came = [first], first.data
-        while needed > len(came) and pieces[-1].data and line.now < latest and not (gives_way and self.stop_waits()):
-            missing = needed - len(came)
-            arrival = yield Receive(line.now + missing * character_s + gap_s, missing, gives_way)
-            line.now = arrival.time
-            pieces.append(arrival)
-            came += arrival.data
-            needed = codec.measure(came, "reply")
-        return pieces, came, needed
-
-    def _partner(self, peer: Peer) -> DriveRecord:
+    def _record_of(self, peer: Peer) -> DriveRecord:
         self._line.others.speaks(peer)
-        record = self._partners.get(peer.name)
+        record = self._records.get(peer.name)
         if record is None:
             made = DriveRecord(peer.settings)
             if (like := self._line.newcomers.get(peer.protocol)) is not None:
                 made.copy_owed(like)
-            record = self._partners.setdefault(peer.name, made)
+            record = self._records.setdefault(peer.name, made)
         elif record.settings is not peer.settings and record.settings != peer.settings:
             # Silence at other line settings does not count at the new ones.
             away, record.settings, record.health = record.health.away, peer.settings, Health()

@@ -78,14 +78,14 @@ class OpenRequest(NamedTuple):
 class OtherMasters:
     """Knowledge about other masters on one line.
 
-    partners: records of the drives of this line, by name. on_shared: called with the reason each time the line begins
+    records: records of the drives of this line, by name. on_shared: called with the reason each time the line begins
     to count as shared.
     """
 
-    def __init__(self, partners: dict[str, DriveRecord], on_shared: Callable[[str], None] | None) -> None:
+    def __init__(self, records: dict[str, DriveRecord], on_shared: Callable[[str], None] | None) -> None:
         self.careful_until = float("-inf")
         self._on_shared = on_shared
-        self._partners = partners
+        self._records = records
         self._tongues: dict[Any, _SpokenProtocol] = {}
         self._asked: list[OpenRequest] = []
         self._heard_at: deque[float] = deque(maxlen=EVIDENCE)
@@ -150,17 +150,17 @@ class OtherMasters:
         data, self.passed_by = self.passed_by, b""
         if len(data) < SHORTEST_EVIDENCE:
             return
-        sent = {*ours, *(record.last[0] for record in self._partners.copy().values())}
+        sent = {*ours, *(record.last[0] for record in self._records.copy().values())}
         for readings in _telegrams(data, self._tongues.values()):
             if not any(self._is_explained(each, sent) for each in readings):
                 self._foreign(readings, peer, now)
 
     def _is_explained(self, reading: _Reading, sent: set[bytes]) -> bool:
         """Return whether our own traffic explains a telegram: as an echo, a late reply, or a copy of the last reply."""
-        partners = self._partners.copy().values()
+        records = self._records.copy().values()
         if reading.direction == "request":
-            return reading.data in sent or any(each.data == reading.data for one in partners for each in one.owed)
-        return any(one.has_come(reading.message) or one.is_copy(reading.data) for one in partners)
+            return reading.data in sent or any(each.data == reading.data for one in records for each in one.owed)
+        return any(one.has_come(reading.message) or one.is_copy(reading.data) for one in records)
 
     def _foreign(self, readings: list[_Reading], peer: Peer, now: float) -> None:
         timing = peer.facts.timing

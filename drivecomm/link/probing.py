@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 
 class Probing:
-    """Prober of the silent drives of one line. partners: records of all drives of the line, by name."""
+    """Prober of the silent drives of one line. records: records of all drives of the line, by name."""
 
-    def __init__(self, line: LineState, partners: dict[str, DriveRecord]) -> None:
+    def __init__(self, line: LineState, records: dict[str, DriveRecord]) -> None:
         self._line = line
-        self._partners = partners
+        self._records = records
         self._took_s = PROBE_S
 
     def fell_silent(self, peer: Peer, record: DriveRecord, began: float) -> None:
@@ -63,4 +63,4 @@ class Probing:
 
     def _time(self) -> ProbingTime:
         # Other threads add drives at any time; making a copy is one atomic step.
-        return ProbingTime(each.health for each in self._partners.copy().values())
+        return ProbingTime(each.health for each in self._records.copy().values())

@@ -216,7 +216,7 @@ def test_surplus_reply_is_waited_out_after_a_distinct_request():
     bench = Bench()
     peer, link = bench.drive.peer, bench.bus._roster.link
     nameless = bench.drive._exchanges.operations.read(FREQUENCY).send(None)
-    record = link._partners[peer.name]
+    record = link._records[peer.name]
     record.unanswered, record.surplus, record.nameless = peer.telegram(nameless.message), True, True
     record.late_until = bench.line.time + 2.5
     waits_until = record.late_until
@@ -424,4 +424,4 @@ def test_exchange_long_after_a_timeout_takes_the_short_path():
         replies.keeps = False
         line.advance(20)
         drive.read("481")
-        assert not bus._roster.link._partners["vabus:1"].owed
+        assert not bus._roster.link._records["vabus:1"].owed

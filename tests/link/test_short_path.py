@@ -257,8 +257,8 @@ def call(protocol, bus, drive, verb, line):
 def standing(bus):
     """Return the complete state of the link."""
     link = bus._roster.link
-    line = {**vars(link._line), "trace": None, "talk": None, "away": None, "partners": None, "newcomers": None}
-    line["probed"] = [name for name, each in link._partners.items() if each is line["probed"]]
+    line = {**vars(link._line), "trace": None, "talk": None, "away": None, "records": None, "newcomers": None}
+    line["probed"] = [name for name, each in link._records.items() if each is line["probed"]]
     for name in ("echo", "delays", "tuning"):
         line[name] = vars(line[name]).copy()
     names = ("careful_until", "_asked", "_shared_until", "_drives", "passed_by")
@@ -268,7 +268,7 @@ def standing(bus):
     line["tuning"]["_errors"] = {name: tuple(errors) for name, errors in line["tuning"]["_errors"].items()}
     line["delays"]["_delays"] = line["delays"]["_delays"].copy()
     drives = {}
-    for name, record in link._partners.items():
+    for name, record in link._records.items():
         drives[name] = {each: getattr(record, each) for each in record.__slots__}
         drives[name]["health"] = {**vars(record.health), "_pause": repr(record.health._pause)}
         drives[name]["statistics"] = repr(record.statistics)
