@@ -1,6 +1,6 @@
 """The history of a server: values, events, commands and fault logs in one SQLite file, which outlives the server.
 
-`Journal` writes it, in a separate thread. `History` reads it, even while it is being written, and without a server.
+`HistoryWriter` writes it in a separate thread; `History` reads it, also meanwhile, with or without a server.
 """
 
 import lazy_loader
