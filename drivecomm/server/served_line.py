@@ -36,15 +36,9 @@ if TYPE_CHECKING:
 _KINDS: Mapping[str, EventKind] = {"fault": "fault", "silent": "silent", "warning": "warning", "change": "state"}
 
 LATE_OVER_S = 30.0
-"""Time without a late status or a missed poll after which a line is reported to keep up again, in seconds.
-
-Lateness comes and goes by the second, so shorter pauses are not reported.
-"""
+"""Seconds without a late status or a missed poll, which come and go by the second, until a line keeps up again."""
 MISSING_S = 10.0
-"""Time with missed polls after which a line is reported as too full or its drives as silent, in seconds.
-
-A stop or a retry takes less time.
-"""
+"""Seconds of missed polls, more than a retry takes, until a line counts as too full, or its drives as silent."""
 
 _log = logging.getLogger("drivecomm.server")
 

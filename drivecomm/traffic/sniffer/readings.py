@@ -156,6 +156,15 @@ class SevenBitReader(TelegramReader):
         return (heard if wrong < 0 else heard[:wrong]).translate(self._plain)
 
 
+def without_ambiguous(protocols: Iterable[Protocol]) -> list[Protocol]:
+    """Return the protocols without each one that is ambiguous with an earlier one, as both must declare."""
+    known: list[Protocol] = []
+    for each in protocols:
+        if not any(each.name in other.ambiguous_with and other.name in each.ambiguous_with for other in known):
+            known.append(each)
+    return known
+
+
 def readers_of(protocol: Protocol, options: Any) -> list[TelegramReader]:
     """Return the readers of a protocol for both directions, also for seven data bits that are received as eight."""
     directions: tuple[Direction, Direction] = ("request", "reply")

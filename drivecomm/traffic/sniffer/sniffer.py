@@ -26,6 +26,7 @@ from drivecomm.traffic.sniffer.readings import (
     UnfinishedTelegram,
     choose,
     readers_of,
+    without_ambiguous,
 )
 from drivecomm.traffic.sniffer.traffic_items import AmbiguousTelegram, ways_of
 from drivecomm.traffic.sniffer.undecided_bytes import UndecidedBytes
@@ -53,15 +54,6 @@ _MOST_KNOWN = 512
 _LONGEST_KNOWN = 300
 
 
-def _told_apart(protocols: Iterable[Protocol]) -> list[Protocol]:
-    """Return the protocols without each one that is ambiguous with an earlier one, as both must declare."""
-    known: list[Protocol] = []
-    for each in protocols:
-        if not any(each.name in other.ambiguous_with and other.name in each.ambiguous_with for other in known):
-            known.append(each)
-    return known
-
-
 class Sniffer:
     """Decoder for the traffic of one line.
 
@@ -80,7 +72,7 @@ class Sniffer:
         settings: LineSettings | None = None,
         options: Mapping[str, Any] | None = None,
     ) -> None:
-        known = _told_apart(protocols)
+        known = without_ambiguous(protocols)
         self._stretch = UndecidedBytes(settings.character_s if settings else None)
         self._estimators = {protocol.name: DirectionEstimator(protocol) for protocol in known}
         self._pending = PendingItems(self._estimators)
