@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 
 import pytest
+from python_processes import named_python
 
 import drivecomm
 from drivecomm.protocol import LineSettings
@@ -34,10 +35,6 @@ LOCKS = f"{OPENS}; fcntl.flock(descriptor, fcntl.LOCK_EX)"
 CONNECTS = "connection = socket.create_connection(('127.0.0.1', int(sys.argv[1])))"
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells who holds a port")
-named_python = pytest.mark.skipif(
-    sys.platform == "linux" and not Path("/proc/self/comm").read_text(encoding="ascii").startswith("python"),
-    reason="this Python runs as a program of another name",
-)
 
 
 @contextlib.contextmanager

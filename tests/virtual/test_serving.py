@@ -17,6 +17,7 @@ import tty
 from pathlib import Path
 
 import pytest
+from python_processes import named_python
 from real_lines import running as served
 
 from drivecomm.errors import PortError, UsageError
@@ -418,10 +419,7 @@ class TestPseudoTerminal:
                 parse_listen(f"pty:{path}").open()
             assert self.ask(server.address)[:-1] == VALUE
 
-    @pytest.mark.skipif(
-        sys.platform == "linux" and not Path("/proc/self/comm").read_text(encoding="ascii").startswith("python"),
-        reason="this Python runs as a program of another name",
-    )
+    @named_python
     def test_link_in_use_error_names_the_serving_program(self, tmp_path):
         path = tmp_path / "drive"
         program = [sys.executable, "-m", "drivecomm", "simulate", "-d", "vabus:1", "-l", f"pty:{path}", "--json"]

@@ -125,7 +125,7 @@ def upgrade(place: str, found: int, other: str) -> Iterator[str]:
 
     other: the kind of place to name instead. Raises UsageError for the tables of a newer drivecomm.
     """
-    if found > VERSION:
+    if found not in (*UPGRADES, VERSION):
         raise UsageError(
             f"{place}: its tables were created by a newer drivecomm (version {found}, this one knows {VERSION}); "
             f"update drivecomm, or name another {other}"

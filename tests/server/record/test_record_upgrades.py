@@ -61,5 +61,12 @@ def test_tables_of_a_newer_drivecomm_are_refused_with_the_remedy(url):
         open_record(url)
 
 
+def test_record_without_a_version_is_refused(url):
+    with closing(open_record(url)) as database:
+        database.all("DELETE FROM record")
+    with pytest.raises(UsageError, match=r"newer drivecomm \(version None, this one knows 1\)"):
+        open_record(url)
+
+
 def test_every_earlier_version_has_its_upgrade():
     assert sorted(tables.UPGRADES) == list(range(1, tables.VERSION))
